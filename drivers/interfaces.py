@@ -1,0 +1,166 @@
+"""What the application asks of devices: small protocols, and the data they exchange.
+
+SI units throughout. A device is a context manager; leaving it closes it. Every call
+ends within the device's own documented time or raises a DeviceError. A set-call gives
+back what was really set and when it will stand; whoever measures waits for all of them,
+so that settling overlaps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who a device is; simulated devices say so, and nothing hides it."""
+
+    model: str
+    serial: str
+    simulated: bool
+
+
+@dataclass(frozen=True)
+class Setting(Generic[T]):
+    """What was asked, what was really set, and the clock's time at which it stands."""
+
+    asked: T
+    actual: T
+    ready_at: float
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A raw picture and the settings that it was really taken with.
+
+    image: (rows, columns), uint16. exposure: seconds. gain: electrons per digital
+    number. time: the clock's time at which the exposure began. number: of the camera.
+    """
+
+    image: NDArray[np.uint16]
+    exposure: float
+    gain: float
+    time: float
+    number: int
+
+
+class Clock(Protocol):
+    """The bench's time in seconds; it may run faster than the wall's in a simulation."""
+
+    def now(self) -> float: ...
+
+    def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
+        """Return at `time`, or soon after `cancelled()` turns true."""
+        ...
+
+
+class Device(Protocol):
+    @property
+    def identity(self) -> Identity: ...
+
+    def make_safe(self) -> None:
+        """Leave the device so that it may be walked away from; may be called twice."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
+
+
+class SLM(Device, Protocol):
+    """A panel that shows uint8 grey levels unaltered; safe is the neutral grey 0."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+
+    @property
+    def shown(self) -> str:
+        """The identifier of the pattern that is on the panel now."""
+        ...
+
+    def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
+
+
+class SpectralFilter(Device, Protocol):
+    """A tunable filter; safe is parked at its first wavelength. Wavelengths in metres."""
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]: ...
+
+    @property
+    def bandwidth(self) -> float:
+        """Full width at half maximum, in metres."""
+        ...
+
+    @property
+    def wavelength(self) -> float: ...
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]: ...
+
+
+class Camera(Device, Protocol):
+    """A camera that takes one picture when asked; safe is stopped."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+
+    @property
+    def full_scale(self) -> int:
+        """The digital number at which a pixel counts as clipped."""
+        ...
+
+    @property
+    def exposure_range(self) -> tuple[float, float]: ...
+
+    @property
+    def frame_time(self) -> float:
+        """Seconds from the end of an exposure to a picture in memory."""
+        ...
+
+    def set_exposure(self, exposure: float) -> Setting[float]: ...
+
+    def capture(self, cancelled: Callable[[], bool]) -> Frame: ...
+
+
+class TargetChanger(Device, Protocol):
+    """Whatever puts one of several named targets before the camera; safe is any."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def placed(self) -> str: ...
+
+    def place(self, name: str) -> Setting[str]: ...
+
+
+@runtime_checkable
+class Seeded(Protocol):
+    """A simulated device whose chance is fixed by (run, step, frame)."""
+
+    def reseed(self, run: int, step: int, frame: int) -> None: ...
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a device is opened in: the bench's clock, and the world of simulated devices.
+
+    A device's entry point is a callable `factory(surroundings, **options)` in the group
+    "labapp.devices"; the options are the keys of its table in the bench file.
+    """
+
+    clock: Clock
+    world: Any = None

@@ -1,0 +1,5 @@
+"""The application: files, acquisition, records, studies, command line and window."""
+
+from importlib.metadata import version
+
+__version__ = version("labapp")

@@ -1,0 +1,107 @@
+"""Reading TOML files and pictures, with errors that name file, key, value and remedy."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from labapp.errors import UserError
+
+M = TypeVar("M", bound="FileModel")
+
+
+class FileModel(BaseModel):
+    """A table of a file: unknown keys are errors, and nothing changes after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
+
+
+def bundled(name: str) -> Path:
+    """The path of a file that comes with the application."""
+    return Path(str(resources.files("labapp") / "data" / name))
+
+
+def read_toml(path: Path, model: type[M]) -> M:
+    """A validated model from a TOML file; UserError names file, key, value and rule."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: is not a text file. Give a TOML file.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path}: is not valid TOML: {error}") from error
+    return validate(data, model, str(path))
+
+
+def validate(data: dict[str, Any], model: type[M], source: str) -> M:
+    """A model from plain data; `source` names the file in errors."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise UserError(explain(error, model, source)) from error
+
+
+def explain(error: ValidationError, model: type[BaseModel], source: str) -> str:
+    """The first problems of a validation, one a line."""
+    problems = error.errors()
+    lines = [f"{source}: {_problem(dict(p), model)}" for p in problems[:2]]
+    if len(problems) > 2:
+        lines[-1] += f" (and {len(problems) - 2} more)"
+    return "\n".join(lines)
+
+
+def _problem(problem: dict[str, Any], model: type[BaseModel]) -> str:
+    key = ".".join(str(part) for part in problem["loc"]) or "the file"
+    if problem["type"] == "extra_forbidden":
+        return f"key {key!r} is unknown. Remove it, or check its spelling."
+    if problem["type"] == "missing":
+        return f"key {key!r} is missing. Add it."
+    message = problem["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    return f"key {key!r} is {problem['input']!r}: {message}."
+
+
+def read_picture(path: Path) -> NDArray[np.float64]:
+    """A photograph as linear red, green and blue, (rows, columns, 3), 1 = white.
+
+    8- and 16-bit files hold sRGB values (IEC 61966-2-1), which are made linear.
+    UserError if the file can't be read as a picture.
+    """
+    values = _decoded(path, colour=True)
+    encoded = values.astype(np.float64) / np.iinfo(values.dtype).max
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.ascontiguousarray(linear[..., ::-1])
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """A grey picture as it is, (rows, columns) uint8, for showing on a panel.
+
+    UserError if the file is no picture, or isn't 8-bit.
+    """
+    values = _decoded(path, colour=False)
+    if values.dtype != np.uint8:
+        raise UserError(f"{path}: has {values.dtype} values; the panel shows 8-bit grey levels.")
+    return values
+
+
+def _decoded(path: Path, *, colour: bool) -> NDArray[Any]:
+    import cv2
+
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
+    image = cv2.imdecode(data, flags) if data.size else None
+    if image is None:
+        raise UserError(f"{path}: is not a picture that can be read. Give a JPEG, PNG or TIFF.")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise UserError(f"{path}: has {image.dtype} values. Give an 8- or 16-bit picture.")
+    return np.asarray(image)

@@ -1,0 +1,139 @@
+"""The description of a programmable camera: panel, lens and stop, sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from optics.plane import Plane
+
+
+def _positive(name: str, value: float, unit: str) -> None:
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError(f"{name} is {value:g} {unit}; it must be positive and finite")
+
+
+def _share(name: str, value: float) -> None:
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A phase-only liquid-crystal modulator.
+
+    shape: (rows, columns) of pixels. pitch: metres. fill_factor: share of a pixel's
+    area that modulates. levels: grey levels. max_phase: pairs of (wavelength in
+    metres, phase in radians at the highest grey level). unmodulated: share of the
+    light that leaves the panel unmodulated. reflectivity: share of light that leaves
+    it at all. settling: seconds from a new frame to a phase that stands.
+    The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A.
+    """
+
+    shape: tuple[int, int] = (1080, 1920)
+    pitch: float = 8e-6
+    fill_factor: float = 0.87
+    levels: int = 256
+    max_phase: tuple[tuple[float, float], ...] = (
+        (452e-9, 9.0 * math.pi),
+        (532e-9, 6.7 * math.pi),
+        (633e-9, 5.4 * math.pi),
+    )
+    unmodulated: float = 0.05
+    reflectivity: float = 0.6
+    settling: float = 0.05
+
+    def __post_init__(self) -> None:
+        _positive("pitch", self.pitch, "m")
+        _positive("fill_factor", self.fill_factor, "")
+        _share("fill_factor", self.fill_factor)
+        _share("unmodulated", self.unmodulated)
+        _share("reflectivity", self.reflectivity)
+        if self.levels < 2:
+            raise ValueError(f"levels is {self.levels}; a panel has at least 2 grey levels")
+
+    @property
+    def plane(self) -> Plane:
+        return Plane(self.shape, (self.pitch, self.pitch))
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens close behind the panel, with a circular stop.
+
+    focal_length: metres. f_number: focal length over the stop's diameter.
+    focus_distance: metres from the panel to the plane in focus; math.inf is allowed.
+    """
+
+    focal_length: float = 0.125
+    f_number: float = 5.0
+    focus_distance: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive("focal_length", self.focal_length, "m")
+        _positive("f_number", self.f_number, "")
+        if not self.focus_distance > self.focal_length:
+            raise ValueError(
+                f"focus_distance is {self.focus_distance:g} m; it must be longer than the "
+                f"focal length, {self.focal_length:g} m (inf focuses at infinity)"
+            )
+
+    @property
+    def stop_diameter(self) -> float:
+        return self.focal_length / self.f_number
+
+    @property
+    def image_distance(self) -> float:
+        """Metres from the lens to the sensor: the thin-lens equation at focus_distance."""
+        return 1 / (1 / self.focal_length - 1 / self.focus_distance)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A monochrome sensor, in the quantities of EMVA 1288.
+
+    shape: (rows, columns). pitch: metres. bits: of the digital number. full_well:
+    electrons. gain: electrons per digital number. read_noise: electrons, standard
+    deviation. dark_current: electrons per second. black_level: digital number of no
+    light. quantum_efficiency: electrons per photon. exposure_range: seconds.
+    The defaults are those of a 3.45 µm machine-vision sensor.
+    """
+
+    shape: tuple[int, int] = (512, 768)
+    pitch: float = 3.45e-6
+    bits: int = 12
+    full_well: float = 10500.0
+    gain: float = 2.6
+    read_noise: float = 2.4
+    dark_current: float = 1.0
+    black_level: float = 64.0
+    quantum_efficiency: float = 0.62
+    exposure_range: tuple[float, float] = (20e-6, 30.0)
+
+    def __post_init__(self) -> None:
+        for name in ("pitch", "full_well", "gain", "quantum_efficiency"):
+            _positive(name, getattr(self, name), "")
+        if not 1 <= self.bits <= 16:
+            raise ValueError(f"bits is {self.bits}; a sensor has 1 to 16")
+
+    @property
+    def plane(self) -> Plane:
+        return Plane(self.shape, (self.pitch, self.pitch))
+
+    @property
+    def full_scale(self) -> int:
+        """The highest digital number, at which a pixel counts as clipped."""
+        return int(min(2**self.bits - 1, math.floor(self.black_level + self.full_well / self.gain)))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A panel in front of a lens in front of a sensor; transmission is of everything else."""
+
+    panel: Panel = field(default_factory=Panel)
+    lens: Lens = field(default_factory=Lens)
+    sensor: Sensor = field(default_factory=Sensor)
+    transmission: float = 0.6
+
+    def __post_init__(self) -> None:
+        _share("transmission", self.transmission)

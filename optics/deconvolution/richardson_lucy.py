@@ -1,0 +1,57 @@
+"""Richardson-Lucy deconvolution (thesis Eq. 2.30), with an unknown border."""
+
+from __future__ import annotations
+
+import torch
+
+from optics.deconvolution.border import padded_shape, require_psf, transfer_function
+from optics.edge import require_finite, tensors_inside
+from optics.plane import centred_crop, centred_pad
+from optics.progress import Progress
+
+
+@tensors_inside
+def richardson_lucy(
+    image: torch.Tensor,
+    psf: torch.Tensor,
+    iterations: int,
+    *,
+    progress: Progress | None = None,
+) -> torch.Tensor:
+    """The picture with its blur undone by Poisson maximum likelihood, (rows, columns).
+
+    image: light per pixel; negative values, which dark subtraction leaves, count as none.
+    psf: origin at n // 2, negative values count as none; its sum is the share of light
+    that arrives. The unmeasured surroundings within half a PSF are restored with the
+    picture (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they
+    leave no rings. Raises ValueError for a picture or PSF that isn't finite.
+    """
+    if iterations < 1:
+        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_finite("image", image)
+    require_psf(psf)
+    progress = progress or Progress()
+    shape = padded_shape(image.shape[-2:], psf.shape[-2:])
+    transfer = transfer_function(psf.to(image).clamp(min=0), shape)
+
+    def blur(x: torch.Tensor) -> torch.Tensor:
+        return torch.fft.irfft2(torch.fft.rfft2(x) * transfer, s=shape)
+
+    def blur_back(x: torch.Tensor) -> torch.Tensor:
+        return torch.fft.irfft2(torch.fft.rfft2(x) * transfer.conj(), s=shape)
+
+    data = image.clamp(min=0)
+    measured = centred_pad(torch.ones_like(data), shape)
+    data = centred_pad(data, shape)
+    weight = blur_back(measured)
+    # Where almost no light comes from into the picture, nothing is known: leave it be.
+    known = weight > 0.01 * weight.max()
+    step = torch.where(known, 1 / weight.clamp(min=0.01 * float(weight.max())), 0.0)
+    level = data.sum() / measured.sum() / weight.max()
+    estimate = level.clamp(min=torch.finfo(data.dtype).tiny).expand(shape).clone()
+    floor = 1e-6 * float(level) + torch.finfo(data.dtype).tiny
+    for iteration in range(iterations):
+        progress.report(iteration / iterations, f"Richardson-Lucy {iteration + 1}/{iterations}")
+        ratio = measured * data / blur(estimate).clamp(min=floor)
+        estimate = torch.where(known, estimate * (blur_back(ratio) * step).clamp(min=0), estimate)
+    return centred_crop(estimate, image.shape[-2:])

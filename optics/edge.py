@@ -1,0 +1,56 @@
+"""The public edge: numpy arrays are accepted and given back, tensors work inside."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+import torch
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _inward(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        # Arrays read from files may be read-only, which torch can't share.
+        return torch.from_numpy(value if value.flags.writeable else value.copy())
+    return value
+
+
+def _outward(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return value.detach().cpu().numpy()
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return tuple(_outward(item) for item in value)
+    return value
+
+
+def tensors_inside(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function of tensors take numpy arrays, and answer them with numpy arrays.
+
+    With no numpy array among the arguments the function is called as it is, so
+    gradients pass. Answers are converted where they are tensors or tuples of them.
+    """
+
+    @functools.wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = [*args, *kwargs.values()]
+        if not any(isinstance(value, np.ndarray) for value in given):
+            return function(*args, **kwargs)
+        inner_args: Any = [_inward(value) for value in args]
+        inner_kwargs: Any = {name: _inward(value) for name, value in kwargs.items()}
+        return _outward(function(*inner_args, **inner_kwargs))  # type: ignore[no-any-return]
+
+    return wrapper
+
+
+def require_finite(name: str, value: torch.Tensor) -> None:
+    """Raise a ValueError that counts the NaN and infinite entries of an argument."""
+    bad = int((~torch.isfinite(value)).sum())
+    if bad:
+        raise ValueError(
+            f"{name} has {bad} NaN or infinite values of {value.numel()}; give finite numbers"
+        )

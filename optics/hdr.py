@@ -1,0 +1,73 @@
+"""Merging a bracket of exposures into one radiance map with variance and state."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+
+from optics.camera import Sensor
+
+VALID, CLIPPED, DARK = 0, 1, 2
+"""State of a merged pixel: measured; clipped in every exposure, so that the value is a
+lower bound; below three sigma of its noise, so that three sigma is an upper bound."""
+
+
+class Merged(NamedTuple):
+    """rate: electrons per second. variance: of the rate. state: VALID, CLIPPED or DARK."""
+
+    rate: torch.Tensor
+    variance: torch.Tensor
+    state: torch.Tensor
+
+
+def merge(
+    frames: torch.Tensor,
+    exposures: torch.Tensor,
+    darks: torch.Tensor,
+    dark_counts: torch.Tensor,
+    sensor: Sensor,
+) -> Merged:
+    """The radiance map of a bracket, weighted by inverse variance.
+
+    frames: (exposures, rows, columns), digital numbers. exposures: seconds. darks: mean of
+    the dark frames of each exposure, the same shape as frames. dark_counts: how many dark
+    frames each mean is of. The weights follow Granados et al. (CVPR 2010, doi
+    10.1109/CVPR.2010.5540208): the variance of an exposure is that of its photons, its
+    dark current, the read noise and quantisation, and the dark that was subtracted; the
+    photons' part is predicted from the merged value itself, twice.
+    Raises ValueError for exposures that aren't positive or shapes that don't match.
+    """
+    if frames.shape != darks.shape or frames.shape[0] != exposures.numel():
+        raise ValueError(
+            f"frames {tuple(frames.shape)}, darks {tuple(darks.shape)} and "
+            f"{exposures.numel()} exposures don't match"
+        )
+    if not (exposures > 0).all():
+        raise ValueError(f"exposures are {exposures.tolist()} s; all must be positive")
+    t = exposures.to(torch.float64)[:, None, None]
+    n = dark_counts.to(torch.float64)[:, None, None]
+    usable = frames < sensor.full_scale
+    electrons = (frames.to(torch.float64) - darks.to(torch.float64)) * sensor.gain
+    floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * t
+    rate = _weighted(electrons, t, usable / floor)
+    for _ in range(2):
+        weight = usable / (rate.clamp(min=0) * t + floor * (1 + 1 / n))
+        rate = _weighted(electrons, t, weight)
+    information = (weight * t**2).sum(0)
+    seen = information > 0
+    variance = torch.where(seen, 1 / information.masked_fill(~seen, 1), torch.inf)
+    shortest = int(torch.argmin(exposures))
+    bound = electrons[shortest] / exposures[shortest]
+    rate = torch.where(seen, rate, bound)
+    state = torch.where(rate < 3 * variance.sqrt(), DARK, VALID)
+    return Merged(rate, variance, torch.where(seen, state, CLIPPED).to(torch.uint8))
+
+
+def _weighted(electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """Least-squares rate from electrons = rate x t; zero where no exposure is usable."""
+    information = (weight * t**2).sum(0)
+    seen = information > 0
+    return torch.where(
+        seen, (weight * t * electrons).sum(0) / information.masked_fill(~seen, 1), 0.0
+    )

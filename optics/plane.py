@@ -1,0 +1,77 @@
+"""Where samples sit: shape, pitch and centre of a plane across the optical axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A regular grid of samples in a plane across the optical axis.
+
+    shape: (rows, columns). pitch: (y, x) distance between samples in metres.
+    centre: (y, x) position in metres of the origin sample, which has the index
+    n // 2 on each axis, for even and for odd n.
+    """
+
+    shape: tuple[int, int]
+    pitch: tuple[float, float]
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if min(self.shape) < 1:
+            raise ValueError(f"shape {self.shape} must be at least 1 in each axis")
+        if not all(p > 0 for p in self.pitch):
+            raise ValueError(f"pitch {self.pitch} m must be positive in each axis")
+
+    def coordinates(self, axis: int) -> torch.Tensor:
+        """Positions in metres along axis 0 (y) or 1 (x), float64."""
+        n = self.shape[axis]
+        index = torch.arange(n, dtype=torch.float64) - n // 2
+        return index * self.pitch[axis] + self.centre[axis]
+
+    def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Positions (y, x) in metres as a column and a row that broadcast, float64."""
+        return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
+
+    def finer(self, factor: int) -> Plane:
+        """The same centre and field of view with `factor` times as many samples."""
+        return Plane(
+            (self.shape[0] * factor, self.shape[1] * factor),
+            (self.pitch[0] / factor, self.pitch[1] / factor),
+            self.centre,
+        )
+
+
+def centred_crop(array: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """The middle of the last two axes: the origin n // 2 stays the origin.
+
+    Raises ValueError if `shape` is larger than the array.
+    """
+    rows, columns = array.shape[-2:]
+    if shape[0] > rows or shape[1] > columns:
+        raise ValueError(f"cannot crop {(rows, columns)} to the larger shape {shape}")
+    y, x = rows // 2 - shape[0] // 2, columns // 2 - shape[1] // 2
+    return array[..., y : y + shape[0], x : x + shape[1]]
+
+
+def centred_pad(array: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Zeros around the last two axes: the origin n // 2 stays the origin."""
+    rows, columns = array.shape[-2:]
+    if shape[0] < rows or shape[1] < columns:
+        raise ValueError(f"cannot pad {(rows, columns)} to the smaller shape {shape}")
+    y, x = shape[0] // 2 - rows // 2, shape[1] // 2 - columns // 2
+    margins = (x, shape[1] - columns - x, y, shape[0] - rows - y)
+    return torch.nn.functional.pad(array, margins)
+
+
+def origin_to_corner(array: torch.Tensor) -> torch.Tensor:
+    """Move the origin from n // 2 to index 0 on the last two axes, as an FFT wants it."""
+    return torch.fft.ifftshift(array, dim=(-2, -1))
+
+
+def origin_to_centre(array: torch.Tensor) -> torch.Tensor:
+    """Move the origin from index 0 to n // 2 on the last two axes."""
+    return torch.fft.fftshift(array, dim=(-2, -1))

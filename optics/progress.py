@@ -1,0 +1,47 @@
+"""The one progress object that every long computation takes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+
+class Cancelled(Exception):
+    """The person or program that started the work asked for it to stop."""
+
+
+class Progress:
+    """How far a long computation is, in words, and whether it should stop.
+
+    `listener(fraction, message)` is called at every report, in the thread that
+    computes; fraction runs from 0 to 1. `cancel()` may be called from any thread
+    or from a signal handler.
+    """
+
+    def __init__(self, listener: Callable[[float, str], None] | None = None) -> None:
+        self._listener = listener
+        self._stop = threading.Event()
+
+    def report(self, fraction: float, message: str = "") -> None:
+        """Tell how far the work is; raises Cancelled if it should stop."""
+        self.check()
+        if self._listener is not None:
+            self._listener(min(max(fraction, 0.0), 1.0), message)
+
+    def check(self) -> None:
+        """Raise Cancelled if the work should stop."""
+        if self.cancelled:
+            raise Cancelled("cancelled")
+
+    @property
+    def cancelled(self) -> bool:
+        return self._stop.is_set()
+
+    def cancel(self) -> None:
+        self._stop.set()
+
+    def part(self, start: float, stop: float) -> Progress:
+        """A progress for one part of the work, from `start` to `stop` of the whole."""
+        part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
+        part._stop = self._stop
+        return part

@@ -1,0 +1,180 @@
+"""From pattern, camera, object distance and wavelength to the PSF on the sensor."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import torch
+
+from optics.accuracy import (
+    FLOAT32_ARITHMETIC,
+    FLOAT64_ARITHMETIC,
+    Account,
+    Budget,
+    ErrorEstimate,
+    Result,
+    ToleranceError,
+)
+from optics.camera import Camera
+from optics.fourier import Geometry, plan_transform
+from optics.plane import Plane, centred_crop
+from optics.pupil import defocus_phase, phase_step, pupil_amplitude
+from optics.sensor import integrate_pixels
+
+_MARGIN = 4
+"""Sensor pixels computed around the window, so that its edge has neighbours."""
+
+
+class PSFOperator:
+    """The incoherent PSF of a camera, planned once and called for many patterns.
+
+    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1),
+    with each panel pixel a square of constant phase, and the unmodulated share added
+    in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
+
+    Call with a phase in radians, (..., rows, columns) of the panel; the answer is
+    (..., *shape), the share of the light leaving the panel that each sample receives.
+    Differentiable in the phase.
+
+    distance: metres from the object to the panel, math.inf allowed. wavelength: metres.
+    shape: samples of the answer. oversample: samples per sensor pixel along each axis.
+    integrate: whether samples are the light on whole sensor pixels (needs oversample 1)
+    or the light on the sample's own share of the pixel. unmodulated: share of
+    unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
+    arithmetic. Raises ToleranceError with the floor if tol can't be kept.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        distance: float,
+        wavelength: float,
+        shape: tuple[int, int],
+        *,
+        oversample: int = 1,
+        integrate: bool = True,
+        unmodulated: float | None = None,
+        tol: float = 1e-3,
+        budget: Budget | None = None,
+    ) -> None:
+        if not distance > 0:
+            raise ValueError(
+                f"distance is {distance:g} m; the object must be in front of the panel"
+            )
+        if not wavelength > 0:
+            raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+        if integrate and oversample != 1:
+            raise ValueError(f"oversample is {oversample}; pixels are integrated at oversample 1")
+        self.shape, self._integrate = shape, integrate
+        budget = budget or Budget()
+        sampling = self._sampling_error(camera, distance, wavelength, tol)
+        double = tol - sampling.value < FLOAT32_ARITHMETIC
+        self.dtype = torch.complex128 if double else torch.complex64
+        real = torch.float64 if double else torch.float32
+
+        z = camera.lens.image_distance
+        self._factor = oversample if not integrate else _nyquist_factor(camera, wavelength)
+        self._window = shape if not integrate else tuple(n + 2 * _MARGIN for n in shape)
+        pixel = camera.sensor.pitch / oversample
+        image = Plane(self._window, (pixel, pixel)).finer(self._factor if integrate else 1)
+        self.image = image
+        geometry = Geometry(camera.panel.plane, image, wavelength * z)
+        self.transform = plan_transform(geometry, self.dtype, budget)
+
+        amplitude = pupil_amplitude(camera)
+        active = math.sqrt(camera.panel.fill_factor) * camera.panel.pitch
+        power = float((amplitude**2).sum()) * active**2
+        if power == 0:
+            raise ValueError(f"f_number {camera.lens.f_number:g} closes the stop: no light passes")
+        strength = active**2 / (wavelength * z) * math.sqrt(image.pitch[0] * image.pitch[1] / power)
+        defocus = defocus_phase(camera, distance, wavelength)
+        self._pupil = torch.polar(amplitude * strength, defocus.remainder(2 * math.pi)).to(
+            self.dtype
+        )
+        y, x = image.mesh()
+        envelope = torch.sinc(y * active / (wavelength * z)) * torch.sinc(
+            x * active / (wavelength * z)
+        )
+        self._envelope = (envelope**2).to(real)
+        self.unmodulated = camera.panel.unmodulated if unmodulated is None else unmodulated
+        self._straight: torch.Tensor | None = None
+        self.account = Account(
+            method=self.transform.name,
+            sampling=f"{camera.panel.shape[1]}x{camera.panel.shape[0]} panel pixels to "
+            f"{image.shape[1]}x{image.shape[0]} samples of {image.pitch[1] * 1e6:.3g} µm",
+            precision="float64" if double else "float32",
+            tol=tol,
+            model=ErrorEstimate((0.5 * camera.lens.stop_diameter / z) ** 2, "estimate: paraxial"),
+            sampling_error=sampling,
+            arithmetic=ErrorEstimate(
+                FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC, "measured"
+            ),
+            cpu_predicted=self.transform.cpu_seconds(budget.speed),
+            bytes=self.transform.bytes,
+        )
+
+    @staticmethod
+    def _sampling_error(
+        camera: Camera, distance: float, wavelength: float, tol: float
+    ) -> ErrorEstimate:
+        """Defocus is taken as constant over a panel pixel: each loses 1 - sinc of its step."""
+        step = phase_step(camera, distance, wavelength)
+        error = step**2 / 12
+        if error + FLOAT64_ARITHMETIC > tol:
+            raise ToleranceError(
+                f"tol {tol:g} can't be kept: defocus changes by {step:.2f} rad across a panel "
+                f"pixel, which alone costs {error:.1g}; ask for tol {1.1 * error:.1g} or more, or "
+                "bring the object closer to the plane in focus"
+            )
+        return ErrorEstimate(error, "bound")
+
+    def _intensity(self, pupil: torch.Tensor) -> torch.Tensor:
+        field = self.transform(pupil)
+        intensity = (field.real**2 + field.imag**2) * self._envelope.to(field.device)
+        if not self._integrate:
+            return intensity
+        light = integrate_pixels(intensity, self._factor)
+        return centred_crop(light, self.shape)
+
+    def _unmodulated_light(self, device: torch.device) -> torch.Tensor:
+        if self._straight is None or self._straight.device != device:
+            self._straight = self._intensity(self._pupil.to(device))
+        return self._straight
+
+    def __call__(self, phase: torch.Tensor) -> torch.Tensor:
+        if phase.shape[-2:] != self._pupil.shape:
+            raise ValueError(
+                f"phase is {tuple(phase.shape)}; the panel has {tuple(self._pupil.shape)} pixels"
+            )
+        turns = phase.to(torch.float64) / (2 * math.pi)
+        angle = (2 * math.pi) * (turns - torch.round(turns.detach()))
+        modulation = torch.polar(torch.ones_like(angle), angle).to(self.dtype)
+        light = self._intensity(self._pupil.to(phase.device) * modulation)
+        if not self.unmodulated:
+            return light
+        straight = self._unmodulated_light(phase.device)
+        return (1 - self.unmodulated) * light + self.unmodulated * straight
+
+
+def _nyquist_factor(camera: Camera, wavelength: float) -> int:
+    """Samples per sensor pixel that resolve the finest fringe of the intensity."""
+    width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
+    finest = wavelength * camera.lens.image_distance / width
+    return max(1, math.ceil(2 * camera.sensor.pitch / finest))
+
+
+def psf(
+    camera: Camera,
+    phase: torch.Tensor,
+    distance: float,
+    wavelength: float,
+    shape: tuple[int, int],
+    *,
+    tol: float = 1e-3,
+) -> Result[torch.Tensor]:
+    """The PSF on sensor pixels, with its account; plans and calls a PSFOperator."""
+    started = time.process_time()
+    operator = PSFOperator(camera, distance, wavelength, shape, tol=tol)
+    value = operator(phase)
+    return Result(value, operator.account.spent(time.process_time() - started))

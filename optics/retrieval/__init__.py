@@ -1,0 +1,1 @@
+"""From the target PSF to a phase pattern."""

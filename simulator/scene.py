@@ -1,0 +1,97 @@
+"""What stands before the camera: targets with distance, size and radiance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import torch
+
+from optics.camera import Camera
+from optics.formation import spectrum_of_disc, spectrum_of_samples
+from optics.plane import Plane, centred_crop, centred_pad
+
+_PRIMARIES = (610e-9, 540e-9, 450e-9)
+"""Wavelengths that the red, green and blue of a photograph stand for."""
+
+
+@dataclass(frozen=True)
+class Dark:
+    """Nothing: the lamp is off."""
+
+    distance: float = 2.0
+    radiance: float = 0.0
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        return spectrum_of_samples(torch.zeros(plane.shape, dtype=torch.float64))
+
+
+@dataclass(frozen=True)
+class Star:
+    """An artificial star on the axis: a lit pinhole (thesis §3.4).
+
+    diameter, distance: metres. radiance: W / (sr m² m).
+    """
+
+    diameter: float
+    distance: float
+    radiance: float
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        """Of its geometric image: a disc whose samples count one where it covers them."""
+        size = self.diameter * camera.lens.image_distance / self.distance
+        samples = torch.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
+        return spectrum_of_disc(plane, size, samples)
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A flat, matt print across the axis, evenly lit.
+
+    image: (rows, columns, 3), linear red, green and blue, 1 = white. distance: metres.
+    radiance: of white, W / (sr m² m). cover: side of the print over side of the frame,
+    where the print just covers it; what exceeds the frame lies beyond its edges.
+    """
+
+    image: torch.Tensor
+    distance: float
+    radiance: float
+    cover: float = 1.05
+
+    def reflectance(self, wavelength: float) -> torch.Tensor:
+        """The picture at a wavelength: interpolated between its three colours."""
+        red, green, blue = _PRIMARIES
+        position = min(max(wavelength, blue), red)
+        if position >= green:
+            share = (position - green) / (red - green)
+            return (1 - share) * self.image[..., 1] + share * self.image[..., 0]
+        share = (position - blue) / (green - blue)
+        return (1 - share) * self.image[..., 2] + share * self.image[..., 1]
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        picture = self.reflectance(wavelength)
+        sensor = camera.sensor
+        scale = self.cover * max(
+            n * sensor.pitch / (size * pitch)
+            for n, size, pitch in zip(sensor.shape, picture.shape, plane.pitch, strict=True)
+        )
+        size = (round(picture.shape[0] * scale), round(picture.shape[1] * scale))
+        shown = torch.nn.functional.interpolate(
+            picture[None, None].to(torch.float64), size, mode="bicubic", antialias=scale < 1
+        )[0, 0].clamp(0, 1)
+        cropped = centred_crop(shown, (min(size[0], plane.shape[0]), min(size[1], plane.shape[1])))
+        return spectrum_of_samples(centred_pad(cropped, plane.shape))
+
+
+Target = Dark | Star | Photograph
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Named targets, of which one stands before the camera at a time."""
+
+    targets: Mapping[str, Target] = field(default_factory=lambda: {"dark": Dark()})
+
+    def __post_init__(self) -> None:
+        if not self.targets:
+            raise ValueError("targets is empty; a scene needs at least one")

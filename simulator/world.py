@@ -1,0 +1,150 @@
+"""The physical state that the simulated devices share, and the light that follows from it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
+from typing import TypeVar
+
+import numpy as np
+import torch
+
+from optics.camera import Camera
+from optics.formation import form_image
+from optics.light import electron_rate
+from optics.plane import Plane
+from optics.psf import PSFOperator
+from optics.slm import grey_to_phase
+from simulator.clock import VirtualClock
+from simulator.effects import EffectPlan, Situation, decide, phase_spread
+from simulator.scene import Scene
+
+T = TypeVar("T")
+
+_FINER = 2
+"""Samples per sensor pixel of the rendered light: resolves the PSF's finest fringe."""
+
+_WINDOW = 256
+"""Sensor pixels across the rendered PSF; what falls beyond is lost to the picture."""
+
+
+class _Cache:
+    """The last few results, by what they follow from."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._kept: OrderedDict[Hashable, object] = OrderedDict()
+
+    def get(self, causes: Hashable, compute: Callable[[], T]) -> T:
+        if causes not in self._kept:
+            self._kept[causes] = compute()
+            while len(self._kept) > self._size:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(causes)
+        return self._kept[causes]  # type: ignore[return-value]
+
+
+class World:
+    """What the panel shows, the filter passes and the target sends, and what follows.
+
+    camera: the description of the camera. scene: its targets. tol: relative L2 error of
+    the mean picture that effects may be left out for. forced: effects that are on or off
+    whatever their size. The devices write `grey`, `wavelength`, `bandwidth` and `target`;
+    `light()` is computed from them, and only when they have changed.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        scene: Scene,
+        *,
+        tol: float = 1e-2,
+        forced: Mapping[str, bool] | None = None,
+    ) -> None:
+        self.camera, self.scene, self.tol = camera, scene, tol
+        self.forced = dict(forced or {})
+        self.clock = VirtualClock()
+        self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
+        self.wavelength = 550e-9
+        self.bandwidth = 7e-9
+        self.target = next(iter(scene.targets))
+        self._operators = _Cache(8)
+        self._psfs = _Cache(8)
+        self._spectra = _Cache(4)
+        self._lights = _Cache(8)
+
+    def effect_plan(self) -> EffectPlan:
+        """What the state as it is now calls for."""
+        phase = grey_to_phase(self.camera.panel, torch.from_numpy(self.grey), self.wavelength)
+        spread = phase_spread(self.camera, phase, self.wavelength)
+        situation = Situation(self.camera, self.wavelength, self.bandwidth, spread)
+        return decide(situation, self.tol, self.forced)
+
+    def light(self) -> tuple[torch.Tensor, EffectPlan]:
+        """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan."""
+        digest = hashlib.sha256(self.grey.tobytes()).hexdigest()
+        causes = (digest, self.wavelength, self.bandwidth, self.target)
+        return self._lights.get(causes, lambda: self._form(digest))
+
+    def _form(self, digest: str) -> tuple[torch.Tensor, EffectPlan]:
+        plan = self.effect_plan()
+        target = self.scene.targets[self.target]
+        plane = self._plane()
+        rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
+        if rate == 0:
+            return torch.zeros(self.camera.sensor.shape), plan
+        causes = (digest, self.wavelength, self.bandwidth, target.distance)
+        psf = self._psfs.get(causes, lambda: self._psf(target.distance, plan))
+        spectrum = self._spectra.get(
+            (self.target, self.wavelength),
+            lambda: target.spectrum(plane, self.camera, self.wavelength),
+        )
+        shares = form_image(
+            spectrum,
+            psf,
+            plane,
+            _FINER,
+            self.camera.sensor.shape,
+            pixel_aperture=plan.is_on("pixel aperture"),
+        )
+        per_sample = rate * plane.pitch[0] * plane.pitch[1]
+        return (shares * per_sample).clamp(min=0).to(torch.float32), plan
+
+    def _plane(self) -> Plane:
+        """The sensor with a margin of half a PSF around it, finer than its pixels."""
+        rows, columns = (n + _WINDOW for n in self.camera.sensor.shape)
+        pitch = self.camera.sensor.pitch
+        return Plane((rows, columns), (pitch, pitch)).finer(_FINER)
+
+    def _psf(self, distance: float, plan: EffectPlan) -> torch.Tensor:
+        grey = torch.from_numpy(self.grey)
+        psf = torch.zeros(_WINDOW * _FINER, _WINDOW * _FINER)
+        for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
+            phase = grey_to_phase(self.camera.panel, grey, wavelength)
+            psf += weight * self._operator(distance, wavelength, plan)(phase).to(psf)
+        return psf
+
+    def _band(self, nodes: int) -> list[tuple[float, float]]:
+        """Gauss-Hermite wavelengths and weights of the filter's Gaussian band."""
+        x, weights = np.polynomial.hermite.hermgauss(nodes)
+        sigma = self.bandwidth / (2 * math.sqrt(2 * math.log(2)))
+        wavelengths = self.wavelength + math.sqrt(2) * sigma * x
+        return list(zip(wavelengths.tolist(), (weights / weights.sum()).tolist(), strict=True))
+
+    def _operator(self, distance: float, wavelength: float, plan: EffectPlan) -> PSFOperator:
+        share = self.camera.panel.unmodulated if plan.is_on("unmodulated light") else 0.0
+        return self._operators.get(
+            (distance, wavelength, share),
+            lambda: PSFOperator(
+                self.camera,
+                distance,
+                wavelength,
+                (_WINDOW * _FINER, _WINDOW * _FINER),
+                oversample=_FINER,
+                integrate=False,
+                unmodulated=share,
+                tol=max(self.tol, 1e-5),
+            ),
+        )
