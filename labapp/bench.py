@@ -23,7 +23,7 @@ from drivers.interfaces import (
     TargetChanger,
 )
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile, DeviceTable
+from labapp.files.bench_file import BenchFile, DevicesTable, DeviceTable
 from labapp.files.reading import bundled, read_toml
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera as CameraDescription
@@ -105,7 +105,7 @@ def open_bench(files: BenchFiles) -> Iterator[Bench]:
     device didn't open. A device that doesn't open is never replaced by a simulated one.
     """
     bench_file = read_toml(files.bench, BenchFile)
-    tables = {name: getattr(bench_file.devices, name) for name in BenchFile_DEVICES}
+    tables = {name: getattr(bench_file.devices, name) for name in DevicesTable.model_fields}
     virtual = any(table.driver.startswith("simulated-") for table in tables.values())
     scene_file = read_scene(files) if virtual else None
     camera = bench_file.build_camera()
@@ -116,16 +116,11 @@ def open_bench(files: BenchFiles) -> Iterator[Bench]:
         for name, table in tables.items():
             device = _create(name, table, surroundings, files.bench)
             opened[name] = stack.enter_context(device)
-        bench = Bench(
-            bench_file, scene_file, camera, surroundings.clock, world=world, **opened
-        )
+        bench = Bench(bench_file, scene_file, camera, surroundings.clock, world=world, **opened)
         try:
             yield bench
         finally:
             bench.make_safe()
-
-
-BenchFile_DEVICES = ("slm", "filter", "camera", "targets")
 
 
 def read_scene(files: BenchFiles) -> SceneFile:

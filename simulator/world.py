@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.formation import form_image
@@ -75,11 +76,11 @@ class World:
         self._spectra = _Cache(4)
         self._lights = _Cache(8)
 
-    def effect_plan(self) -> EffectPlan:
-        """What the state as it is now calls for."""
-        phase = grey_to_phase(self.camera.panel, torch.from_numpy(self.grey), self.wavelength)
-        spread = phase_spread(self.camera, phase, self.wavelength)
-        situation = Situation(self.camera, self.wavelength, self.bandwidth, spread)
+    def effect_plan(self, grey: NDArray[np.uint8], wavelength: float) -> EffectPlan:
+        """What a pattern at a wavelength calls for."""
+        phase = grey_to_phase(self.camera.panel, torch.from_numpy(grey), wavelength)
+        spread = phase_spread(self.camera, phase, wavelength)
+        situation = Situation(self.camera, wavelength, self.bandwidth, spread)
         return decide(situation, self.tol, self.forced)
 
     def light(self) -> tuple[torch.Tensor, EffectPlan]:
@@ -89,7 +90,7 @@ class World:
         return self._lights.get(causes, lambda: self._form(digest))
 
     def _form(self, digest: str) -> tuple[torch.Tensor, EffectPlan]:
-        plan = self.effect_plan()
+        plan = self.effect_plan(self.grey, self.wavelength)
         target = self.scene.targets[self.target]
         plane = self._plane()
         rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)

@@ -95,7 +95,7 @@ class DeviceTable(FileModel):
     """A device: the name of its entry point, and the options that it is opened with."""
 
     driver: str
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
 
 
 class DevicesTable(FileModel):
@@ -117,6 +117,4 @@ class BenchFile(FileModel):
     devices: DevicesTable
 
     def build_camera(self) -> Camera:
-        return Camera(
-            self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission
-        )
+        return Camera(self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission)

@@ -61,7 +61,7 @@ class SceneFile(FileModel):
     version: Literal[1]
     title: str
     tol: Annotated[float, Field(gt=0, lt=1)] = 1e-2
-    effects: dict[str, bool] = {}
+    effects: dict[str, bool] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]
 
     def build(self, folder: Path) -> Scene:

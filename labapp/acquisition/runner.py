@@ -1,0 +1,180 @@
+"""Running a plan: the one engine behind window, command line and Python."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame, Seeded
+from labapp.acquisition.state import State
+from labapp.acquisition.steps import Shot, check, shots
+from labapp.bench import Bench
+from labapp.files.plan_file import PlanFile
+from labapp.patterns import compute_patterns
+from labapp.record.reader import Record
+from labapp.record.writer import Contents, RecordWriter, mark, require_writable
+from optics.progress import Cancelled, Progress
+from simulator.world import World
+
+log = logging.getLogger(__name__)
+
+OnFrame = Callable[[Shot, Frame], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended. missing: indices of planned frames that aren't in the record."""
+
+    path: Path
+    state: State
+    missing: list[int]
+    message: str
+
+
+def run_plan(
+    bench: Bench,
+    plan: PlanFile,
+    path: Path,
+    *,
+    source: str = "plan",
+    folder: Path = Path(),
+    force: bool = False,
+    progress: Progress | None = None,
+    on_frame: OnFrame | None = None,
+) -> Outcome:
+    """Take every frame of a plan into a record, and leave the bench safe.
+
+    source: the plan's name in errors. folder: where its picture files are. on_frame: is
+    called with each frame once it is on disk. Cancelling the progress ends the run with
+    the state CANCELLED; a failing device or disk with FAILED. UserError if the plan can't
+    be run at all; then nothing was moved or written.
+    """
+    progress = progress or Progress()
+    check(plan, bench, source)
+    require_writable(path, force=force)
+    patterns = compute_patterns(
+        plan.patterns, bench.description, plan.seed, progress.part(0, 0.1), folder
+    )
+    contents = _contents(bench, plan, patterns)
+    with RecordWriter(path, contents, force=force) as writer:
+        state, message = _take_all(bench, contents, writer, progress.part(0.1, 1), on_frame)
+    return _conclude(path, state, message)
+
+
+def _take_all(
+    bench: Bench,
+    contents: Contents,
+    writer: RecordWriter,
+    progress: Progress,
+    on_frame: OnFrame | None,
+) -> tuple[State, str]:
+    """The frames one after the other; the state that the run deserves, and why."""
+    state, message = State.FAILED, ""
+    try:
+        writer.set_state(State.RUNNING)
+        for shot in contents.shots:
+            progress.report(shot.index / len(contents.shots), _describe(shot))
+            frame = _take(bench, shot, contents, progress)
+            writer.store(shot, frame, bench.filter.wavelength)
+            if on_frame is not None:
+                on_frame(shot, frame)
+        state = State.COMPLETE
+    except (Cancelled, KeyboardInterrupt):
+        state, message = State.CANCELLED, "cancelled by the user"
+    except (DeviceError, OSError) as error:
+        message = str(error)
+    finally:
+        for failure in bench.make_safe():
+            message = f"{message}; not left safe: {failure}" if message else str(failure)
+        _say_last_words(writer, bench, state, message)
+    return state, message
+
+
+def _say_last_words(writer: RecordWriter, bench: Bench, state: State, message: str) -> None:
+    """Write how the run ended; a full disk may not even take that, and the log says so."""
+    # COMPLETE is not written here: it has to be earned by reading back.
+    written = State.RUNNING if state is State.COMPLETE else state
+    try:
+        writer.log(bench.clock.now(), message or "all frames taken")
+        writer.set_state(written, message)
+    except OSError as error:
+        log.error("%s: the end of the run could not be written: %s", writer.path, error)
+
+
+def _conclude(path: Path, state: State, message: str) -> Outcome:
+    """COMPLETE if every frame reads back from a fresh handle, else what is missing."""
+    with Record(path) as record:
+        missing = record.missing()
+    if state is State.COMPLETE and missing:
+        state, message = State.FAILED, f"{len(missing)} frames don't read back"
+    mark(path, state, message)
+    return Outcome(path, state, missing, message)
+
+
+def _take(bench: Bench, shot: Shot, contents: Contents, progress: Progress) -> Frame:
+    """Set everything, wait until all of it stands, and take one frame."""
+    for device in bench.devices.values():
+        if isinstance(device, Seeded):
+            device.reseed(contents.seed, shot.step, shot.repeat)
+    ready = [bench.clock.now()]
+    if bench.targets.placed != shot.target:
+        ready.append(bench.targets.place(shot.target).ready_at)
+    if bench.slm.shown != shot.pattern:
+        ready.append(bench.slm.show(shot.pattern, contents.patterns[shot.pattern]).ready_at)
+    if bench.filter.wavelength != shot.wavelength:
+        ready.append(bench.filter.set_wavelength(shot.wavelength).ready_at)
+    setting = bench.camera.set_exposure(shot.exposure)
+    bench.clock.wait_until(max(*ready, setting.ready_at), lambda: progress.cancelled)
+    progress.check()
+    frame = bench.camera.capture(lambda: progress.cancelled)
+    progress.check()
+    if frame.exposure != setting.actual:
+        raise DeviceError(
+            bench.camera.identity.model,
+            f"capture at {setting.actual * 1e3:g} ms",
+            f"the frame was exposed for {frame.exposure * 1e3:g} ms",
+            "Run the plan again; if it happens again, restart the camera",
+        )
+    return frame
+
+
+def _describe(shot: Shot) -> str:
+    nm, ms = shot.wavelength * 1e9, shot.exposure * 1e3
+    return f"{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms"
+
+
+def _contents(bench: Bench, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Contents:
+    return Contents(
+        title=plan.title,
+        seed=plan.seed,
+        plan=plan.model_dump(mode="json"),
+        bench=bench.file.model_dump(mode="json"),
+        scene=bench.scene_file.model_dump(mode="json") if bench.scene_file else None,
+        effect_plan=_effect_plans(bench.world, plan, patterns) if bench.world else None,
+        identities={name: device.identity for name, device in bench.devices.items()},
+        targets=bench.targets.names,
+        patterns=patterns,
+        shots=shots(plan),
+        frame_shape=bench.camera.shape,
+        pixel_pitch=bench.description.sensor.pitch,
+    )
+
+
+def _effect_plans(
+    world: World, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]
+) -> dict[str, Any]:
+    """What the simulator decides for each pattern and wavelength of a plan."""
+    plans = {}
+    for shot in shots(plan):
+        key = f"{shot.pattern}, {shot.wavelength * 1e9:g} nm"
+        if key not in plans:
+            decided = world.effect_plan(patterns[shot.pattern], shot.wavelength)
+            plans[key] = decided.as_data()
+    return plans

@@ -1,0 +1,1 @@
+"""The record of a run: one self-describing HDF5 file, readable while it is written."""
