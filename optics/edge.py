@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def _inward(value: Any) -> Any:
@@ -28,7 +25,7 @@ def _outward(value: Any) -> Any:
     return value
 
 
-def tensors_inside(function: Callable[P, R]) -> Callable[P, R]:
+def tensors_inside(function: Callable[..., Any]) -> Callable[..., Any]:
     """Let a function of tensors take numpy arrays, and answer them with numpy arrays.
 
     With no numpy array among the arguments the function is called as it is, so
@@ -36,13 +33,13 @@ def tensors_inside(function: Callable[P, R]) -> Callable[P, R]:
     """
 
     @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
         given = [*args, *kwargs.values()]
         if not any(isinstance(value, np.ndarray) for value in given):
             return function(*args, **kwargs)
-        inner_args: Any = [_inward(value) for value in args]
-        inner_kwargs: Any = {name: _inward(value) for name, value in kwargs.items()}
-        return _outward(function(*inner_args, **inner_kwargs))  # type: ignore[no-any-return]
+        inner_args = [_inward(value) for value in args]
+        inner_kwargs = {name: _inward(value) for name, value in kwargs.items()}
+        return _outward(function(*inner_args, **inner_kwargs))
 
     return wrapper
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -45,7 +46,7 @@ class Plane:
         )
 
 
-def centred_crop(array: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """The middle of the last two axes: the origin n // 2 stays the origin.
 
     Raises ValueError if `shape` is larger than the array.
@@ -57,7 +58,7 @@ def centred_crop(array: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     return array[..., y : y + shape[0], x : x + shape[1]]
 
 
-def centred_pad(array: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """Zeros around the last two axes: the origin n // 2 stays the origin."""
     rows, columns = array.shape[-2:]
     if shape[0] < rows or shape[1] < columns:

@@ -75,7 +75,8 @@ class PSFOperator:
 
         z = camera.lens.image_distance
         self._factor = oversample if not integrate else _nyquist_factor(camera, wavelength)
-        self._window = shape if not integrate else tuple(n + 2 * _MARGIN for n in shape)
+        margin = 2 * _MARGIN if integrate else 0
+        self._window = (shape[0] + margin, shape[1] + margin)
         pixel = camera.sensor.pitch / oversample
         image = Plane(self._window, (pixel, pixel)).finer(self._factor if integrate else 1)
         self.image = image

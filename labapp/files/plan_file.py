@@ -78,7 +78,7 @@ class Reconstruction(FileModel):
     neutral: str = "neutral"
     coded: str
     psf_window_px: Annotated[int, Field(ge=15, le=4096)] = 128
-    iterations: Annotated[int, Field(ge=1, le=10_000)] = 40
+    iterations: Annotated[int, Field(ge=1, le=10_000)] = 80
 
 
 class PlanFile(FileModel):

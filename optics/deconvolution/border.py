@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import scipy.fft
 import torch
 
 from optics.plane import centred_pad, origin_to_corner
 
 
-def padded_shape(image: tuple[int, int], psf: tuple[int, int]) -> tuple[int, int]:
+def padded_shape(image: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
     """A fast FFT size that holds the picture and half a PSF on every side."""
     rows, columns = (
         scipy.fft.next_fast_len(n + m, real=True) for n, m in zip(image, psf, strict=True)
@@ -39,7 +41,7 @@ def _continued_axis(image: torch.Tensor, length: int) -> torch.Tensor:
     step = torch.arange(gap)
     ramp = (0.5 * (1 + torch.cos(torch.pi * (step + 1) / (gap + 1)))).to(image)
     period = max(2 * n - 2, 1)
-    after_edge = _mirror(n - 1 + 1 + step, n, period)
+    after_edge = _mirror(n + step, n, period)
     before_edge = _mirror(step - gap, n, period)
     filling = image[..., after_edge] * ramp + image[..., before_edge] * (1 - ramp)
     whole = torch.cat([image, filling], dim=-1)

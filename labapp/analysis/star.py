@@ -1,0 +1,153 @@
+"""The PSF: measured on the star, freed of unmodulated light to be judged, and predicted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from labapp.analysis.brackets import Bracket, Picture, find
+from labapp.errors import UserError
+from labapp.files.plan_file import Reconstruction, RingPattern
+from labapp.files.scene_file import SceneFile, StarTable
+from labapp.record.reader import Record
+from optics import metrics, targets
+from optics.camera import Camera
+from optics.formation import form_image, spectrum_of_disc
+from optics.plane import Plane
+from optics.psf import PSFOperator
+from optics.slm import grey_to_phase
+
+_FINER = 2
+_MARGIN = 32
+"""Pixels around a predicted window, so that its edges don't wrap into it."""
+
+
+@dataclass(frozen=True)
+class PSFReport:
+    """A measured PSF and what it is judged against, on sensor pixels.
+
+    measured: share of the neutral star's light on each pixel, unmodulated light
+    included. shape: the same without the unmodulated light, to be judged against target.
+    predicted: of the star, as the camera's description has it; None where the star isn't
+    described. unmodulated: share found in the centre. efficiency: light of `shape` where
+    the target exceeds 2 % of its peak over all light of `measured`. contrast: speckle
+    contrast of `shape`. prediction_error: relative L2, without a fitted scale.
+    """
+
+    measured: Picture
+    neutral: Picture
+    shape: Picture
+    target: Picture | None
+    predicted: Picture | None
+    unmodulated: float
+    efficiency: float | None
+    contrast: float | None
+    prediction_error: float | None
+
+
+def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> PSFReport:
+    """The full PSF in a window around the neutral star's peak, and what it is judged by.
+
+    UserError if the star frames are missing or dark.
+    """
+    neutral = find(brackets, roles.star, roles.neutral, record.path)
+    coded = find(brackets, roles.star, roles.coded, record.path)
+    centre = np.unravel_index(int(neutral.rate.argmax()), neutral.rate.shape)
+    window = min(roles.psf_window_px, *neutral.rate.shape)
+    total = float(_cut(neutral.rate, centre, window).sum())
+    if not total > 0:
+        raise UserError(f"{record.path}: the neutral star frames are dark. Expose them longer.")
+    measured = _cut(coded.rate, centre, window) / total
+    straight = _cut(neutral.rate, centre, window) / total
+    share = _share_of(straight, measured)
+    shape = measured - share * straight
+    camera = record.bench.build_camera()
+    spec = record.plan.patterns[roles.coded]
+    target = _target_on_sensor(spec, camera, window) if isinstance(spec, RingPattern) else None
+    predicted = _predict(record, camera, roles, window)
+    return PSFReport(
+        measured,
+        straight,
+        shape,
+        target,
+        predicted,
+        share,
+        None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
+        None if target is None else metrics.speckle_contrast(shape, target),
+        None if predicted is None else metrics.relative_error(measured, predicted),
+    )
+
+
+def _cut(image: Picture, centre: tuple[np.intp, ...], window: int) -> Picture:
+    """A square around a pixel, which becomes its origin; beyond the picture there is none."""
+    y, x = (int(c) - window // 2 for c in centre)
+    cut = np.zeros((window, window))
+    rows = slice(max(y, 0), min(y + window, image.shape[0]))
+    columns = slice(max(x, 0), min(x + window, image.shape[1]))
+    inner = image[rows, columns]
+    top, left = rows.start - y, columns.start - x
+    cut[top : top + inner.shape[0], left : left + inner.shape[1]] = inner
+    return cut
+
+
+def _share_of(straight: Picture, measured: Picture, reach: int = 3) -> float:
+    """How much of the neutral PSF is in the centre of another: least squares there.
+
+    Holds for shapes that leave their centre dark.
+    """
+    middle = straight.shape[0] // 2
+    part = (slice(middle - reach, middle + reach + 1),) * 2
+    a, b = straight[part], measured[part]
+    return float(np.clip((a * b).sum() / (a * a).sum(), 0, 1))
+
+
+def _target_on_sensor(spec: RingPattern, camera: Camera, window: int) -> Picture:
+    pitch = camera.sensor.pitch
+    plane = Plane((window, window), (pitch, pitch))
+    return targets.ring(plane, spec.radius_um * 1e-6, spec.width_um * 1e-6).numpy()
+
+
+def _predict(record: Record, camera: Camera, roles: Reconstruction, window: int) -> Picture | None:
+    """The star through the camera's description, on the scale of the measured PSF.
+
+    At the filter's centre wavelength; its band is not modelled here.
+    """
+    scene_data = json.loads(record.text("scene"))
+    if scene_data is None:
+        return None
+    star = SceneFile.model_validate(scene_data).targets.get(roles.star)
+    if not isinstance(star, StarTable):
+        return None
+    index = record.select(target=roles.star, pattern=roles.coded)[0]
+    wavelength = float(record.column("wavelength")[index])
+    pictures = {}
+    for name in (roles.neutral, roles.coded):
+        grey = torch.from_numpy(record.pattern(name))
+        pictures[name] = predict_star(
+            camera, grey, wavelength, star.diameter_um * 1e-6, star.distance_m, window
+        )
+    return (pictures[roles.coded] / pictures[roles.neutral].sum()).numpy()
+
+
+def predict_star(
+    camera: Camera,
+    grey: torch.Tensor,
+    wavelength: float,
+    diameter: float,
+    distance: float,
+    window: int,
+) -> torch.Tensor:
+    """Share of a star's light on each pixel of a square window, star and pixel included."""
+    side = (window + 2 * _MARGIN) * _FINER
+    pitch = camera.sensor.pitch / _FINER
+    plane = Plane((side, side), (pitch, pitch))
+    operator = PSFOperator(
+        camera, distance, wavelength, plane.shape, oversample=_FINER, integrate=False
+    )
+    psf = operator(grey_to_phase(camera.panel, grey, wavelength))
+    size = diameter * camera.lens.image_distance / distance
+    disc = spectrum_of_disc(plane, size, 1 / _FINER**2)
+    return form_image(disc, psf, plane, _FINER, (window, window))
