@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from optics.edge import require_positive
 from optics.plane import Plane
 
-
-def _positive(name: str, value: float, unit: str) -> None:
-    if not (value > 0 and math.isfinite(value)):
-        raise ValueError(f"{name} is {value:g} {unit}; it must be positive and finite")
+_FULL_WELL_NOISE = 5.0
+"""Standard deviations of read noise by which a full well may read too low."""
 
 
 def _share(name: str, value: float) -> None:
@@ -44,13 +43,19 @@ class Panel:
     settling: float = 0.05
 
     def __post_init__(self) -> None:
-        _positive("pitch", self.pitch, "m")
-        _positive("fill_factor", self.fill_factor, "")
+        require_positive("pitch", self.pitch, "m")
+        require_positive("fill_factor", self.fill_factor, "")
         _share("fill_factor", self.fill_factor)
         _share("unmodulated", self.unmodulated)
         _share("reflectivity", self.reflectivity)
-        if self.levels < 2:
-            raise ValueError(f"levels is {self.levels}; a panel has at least 2 grey levels")
+        if not 2 <= self.levels <= 256:
+            raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
+        if not self.max_phase:
+            raise ValueError("max_phase is empty; give the phase range at one wavelength or more")
+        for wavelength, phase in self.max_phase:
+            require_positive("max_phase's wavelength", wavelength, "m")
+            require_positive("max_phase's phase", phase, "rad")
+        Plane(self.shape, (self.pitch, self.pitch))
 
     @property
     def plane(self) -> Plane:
@@ -70,8 +75,8 @@ class Lens:
     focus_distance: float = 2.0
 
     def __post_init__(self) -> None:
-        _positive("focal_length", self.focal_length, "m")
-        _positive("f_number", self.f_number, "")
+        require_positive("focal_length", self.focal_length, "m")
+        require_positive("f_number", self.f_number, "")
         if not self.focus_distance > self.focal_length:
             raise ValueError(
                 f"focus_distance is {self.focus_distance:g} m; it must be longer than the "
@@ -112,9 +117,21 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name in ("pitch", "full_well", "gain", "quantum_efficiency"):
-            _positive(name, getattr(self, name), "")
+            require_positive(name, getattr(self, name), "")
+        for name in ("read_noise", "dark_current", "black_level"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it can't be negative")
         if not 1 <= self.bits <= 16:
             raise ValueError(f"bits is {self.bits}; a sensor has 1 to 16")
+        if self.black_level >= self.full_scale:
+            raise ValueError(
+                f"black_level is {self.black_level:g}; it must lie below the full scale, "
+                f"{self.full_scale}"
+            )
+        low, high = self.exposure_range
+        if not 0 < low <= high < math.inf:
+            raise ValueError(f"exposure_range is {low:g} to {high:g} s; give the shorter first")
+        Plane(self.shape, (self.pitch, self.pitch))
 
     @property
     def plane(self) -> Plane:
@@ -122,8 +139,13 @@ class Sensor:
 
     @property
     def full_scale(self) -> int:
-        """The highest digital number, at which a pixel counts as clipped."""
-        return int(min(2**self.bits - 1, math.floor(self.black_level + self.full_well / self.gain)))
+        """The digital number from which a pixel counts as clipped.
+
+        Where the well is full before the converter ends, read noise must not make it
+        look unclipped.
+        """
+        well = self.full_well - _FULL_WELL_NOISE * self.read_noise
+        return int(min(2**self.bits - 1, math.floor(self.black_level + well / self.gain)))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -42,6 +43,24 @@ def tensors_inside(function: Callable[..., Any]) -> Callable[..., Any]:
         return _outward(function(*inner_args, **inner_kwargs))
 
     return wrapper
+
+
+def require_positive(name: str, value: float, unit: str) -> None:
+    """Raise a ValueError for a number that isn't positive and finite."""
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError(f"{name} is {value:g} {unit}; it must be positive and finite")
+
+
+def rounded_up(value: float) -> str:
+    """Three digits of a positive number, for advice of "at least": never below it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
+
+
+def rounded_down(value: float) -> str:
+    """Three digits of a positive number, for advice of "at most": never above it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:

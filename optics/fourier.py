@@ -55,12 +55,21 @@ class Geometry:
     scale: float
 
     def __post_init__(self) -> None:
-        if not self.scale > 0:
-            raise ValueError(f"scale {self.scale} m² (wavelength x distance) must be positive")
+        if not 0 < self.scale < math.inf:
+            raise ValueError(
+                f"scale {self.scale} m² (wavelength x distance) must be positive and finite"
+            )
 
     def step(self, axis: int) -> float:
         """Turns of phase per pupil sample and image sample."""
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
+
+
+def _on(plane: Plane, field: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """The field in `dtype`; ValueError if its samples aren't those of the plane."""
+    if field.shape[-2:] != plane.shape:
+        raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")
+    return field.to(dtype)
 
 
 class Transform(Method, Protocol):
@@ -93,11 +102,11 @@ class MatrixTransform:
 
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
         rows, columns = self._kernels(field.device)
-        return rows @ field.to(self._dtype) @ columns.mT
+        return rows @ _on(self._geometry.pupil, field, self._dtype) @ columns.mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         rows, columns = self._kernels(field.device)
-        return rows.mH @ field.to(self._dtype) @ columns.conj()
+        return rows.mH @ _on(self._geometry.image, field, self._dtype) @ columns.conj()
 
     @property
     def bytes(self) -> int:
@@ -163,11 +172,13 @@ class ChirpTransform:
 
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
         y, x = self._prepared(field.device)
-        return y.forward(x.forward(field.to(self._dtype)).mT.contiguous()).mT
+        field = _on(self._geometry.pupil, field, self._dtype)
+        return y.forward(x.forward(field).mT.contiguous()).mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         y, x = self._prepared(field.device)
-        return x.adjoint(y.adjoint(field.to(self._dtype).mT.contiguous()).mT.contiguous())
+        field = _on(self._geometry.image, field, self._dtype)
+        return x.adjoint(y.adjoint(field.mT.contiguous()).mT.contiguous())
 
     def _lengths(self) -> tuple[int, int]:
         (ny, nx), (my, mx) = self._geometry.pupil.shape, self._geometry.image.shape
@@ -236,11 +247,12 @@ class PrunedTransform:
         return fft(padded, length, -1, inverse=True)[..., :n] * length
 
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
-        rows = self._forward_axis(field.to(self._dtype), 1)
+        rows = self._forward_axis(_on(self._geometry.pupil, field, self._dtype), 1)
         return self._forward_axis(rows.mT.contiguous(), 0).mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        columns = self._adjoint_axis(field.to(self._dtype).mT.contiguous(), 0)
+        field = _on(self._geometry.image, field, self._dtype)
+        columns = self._adjoint_axis(field.mT.contiguous(), 0)
         return self._adjoint_axis(columns.mT.contiguous(), 1)
 
     @property

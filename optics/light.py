@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 from optics.camera import Camera
+from optics.edge import require_positive
+from optics.pupil import open_area
 
 PLANCK = 6.62607015e-34
 SPEED_OF_LIGHT = 299792458.0
@@ -14,13 +16,16 @@ def electron_rate(camera: Camera, radiance: float, bandwidth: float, wavelength:
     """Photo-electrons per second and square metre of sensor from a diffuse object.
 
     radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength.
-    The camera equation E = L A / z², with A the smaller of stop and panel, z the image
-    distance, and photons of energy h c / wavelength; near the axis, where cos⁴ is one.
+    The camera equation E = L A / z², with A the area that stop and panel leave open, z the
+    image distance, and photons of energy h c / wavelength; near the axis, where cos⁴ is one.
+    Raises ValueError for a negative radiance, or lengths that aren't positive.
     """
+    if not 0 <= radiance < math.inf:
+        raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
+    require_positive("bandwidth", bandwidth, "m")
+    require_positive("wavelength", wavelength, "m")
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
-    panel_area = panel.shape[0] * panel.shape[1] * panel.pitch**2
-    area = min(panel_area, math.pi * lens.stop_diameter**2 / 4)
-    irradiance = radiance * bandwidth * area / lens.image_distance**2
+    irradiance = radiance * bandwidth * open_area(camera) / lens.image_distance**2
     passed = irradiance * panel.reflectivity * camera.transmission
     photons = passed * wavelength / (PLANCK * SPEED_OF_LIGHT)
     return photons * sensor.quantum_efficiency

@@ -39,6 +39,8 @@ class Plane:
 
     def finer(self, factor: int) -> Plane:
         """The same centre and field of view with `factor` times as many samples."""
+        if factor < 1:
+            raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
         return Plane(
             (self.shape[0] * factor, self.shape[1] * factor),
             (self.pitch[0] / factor, self.pitch[1] / factor),

@@ -18,12 +18,15 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.fourier import Geometry, plan_transform
+from optics.edge import require_finite, rounded_up
 from optics.plane import Plane, centred_crop
 from optics.pupil import defocus_phase, phase_step, pupil_amplitude
-from optics.sensor import integrate_pixels
-
-_MARGIN = 4
-"""Sensor pixels computed around the window, so that its edge has neighbours."""
+from optics.sensor import (
+    PIXEL_INTEGRATION_ERROR,
+    PIXEL_OVERSAMPLING,
+    integrate_pixels,
+    pixel_margin,
+)
 
 
 class PSFOperator:
@@ -62,30 +65,38 @@ class PSFOperator:
             raise ValueError(
                 f"distance is {distance:g} m; the object must be in front of the panel"
             )
-        if not wavelength > 0:
+        if not 0 < wavelength < math.inf:
             raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+        if oversample < 1:
+            raise ValueError(f"oversample is {oversample}; it must be at least 1")
         if integrate and oversample != 1:
             raise ValueError(f"oversample is {oversample}; pixels are integrated at oversample 1")
+        self.unmodulated = camera.panel.unmodulated if unmodulated is None else unmodulated
+        if not 0 <= self.unmodulated <= 1:
+            raise ValueError(
+                f"unmodulated is {self.unmodulated:g}; it is a share and must lie between 0 and 1"
+            )
         self.shape, self._integrate = shape, integrate
         budget = budget or Budget()
-        sampling = self._sampling_error(camera, distance, wavelength, tol)
+        z = camera.lens.image_distance
+        pixel = camera.sensor.pitch / oversample
+        image = wanted = Plane(shape, (pixel, pixel))
+        if integrate:
+            self._factor = _samples_per_pixel(camera, wavelength)
+            margin = 2 * pixel_margin(self._factor)
+            window = (shape[0] + margin, shape[1] + margin)
+            image = Plane(window, (pixel, pixel)).finer(self._factor)
+        self.image = image
+        sampling = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
         double = tol - sampling.value < FLOAT32_ARITHMETIC
         self.dtype = torch.complex128 if double else torch.complex64
         real = torch.float64 if double else torch.float32
-
-        z = camera.lens.image_distance
-        self._factor = oversample if not integrate else _nyquist_factor(camera, wavelength)
-        margin = 2 * _MARGIN if integrate else 0
-        self._window = (shape[0] + margin, shape[1] + margin)
-        pixel = camera.sensor.pitch / oversample
-        image = Plane(self._window, (pixel, pixel)).finer(self._factor if integrate else 1)
-        self.image = image
         geometry = Geometry(camera.panel.plane, image, wavelength * z)
         self.transform = plan_transform(geometry, self.dtype, budget)
 
         amplitude = pupil_amplitude(camera)
         active = math.sqrt(camera.panel.fill_factor) * camera.panel.pitch
-        power = float((amplitude**2).sum()) * active**2
+        power = float(amplitude.sum()) * active**2
         if power == 0:
             raise ValueError(f"f_number {camera.lens.f_number:g} closes the stop: no light passes")
         strength = active**2 / (wavelength * z) * math.sqrt(image.pitch[0] * image.pitch[1] / power)
@@ -98,7 +109,6 @@ class PSFOperator:
             x * active / (wavelength * z)
         )
         self._envelope = (envelope**2).to(real)
-        self.unmodulated = camera.panel.unmodulated if unmodulated is None else unmodulated
         self._straight: torch.Tensor | None = None
         self.account = Account(
             method=self.transform.name,
@@ -114,21 +124,6 @@ class PSFOperator:
             cpu_predicted=self.transform.cpu_seconds(budget.speed),
             bytes=self.transform.bytes,
         )
-
-    @staticmethod
-    def _sampling_error(
-        camera: Camera, distance: float, wavelength: float, tol: float
-    ) -> ErrorEstimate:
-        """Defocus is taken as constant over a panel pixel: each loses 1 - sinc of its step."""
-        step = phase_step(camera, distance, wavelength)
-        error = step**2 / 12
-        if error + FLOAT64_ARITHMETIC > tol:
-            raise ToleranceError(
-                f"tol {tol:g} can't be kept: defocus changes by {step:.2f} rad across a panel "
-                f"pixel, which alone costs {error:.1g}; ask for tol {1.1 * error:.1g} or more, or "
-                "bring the object closer to the plane in focus"
-            )
-        return ErrorEstimate(error, "bound")
 
     def _intensity(self, pupil: torch.Tensor) -> torch.Tensor:
         field = self.transform(pupil)
@@ -148,6 +143,7 @@ class PSFOperator:
             raise ValueError(
                 f"phase is {tuple(phase.shape)}; the panel has {tuple(self._pupil.shape)} pixels"
             )
+        require_finite("phase", phase)
         turns = phase.to(torch.float64) / (2 * math.pi)
         angle = (2 * math.pi) * (turns - torch.round(turns.detach()))
         modulation = torch.polar(torch.ones_like(angle), angle).to(self.dtype)
@@ -158,11 +154,37 @@ class PSFOperator:
         return (1 - self.unmodulated) * light + self.unmodulated * straight
 
 
-def _nyquist_factor(camera: Camera, wavelength: float) -> int:
-    """Samples per sensor pixel that resolve the finest fringe of the intensity."""
+def _sampling_error(
+    camera: Camera, distance: float, wavelength: float, image: Plane, integrate: bool, tol: float
+) -> ErrorEstimate:
+    """Defocus is taken as constant over a panel pixel, which sends light where it doesn't.
+
+    With a step of s rad across a pixel, its light on the axis is overrated by s²/24 in
+    amplitude; where the pixel's own envelope has fallen through t rad, by s t / 12 on one
+    side of the pupil and underrated on the other. Raises ToleranceError with the floor.
+    """
+    step = phase_step(camera, distance, wavelength)
+    corner = 0.5 * math.hypot(*(n * p for n, p in zip(image.shape, image.pitch, strict=True)))
+    scale = wavelength * camera.lens.image_distance
+    fall = 2 * math.pi * camera.panel.pitch * corner / scale
+    error = step * (step / 12 + fall / 10) + (PIXEL_INTEGRATION_ERROR if integrate else 0.0)
+    floor = error + FLOAT64_ARITHMETIC
+    if not floor <= tol:
+        advice = f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
+        if step:
+            advice += (
+                f", or bring the object closer to the plane in focus: defocus changes by "
+                f"{step:.2g} rad across a panel pixel"
+            )
+        raise ToleranceError(advice)
+    return ErrorEstimate(error, "estimate")
+
+
+def _samples_per_pixel(camera: Camera, wavelength: float) -> int:
+    """Samples per sensor pixel that resolve the finest fringe of the intensity, and to spare."""
     width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
     finest = wavelength * camera.lens.image_distance / width
-    return max(1, math.ceil(2 * camera.sensor.pitch / finest))
+    return max(1, math.ceil(PIXEL_OVERSAMPLING * 2 * camera.sensor.pitch / finest))
 
 
 def psf(

@@ -34,6 +34,18 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
     return amplitude
 
 
+def open_area(camera: Camera) -> float:
+    """Area in square metres that panel and stop both leave open: a circle in a rectangle."""
+    radius = camera.lens.stop_diameter / 2
+    low, wide = sorted(0.5 * n * camera.panel.pitch for n in camera.panel.shape)
+    flat = min(wide, math.sqrt(max(radius**2 - low**2, 0.0)))
+
+    def under_arc(x: float) -> float:
+        return 0.5 * (x * math.sqrt(radius**2 - x**2) + radius**2 * math.asin(x / radius))
+
+    return 4 * (low * flat + under_arc(min(wide, radius)) - under_arc(min(flat, radius)))
+
+
 def vergence_error(camera: Camera, distance: float) -> float:
     """1/d + 1/z - 1/f in dioptres: zero when an object at `distance` metres is in focus."""
     return 1 / distance - 1 / camera.lens.focus_distance

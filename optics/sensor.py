@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+import functools
+import math
+
+import numpy as np
 import torch
 
 from optics.camera import Sensor
+from optics.edge import require_finite
+
+PIXEL_OVERSAMPLING = 1.5
+"""How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
+
+_REACH = 20
+"""Samples that the interpolation reaches beyond a pixel's edge."""
+
+_ATTENUATION = 200.0
+"""Of the interpolation, in dB: Kaiser's formula for _REACH and PIXEL_OVERSAMPLING."""
+
+PIXEL_INTEGRATION_ERROR = 1e-9
+"""Relative L2 error of integrate_pixels(), measured against quadrature with a margin of ten."""
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
@@ -28,16 +45,47 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
     return light[..., y::factor, x::factor][..., :rows, :columns]
 
 
+def pixel_margin(factor: int) -> int:
+    """Whole pixels that integrate_pixels() looks beyond a pixel, at `factor` samples each."""
+    return math.ceil((_REACH + factor / 2) / factor)
+
+
+@functools.cache
+def _pixel_kernel(factor: int) -> torch.Tensor:
+    """Weights of the samples around a pixel in its integral, origin in the middle, float64.
+
+    The integral over a pixel of the interpolation of each sample, which is a sinc under
+    a Kaiser window (Kaiser 1974): light below a third of the sampling rate passes.
+    """
+    sample = np.arange(-_REACH - factor // 2, _REACH + factor // 2 + 1)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    parts = np.arange(2 * factor)[:, None] / 2 - factor / 2 + 0.25
+    away = sample[:, None] - (parts + nodes / 4).ravel()
+    inside = np.sqrt(np.clip(1 - (away / _REACH) ** 2, 0, None))
+    window = np.i0(0.1102 * (_ATTENUATION - 8.7) * inside) / np.i0(0.1102 * (_ATTENUATION - 8.7))
+    weight = np.tile(weights / 4, 2 * factor)
+    return torch.from_numpy((np.sinc(away) * window * (np.abs(away) <= _REACH)) @ weight)
+
+
 def integrate_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
     """Light on whole pixels, from (..., rows, columns) of light on `factor`² finer samples.
 
-    Exact for light that the finer grid resolves, away from the edges: the pixel's
-    aperture is applied in the frequency domain.
+    Exact to PIXEL_INTEGRATION_ERROR for light that the samples resolve with
+    PIXEL_OVERSAMPLING to spare, at least pixel_margin() pixels from the edges; beyond
+    them it counts as dark. The origin stays at n // 2.
     """
-    rows, columns = light.shape[-2:]
-    transfer = pixel_transfer(rows, columns, factor).to(light)
-    blurred = torch.fft.irfft2(torch.fft.rfft2(light) * transfer, s=(rows, columns))
-    return sample_pixels(blurred, factor) * factor**2
+    kernel = _pixel_kernel(factor).to(light)
+    return _pixels_across(_pixels_across(light, kernel, factor).mT, kernel, factor).mT
+
+
+def _pixels_across(light: torch.Tensor, kernel: torch.Tensor, factor: int) -> torch.Tensor:
+    n, half = light.shape[-1], kernel.numel() // 2
+    count = n // factor
+    first = n // 2 - (count // 2) * factor
+    padded = torch.nn.functional.pad(light, (half - first, half))
+    lines = padded.reshape(-1, 1, padded.shape[-1])
+    pixels = torch.nn.functional.conv1d(lines, kernel[None, None], stride=factor)
+    return pixels[..., :count].reshape(*light.shape[:-1], count)
 
 
 def expose(

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from optics.camera import Panel
-from optics.edge import tensors_inside
+from optics.edge import require_finite, tensors_inside
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
@@ -47,8 +47,10 @@ def phase_to_grey(panel: Panel, phase: torch.Tensor, wavelength: float) -> torch
     """Grey levels, uint8, nearest to a phase in radians modulo one wave.
 
     Only the first 2 pi of the panel's range is used, so that neighbouring phases are
-    neighbouring levels. Raises ValueError if the panel can't reach one wave.
+    neighbouring levels. Raises ValueError if the panel can't reach one wave, or for a
+    phase that isn't finite.
     """
+    require_finite("phase", phase)
     reach = max_phase(panel, wavelength)
     if reach < 2 * math.pi * (1 - 1 / panel.levels):
         raise ValueError(
@@ -71,4 +73,8 @@ def require_grey(panel: Panel, grey: np.ndarray) -> None:
             f"the panel needs {panel.shape[1]}x{panel.shape[0]}"
             if grey.ndim == 2
             else f"the pattern has {grey.ndim} axes; the panel needs rows and columns"
+        )
+    if grey.max() >= panel.levels:
+        raise ValueError(
+            f"the pattern has level {grey.max()}; the panel's levels are 0 to {panel.levels - 1}"
         )

@@ -14,6 +14,11 @@ def ring(plane: Plane, radius: float, width: float) -> torch.Tensor:
     """
     if not (radius >= 0 and width > 0):
         raise ValueError(f"radius {radius:g} m and width {width:g} m must be positive")
+    if width < 0.5 * max(plane.pitch):
+        raise ValueError(
+            f"width {width * 1e6:.3g} µm falls between samples of {max(plane.pitch) * 1e6:.3g} µm; "
+            "choose at least half a sample"
+        )
     reach = min(n // 2 * p for n, p in zip(plane.shape, plane.pitch, strict=True))
     if radius + 2 * width > reach:
         raise ValueError(

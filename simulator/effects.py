@@ -111,7 +111,8 @@ def _bandwidth(s: Situation, tol: float) -> Decision:
         return a ** (2 * n) * math.factorial(n) / math.factorial(2 * n)
 
     nodes = next((n for n in range(1, _MOST_NODES) if error(n) <= tol), _MOST_NODES)
-    why = f"the band scales the PSF; {nodes} wavelength{'s' * (nodes > 1)} leave {error(nodes):.1g}"
+    used = "one wavelength leaves" if nodes == 1 else f"{nodes} wavelengths leave"
+    why = f"the band scales the PSF; {used} an error of {error(nodes):.1g}"
     return Decision("filter bandwidth", nodes > 1, error(1), "mean", why, nodes)
 
 
@@ -130,7 +131,7 @@ def _pixel_aperture(s: Situation, tol: float) -> Decision:
 def _dark_current(s: Situation, tol: float) -> Decision:
     sensor = s.camera.sensor
     size = math.sqrt(sensor.dark_current * 1.0) / _noise_floor(s)
-    why = f"{sensor.dark_current:g} electrons a second, against the noise of one read-out"
+    why = f"{sensor.dark_current:g} electrons per second, against the noise of one read-out"
     return Decision("dark current", size > tol, size, "noise", why)
 
 

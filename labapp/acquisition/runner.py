@@ -20,10 +20,14 @@ from labapp.files.plan_file import PlanFile
 from labapp.patterns import compute_patterns
 from labapp.record.reader import Record
 from labapp.record.writer import Contents, RecordWriter, mark, require_writable
+from labapp.stopwatch import Stopwatch
 from optics.progress import Cancelled, Progress
 from simulator.world import World
 
 log = logging.getLogger(__name__)
+
+_PATTERNS_SHARE = 0.3
+"""Of a run's progress; the frames have the rest."""
 
 OnFrame = Callable[[Shot, Frame], None]
 
@@ -48,24 +52,28 @@ def run_plan(
     force: bool = False,
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
+    watch: Stopwatch | None = None,
 ) -> Outcome:
     """Take every frame of a plan into a record, and leave the bench safe.
 
     source: the plan's name in errors. folder: where its picture files are. on_frame: is
-    called with each frame once it is on disk. Cancelling the progress ends the run with
+    called with each frame once it is on disk. watch: is told how long the stages took.
+    Cancelling the progress ends the run with
     the state CANCELLED; a failing device or disk with FAILED. UserError if the plan can't
     be run at all; then nothing was moved or written.
     """
-    progress = progress or Progress()
+    progress, watch = progress or Progress(), watch or Stopwatch()
     check(plan, bench, source)
     require_writable(path, force=force)
-    patterns = compute_patterns(
-        plan.patterns, bench.description, plan.seed, progress.part(0, 0.1), folder
-    )
-    contents = _contents(bench, plan, patterns)
-    with RecordWriter(path, contents, force=force) as writer:
-        state, message = _take_all(bench, contents, writer, progress.part(0.1, 1), on_frame)
-    return _conclude(path, state, message)
+    with watch.stage("compute patterns"):
+        part = progress.part(0, _PATTERNS_SHARE)
+        patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
+    with watch.stage("acquire"):
+        contents = _contents(bench, plan, patterns)
+        with RecordWriter(path, contents, force=force) as writer:
+            part = progress.part(_PATTERNS_SHARE, 1)
+            state, message = _take_all(bench, contents, writer, part, on_frame)
+        return _conclude(path, state, message)
 
 
 def _take_all(
@@ -79,6 +87,7 @@ def _take_all(
     state, message = State.FAILED, ""
     try:
         writer.set_state(State.RUNNING)
+        writer.log(bench.clock.now(), f"started: {len(contents.shots)} frames planned")
         for shot in contents.shots:
             progress.report(shot.index / len(contents.shots), _describe(shot))
             frame = _take(bench, shot, contents, progress)

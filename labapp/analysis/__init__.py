@@ -12,10 +12,10 @@ from labapp.acquisition.state import State
 from labapp.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.analysis.photograph import Score, reconstruct, score
 from labapp.analysis.star import PSFReport, measure_psf
-from labapp.analysis.stopwatch import Stopwatch
 from labapp.errors import UserError
 from labapp.files.plan_file import Reconstruction
 from labapp.record.reader import Record
+from labapp.stopwatch import Stopwatch
 from optics.progress import Progress
 
 

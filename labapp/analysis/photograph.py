@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from labapp.analysis.brackets import Bracket, Picture
-from labapp.analysis.stopwatch import Stopwatch
+from labapp.stopwatch import Stopwatch
 from optics import metrics
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.wiener import best_noise_to_signal, wiener

@@ -1,0 +1,198 @@
+"""The command line: `labapp --help` teaches it.
+
+Commands import what they need when they run, so that help is instant.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import labapp
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+BenchOption = Annotated[
+    Path | None,
+    typer.Option("--bench", help="Bench file (TOML). Default: the bundled virtual bench."),
+]
+SceneOption = Annotated[
+    Path | None,
+    typer.Option("--scene", help="Scene file (TOML) for simulated devices. Default: bundled."),
+]
+ImageOption = Annotated[
+    Path | None,
+    typer.Option("--image", help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."),
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
+RecordArgument = Annotated[Path, typer.Argument(metavar="RUN.h5", help="Record of a run.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"labapp {labapp.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def labapp_(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print and exit.")
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error (any command).")
+    ] = False,
+) -> None:
+    """Programmable optics for computational photography.
+
+    A phase-only SLM in front of a camera lens makes the optics programmable. labapp
+    computes its patterns, runs acquisitions on a real or simulated bench, and undoes the
+    coding. Start with **labapp demo**, which needs no hardware, then open
+    **labapp gui**.
+    """
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for run.h5, report.png, report.html.")] = Path(
+        "first-light"
+    ),
+    image: ImageOption = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the run; same seed, same data.")] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Take a whole coded photograph on the virtual bench, and undo the coding.
+
+    A ring-shaped PSF is computed for the SLM, measured on an artificial star, and used to
+    photograph and to reconstruct. Takes a few seconds; writes a record and a report.
+    """
+    from labapp.demo import run_demo
+
+    run_demo(out, image=image, seed=seed, force=force, as_json=json)
+
+
+@app.command()
+def run(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Acquisition plan.")],
+    out: Annotated[Path, typer.Option("--out", metavar="RUN.h5", help="Record to write.")],
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    image: ImageOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Run an acquisition plan on a bench, every frame to disk as it comes.
+
+    Ctrl-C ends the run safely: SLM neutral, filter parked, camera stopped, the record
+    readable and marked CANCELLED.
+    """
+    from labapp.running import run_file
+
+    run_file(plan, out, bench=bench, scene=scene, image=image, force=force, as_json=json)
+
+
+@app.command()
+def show(record: RecordArgument, json: JsonOption = False) -> None:
+    """Say what a record holds: state, devices, frames, the simulator's decisions, log."""
+    from labapp.showing import show_record
+
+    show_record(record, as_json=json)
+
+
+@app.command()
+def report(
+    record: RecordArgument,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report. Default: the record's own.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
+    from labapp.report import report_record
+
+    report_record(record, out or record.parent, force=force, as_json=json)
+
+
+@app.command()
+def devices(bench: BenchOption = None, scene: SceneOption = None, json: JsonOption = False) -> None:
+    """List the bench's devices, the installed drivers, and what is plugged in."""
+    from labapp.listing import list_devices
+
+    list_devices(bench, scene, as_json=json)
+
+
+@app.command()
+def figures(
+    only: Annotated[
+        str | None, typer.Option(metavar="WORD", help="Only figures whose name has this word.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure every figure that the README claims, and print it beside its goal."""
+    from labapp.figures import print_figures
+
+    print_figures(only, as_json=json)
+
+
+@app.command()
+def gui(bench: BenchOption = None, scene: SceneOption = None, image: ImageOption = None) -> None:
+    """Open the bench window; without options, on the bundled virtual bench."""
+    from labapp.window.app import main as open_window
+
+    raise typer.Exit(open_window(bench, scene, image))
+
+
+def main() -> None:
+    """Run the command line; errors are one or two lines, and a traceback with --debug."""
+    debug = "--debug" in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    try:
+        app(args=arguments, prog_name="labapp")
+    except Exception as error:
+        if debug:
+            raise
+        raise SystemExit(_explain(error)) from None
+    except KeyboardInterrupt:
+        if debug:
+            raise
+        raise SystemExit(_explain(KeyboardInterrupt())) from None
+
+
+def _explain(error: BaseException) -> int:
+    """Print an error for a person; the exit code that says what kind it was."""
+    from labapp.console import complain
+    from optics.progress import Cancelled
+
+    if isinstance(error, BrokenPipeError):
+        # Whoever read our output has gone; closing it again would complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    if isinstance(error, Cancelled | KeyboardInterrupt):
+        complain("cancelled")
+        return 130
+    complain(_in_words(error))
+    return 1
+
+
+def _in_words(error: Any) -> str:
+    from drivers.errors import DeviceError
+    from labapp.errors import UserError
+
+    if isinstance(error, UserError | DeviceError | ValueError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'file'}: {error.strerror or error}. Check the path and disk."
+    return f"unexpected {type(error).__name__}: {error}\nAdd --debug to see where, and report it."

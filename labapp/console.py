@@ -1,0 +1,92 @@
+"""What a person sees in a terminal: progress with time left, tables, errors."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from optics.progress import Progress
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Print a table; columns whose heading ends in a blank are numbers, to the right."""
+    out.print(title, style="bold", markup=False)
+    made = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in columns:
+        made.add_column(name.strip(), justify="right" if name.endswith(" ") else "left")
+    for row in rows:
+        made.add_row(*(str(cell) for cell in row))
+    out.print(made)
+    out.print()
+
+
+def print_json(data: Any) -> None:
+    """Plain JSON on standard output, for programs."""
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """A line for the person on standard error, so that standard output stays data."""
+    err.print(text, markup=False)
+
+
+def complain(text: str) -> None:
+    """An error in one or two lines, unwrapped so that it can be searched and copied."""
+    err.print(text, style="bold red", markup=False, soft_wrap=True)
+
+
+@contextmanager
+def watched() -> Iterator[Progress]:
+    """A progress that a terminal shows and Ctrl-C cancels; twice Ctrl-C stops at once."""
+    from rich.progress import (
+        BarColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description:<36}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Bar(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        progress = Progress(
+            lambda fraction, message: bar.update(task, completed=fraction, description=message)
+        )
+        with _cancelling(progress):
+            yield progress
+
+
+@contextmanager
+def _cancelling(progress: Progress) -> Iterator[None]:
+    """While the block runs, Ctrl-C and a polite kill ask the progress to stop."""
+
+    def stop(number: int, frame: Any) -> None:
+        if progress.cancelled:
+            raise KeyboardInterrupt
+        say("stopping after this frame; Ctrl-C again stops at once")
+        progress.cancel()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

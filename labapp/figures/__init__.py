@@ -1,0 +1,79 @@
+"""Every figure that the README claims, measured by one command beside its goal."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from labapp.console import out, print_json, say, table
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure: what, the goal in words, what was measured, and whether it is met.
+
+    met is None where it could not be measured; `measured` then says why.
+    """
+
+    name: str
+    goal: str
+    measured: str
+    met: bool | None
+
+
+Measurement = Callable[[Path], Iterable[Figure]]
+
+
+def measurements() -> dict[str, Measurement]:
+    """The measurements by name; each may yield several figures that it finds in one go."""
+    from labapp.figures import durability, first_light, startup
+
+    return {
+        "help": startup.help_time,
+        "window": startup.window_time,
+        "demo": first_light.demo_figures,
+        "quadrature": first_light.prediction_figure,
+        "seed": durability.same_seed,
+        "kill": durability.after_a_kill,
+    }
+
+
+def print_figures(only: str | None, *, as_json: bool) -> None:
+    """Measure and print; ends with exit code 1 if a figure misses its goal.
+
+    UserError if no measurement's name has the word `only`.
+    """
+    from labapp.errors import UserError
+
+    chosen = {name: m for name, m in measurements().items() if only is None or only in name}
+    if not chosen:
+        raise UserError(f"--only {only}: no such figure. Choose {', '.join(measurements())}.")
+    found: list[Figure] = []
+    for name, measure in chosen.items():
+        say(f"measuring: {name}")
+        with TemporaryDirectory(prefix="labapp-") as folder:
+            found += measure(Path(folder))
+    if as_json:
+        print_json({"machine": machine(), "figures": [asdict(figure) for figure in found]})
+    else:
+        marks = {True: "[green]met[/green]", False: "[red]missed[/red]", None: "not measured"}
+        rows = [[f.name, f.measured, f.goal, marks[f.met]] for f in found]
+        table("Figures", ["figure", "measured", "goal", ""], rows)
+        out.print(machine(), style="dim")
+    if any(figure.met is False for figure in found):
+        raise SystemExit(1)
+
+
+def machine() -> str:
+    """The machine in a line, for the caption of figures."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
+    except (OSError, StopIteration):
+        pass
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"

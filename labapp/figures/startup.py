@@ -1,0 +1,74 @@
+"""How long a person waits before anything is there."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from labapp.figures import Figure
+
+_REPEATS = 5
+_HELP_GOAL, _WINDOW_GOAL = 0.5, 2.5
+
+
+def help_time(folder: Path) -> list[Figure]:
+    """Median wall time of `labapp --help` as a process."""
+    seconds = []
+    for _ in range(_REPEATS):
+        started = time.perf_counter()
+        command = [sys.executable, "-m", "labapp", "--help"]
+        subprocess.run(command, check=True, capture_output=True)
+        seconds.append(time.perf_counter() - started)
+    median = statistics.median(seconds)
+    goal = f"≤ {_HELP_GOAL} s"
+    return [Figure("labapp --help", goal, f"{median:.2f} s", median <= _HELP_GOAL)]
+
+
+def window_time(folder: Path) -> list[Figure]:
+    """Median time from process start to the window's first painting, and its memory."""
+    name, goal = "window shown from process start", f"≤ {_WINDOW_GOAL} s"
+    with display() as environment:
+        if environment is None:
+            return [Figure(name, goal, "no display: apt-get install xvfb", None)]
+        found = [_one_window(environment) for _ in range(_REPEATS)]
+    median = statistics.median(seconds for seconds, _ in found)
+    memory = statistics.median(megabytes for _, megabytes in found)
+    measured = f"{median:.2f} s, {memory:.0f} MB"
+    return [Figure(name, goal, measured, median <= _WINDOW_GOAL)]
+
+
+def _one_window(environment: dict[str, str]) -> tuple[float, float]:
+    command = [sys.executable, "-m", "labapp.window.startup"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    said = json.loads(done.stdout.splitlines()[-1])
+    return float(said["seconds_to_window"]), float(said["rss_mb"])
+
+
+@contextmanager
+def display() -> Iterator[dict[str, str] | None]:
+    """An environment with an X display: the user's own, or a virtual one while it is needed."""
+    if os.environ.get("DISPLAY"):
+        yield dict(os.environ)
+        return
+    if shutil.which("Xvfb") is None:
+        yield None
+        return
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1920x1080x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        yield {**os.environ, "DISPLAY": f":{number}", "QT_QPA_PLATFORM": "xcb"}
+    finally:
+        server.terminate()
+        server.wait()

@@ -1,0 +1,72 @@
+"""The report of a run: tables in the terminal, report.png, and a self-contained report.html."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from labapp.analysis import Analysis, analyse
+from labapp.console import out as console
+from labapp.console import print_json, watched
+from labapp.errors import UserError
+from labapp.record.writer import require_writable
+from labapp.report.tables import as_data, print_tables
+from labapp.stopwatch import Stopwatch
+
+__all__ = [
+    "REPORT_FILES",
+    "as_data",
+    "print_tables",
+    "report_record",
+    "require_free",
+    "write_report",
+]
+
+REPORT_FILES = ("report.png", "report.html")
+
+
+def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:
+    """Analyse a record and write its report into a folder."""
+    require_free(folder, REPORT_FILES, force=force)
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
+    watch = Stopwatch()
+    with watched() as progress:
+        analysis = analyse(record, progress.part(0, 0.8))
+        progress.report(0.8, "report")
+        write_report(analysis, folder, watch)
+    analysis.seconds |= watch.seconds
+    if as_json:
+        print_json(as_data(analysis))
+        return
+    print_tables(analysis)
+    for name in REPORT_FILES:
+        console.print(f"wrote {folder / name}")
+
+
+def write_report(analysis: Analysis, folder: Path, watch: Stopwatch) -> None:
+    """report.png and report.html; each takes its name only when it is whole."""
+    from labapp.report.page import page
+    from labapp.report.pictures import overview, png
+
+    with watch.stage("report"):
+        _write_whole(folder / "report.png", png(overview(analysis)))
+        _write_whole(folder / "report.html", page(analysis).encode())
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    draft = path.with_name(f".{path.name}.new")
+    try:
+        draft.write_bytes(data)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:
+    """UserError if files would be replaced without leave, or the folder can't be written."""
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"{folder}: is a file. Name a folder.")
+    if folder.is_dir():
+        for name in names:
+            require_writable(folder / name, force=force)

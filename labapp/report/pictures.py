@@ -1,0 +1,179 @@
+"""The pictures of a report, drawn without a window."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure, FigureBase
+from numpy.typing import NDArray
+
+from labapp.analysis import Analysis
+from labapp.analysis.brackets import Bracket, Picture
+from labapp.report.tables import NAMES
+
+_DECADES = 1e-4
+"""PSFs are drawn over four decades: enough for the ring beside the central peak."""
+
+_GAMMA = 1 / 2.2
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=figure.dpi)
+    return buffer.getvalue()
+
+
+def overview(analysis: Analysis) -> Figure:
+    """The whole run on one page: PSF, photographs, exposures."""
+    if analysis.psf is None:
+        figure = Figure(figsize=(10, 5), dpi=110, layout="constrained")
+        draw_histogram(figure.subplots(), analysis.brackets)
+        return figure
+    figure = Figure(figsize=(16, 17.5), dpi=110, layout="constrained")
+    figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
+    top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 2.75, 0.85]))
+    _psf_row(top, analysis)
+    _photographs(middle, analysis)
+    left, right = bottom.subplots(1, 2)
+    draw_profile(left, analysis)
+    draw_histogram(right, [b for b in analysis.brackets if _is_coded(analysis, b)])
+    return figure
+
+
+def psf_figure(analysis: Analysis) -> Figure:
+    figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
+    _psf_row(figure, analysis)
+    return figure
+
+
+def profile_figure(analysis: Analysis) -> Figure:
+    figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
+    draw_profile(figure.subplots(), analysis)
+    return figure
+
+
+def histogram_figure(analysis: Analysis) -> Figure:
+    figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
+    brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
+    draw_histogram(figure.subplots(), brackets)
+    return figure
+
+
+def displayed(picture: Picture) -> NDArray[np.uint8]:
+    """A linear picture as 8-bit values for a screen."""
+    return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
+
+
+def _heading(analysis: Analysis) -> str:
+    heading = analysis.title
+    if analysis.simulated:
+        heading += "  (SIMULATED)"
+    if analysis.best:
+        gain = analysis.scores[analysis.best].psnr - analysis.scores["coded"].psnr
+        heading += f": {NAMES[analysis.best]} {gain:+.1f} dB over the coded photograph"
+    return heading
+
+
+def _psf_row(figure: FigureBase, analysis: Analysis) -> None:
+    psf, pattern = analysis.psf, analysis.pattern
+    assert psf is not None
+    assert pattern is not None
+    axes = figure.subplots(1, 4, width_ratios=[1, 1.78, 1, 1])
+    peak = float(psf.measured.max())
+    _draw_psf(axes[0], psf.target, "Target PSF", None)
+    axes[1].imshow(pattern, cmap="gray", interpolation="nearest")
+    axes[1].set_title(f"Pattern on the SLM (grey {pattern.min()} to {pattern.max()})")
+    axes[1].set_xticks([])
+    axes[1].set_yticks([])
+    _draw_psf(axes[2], psf.measured, "Measured PSF", peak)
+    predicted = "Predicted PSF"
+    if psf.prediction_error is not None:
+        predicted += f" (differs by {psf.prediction_error:.1%})"
+    _draw_psf(axes[3], psf.predicted, predicted, peak)
+
+
+def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
+    """A PSF on a logarithmic scale; several share theirs if they are given one peak."""
+    axes.set_title(title)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    if psf is None:
+        axes.text(0.5, 0.5, "not described", ha="center", va="center", transform=axes.transAxes)
+        return
+    peak = peak or float(psf.max())
+    shown = np.maximum(psf, peak * _DECADES)
+    norm = LogNorm(peak * _DECADES, peak)
+    image = axes.imshow(shown, cmap="magma", norm=norm, interpolation="nearest")
+    axes.figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
+
+
+def _photographs(figure: FigureBase, analysis: Analysis) -> None:
+    axes = figure.subplots(2, 2).ravel()
+    order = ("neutral", "coded", "wiener", "richardson-lucy")
+    for one, name in zip(axes, order, strict=True):
+        one.imshow(displayed(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
+        one.set_title(caption(analysis, name))
+        one.set_xticks([])
+        one.set_yticks([])
+
+
+def caption(analysis: Analysis, name: str) -> str:
+    """A photograph's name and its figures."""
+    score = analysis.scores.get(name)
+    title = NAMES[name][0].upper() + NAMES[name][1:]
+    return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
+
+
+def draw_profile(axes: Axes, analysis: Analysis) -> None:
+    """Mean of the PSFs over circles around the centre."""
+    psf = analysis.psf
+    assert psf is not None
+    curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
+    for name, picture in curves.items():
+        if picture is not None:
+            style = "--" if name == "predicted" else "-"
+            axes.semilogy(_radial_mean(picture), style, label=name)
+    axes.set_ylim(float(psf.measured.max()) * 1e-6, None)
+    axes.set_xlabel("distance from the centre, pixels")
+    axes.set_ylabel("share of the light per pixel")
+    axes.set_title("PSF, mean over circles")
+    axes.grid(alpha=0.3)
+    axes.legend()
+
+
+def _radial_mean(picture: Picture) -> Picture:
+    n = picture.shape[0]
+    y, x = np.indices(picture.shape) - n // 2
+    radius = np.hypot(y, x).round().astype(int)
+    counts = np.bincount(radius.ravel())
+    sums = np.bincount(radius.ravel(), weights=picture.ravel())
+    return (sums / counts)[: n // 2]
+
+
+def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
+    """How often each digital number occurs, a line an exposure."""
+    for bracket in brackets:
+        for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True):
+            width = max(counts.size // 256, 1)
+            binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
+            levels = np.arange(binned.size) * width
+            label = f"{bracket.target}, {bracket.pattern}, {exposure * 1e3:g} ms"
+            axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
+    axes.set_yscale("log")
+    axes.set_xlabel("digital number")
+    axes.set_ylabel("pixels")
+    axes.set_title("Exposures")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+def _is_coded(analysis: Analysis, bracket: Bracket) -> bool:
+    roles = analysis.roles
+    return roles is not None and (bracket.target, bracket.pattern) == (
+        roles.photograph,
+        roles.coded,
+    )
