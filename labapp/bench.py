@@ -128,9 +128,9 @@ def read_scene(files: BenchFiles) -> SceneFile:
     scene = read_toml(files.scene, SceneFile)
     if files.image is None:
         return scene
-    image = str(files.image.resolve())
+    own = {"file": str(files.image.resolve()), "credit": ""}
     targets = {
-        name: table.model_copy(update={"file": image}) if table.kind == "photograph" else table
+        name: table.model_copy(update=own) if table.kind == "photograph" else table
         for name, table in scene.targets.items()
     }
     return scene.model_copy(update={"targets": targets})

@@ -62,9 +62,9 @@ def first_light(
         )
     require_complete(outcome)
     analysis = analyse(outcome.path, progress.part(0.7, 0.9))
-    progress.report(0.9, "report")
-    write_report(analysis, folder, watch)
     analysis.seconds = watch.seconds | analysis.seconds
+    progress.report(0.9, "report")
+    write_report(analysis, folder)
     return analysis
 
 

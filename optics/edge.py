@@ -45,10 +45,15 @@ def tensors_inside(function: Callable[..., Any]) -> Callable[..., Any]:
     return wrapper
 
 
+def floating(value: torch.Tensor) -> torch.Tensor:
+    """The tensor itself, or whole numbers as float32."""
+    return value if value.is_floating_point() else value.to(torch.float32)
+
+
 def require_positive(name: str, value: float, unit: str) -> None:
     """Raise a ValueError for a number that isn't positive and finite."""
     if not (value > 0 and math.isfinite(value)):
-        raise ValueError(f"{name} is {value:g} {unit}; it must be positive and finite")
+        raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
 def rounded_up(value: float) -> str:

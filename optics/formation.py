@@ -10,6 +10,7 @@ import math
 
 import torch
 
+from optics.fourier import irfft2, rfft2
 from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer, sample_pixels
 
@@ -23,11 +24,13 @@ def frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
 
 def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
     """Spectrum of light sampled on a plane, (..., rows, columns), origin at n // 2."""
-    return torch.fft.rfft2(origin_to_corner(light))
+    return rfft2(origin_to_corner(light))
 
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
     """Spectrum of a uniform disc at the origin that sends `total` light; diameter in metres."""
+    if not 0 <= diameter < math.inf:
+        raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
     fy, fx = frequencies(plane)
     argument = math.pi * diameter * torch.hypot(fy, fx)
     safe = torch.where(argument > 0, argument, torch.ones_like(argument))
@@ -49,12 +52,17 @@ def form_image(
     spectrum: of the object's geometric image on `plane`, which has `factor` samples per
     pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no
     larger than the plane. The picture wraps around the plane's edges: give it a margin of
-    half a PSF around `shape`.
+    half a PSF around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
     """
+    expected = (plane.shape[0], plane.shape[1] // 2 + 1)
+    if spectrum.shape[-2:] != expected:
+        raise ValueError(
+            f"spectrum is {tuple(spectrum.shape)}; that of the plane is {expected}, by rfft2"
+        )
     kernel = origin_to_corner(centred_pad(psf, plane.shape))
-    transfer = torch.fft.rfft2(kernel)
+    transfer = rfft2(kernel)
     if pixel_aperture:
         transfer = transfer * pixel_transfer(*plane.shape, factor).to(psf)
-    light = torch.fft.irfft2(spectrum.to(transfer) * transfer, s=plane.shape)
+    light = irfft2(spectrum.to(transfer) * transfer, plane.shape)
     pixels = sample_pixels(origin_to_centre(light), factor) * factor**2
     return centred_crop(pixels, shape)

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import scipy.fft
 import torch
+from numpy.typing import NDArray
 
 from optics.accuracy import Budget, MachineSpeed, Method, cheapest
 from optics.plane import Plane
@@ -31,13 +33,38 @@ def fft(x: torch.Tensor, length: int, dim: int, *, inverse: bool = False) -> tor
 
     scipy is faster than torch on the CPU, and has no gradients.
     """
-    if x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled()):
+    if _needs_torch(x):
         transform = torch.fft.ifft if inverse else torch.fft.fft
         return transform(x, n=length, dim=dim)
     function = scipy.fft.ifft if inverse else scipy.fft.fft
-    workers = os.cpu_count() if x.numel() > _MANY_SAMPLES else 1
-    array = x.detach().resolve_conj().numpy()
-    return torch.from_numpy(function(array, n=length, axis=dim, workers=workers))
+    return torch.from_numpy(function(_array(x), n=length, axis=dim, workers=_workers(x)))
+
+
+def rfft2(x: torch.Tensor) -> torch.Tensor:
+    """Two-dimensional FFT of a real picture, origin in the corner, by the fastest library."""
+    if _needs_torch(x):
+        return torch.fft.rfft2(x)
+    return torch.from_numpy(scipy.fft.rfft2(_array(x), workers=_workers(x)))
+
+
+def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
+    """The real picture of `shape` whose rfft2 is x."""
+    if _needs_torch(x):
+        return torch.fft.irfft2(x, s=tuple(shape))
+    return torch.from_numpy(scipy.fft.irfft2(_array(x), s=tuple(shape), workers=_workers(x)))
+
+
+def _needs_torch(x: torch.Tensor) -> bool:
+    return x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled())
+
+
+def _array(x: torch.Tensor) -> NDArray[Any]:
+    return x.detach().resolve_conj().numpy()
+
+
+def _workers(x: torch.Tensor) -> int:
+    """Threads pay only for large transforms; for small ones they wait for each other."""
+    return (os.cpu_count() or 1) if x.numel() > _MANY_SAMPLES else 1
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:

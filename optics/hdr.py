@@ -7,6 +7,7 @@ from typing import NamedTuple
 import torch
 
 from optics.camera import Sensor
+from optics.edge import require_finite
 
 VALID, CLIPPED, DARK = 0, 1, 2
 """State of a merged pixel: measured; clipped in every exposure, so that the value is a
@@ -36,8 +37,11 @@ def merge(
     10.1109/CVPR.2010.5540208): the variance of an exposure is that of its photons, its
     dark current, the read noise and quantisation, and the dark that was subtracted; the
     photons' part is predicted from the merged value itself, twice.
-    Raises ValueError for exposures that aren't positive or shapes that don't match.
+    Raises ValueError for exposures that aren't positive, numbers that aren't finite, or
+    shapes that don't match.
     """
+    if exposures.numel() == 0:
+        raise ValueError("there are no exposures to merge; give at least one")
     if frames.shape != darks.shape or frames.shape[0] != exposures.numel():
         raise ValueError(
             f"frames {tuple(frames.shape)}, darks {tuple(darks.shape)} and "
@@ -45,6 +49,10 @@ def merge(
         )
     if not (exposures > 0).all():
         raise ValueError(f"exposures are {exposures.tolist()} s; all must be positive")
+    if dark_counts.shape != exposures.shape or not (dark_counts >= 1).all():
+        raise ValueError(f"dark_counts are {dark_counts.tolist()}; each exposure needs at least 1")
+    require_finite("frames", frames)
+    require_finite("darks", darks)
     t = exposures.to(torch.float64)[:, None, None]
     n = dark_counts.to(torch.float64)[:, None, None]
     usable = frames < sensor.full_scale

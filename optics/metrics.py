@@ -6,26 +6,53 @@ import math
 
 import torch
 
-from optics.edge import tensors_inside
+from optics.edge import require_finite, require_positive, tensors_inside
+
+
+def _require_alike(**pictures: torch.Tensor) -> None:
+    """Raise ValueError for pictures of different shapes, or that aren't finite."""
+    (first, a), (second, b) = pictures.items()
+    if a.shape != b.shape:
+        raise ValueError(
+            f"{first} is {tuple(a.shape)} and {second} is {tuple(b.shape)}; "
+            "only pictures of one shape can be compared"
+        )
+    require_finite(first, a)
+    require_finite(second, b)
+
+
+def _require_light(target: torch.Tensor) -> None:
+    if not float(target.max()) > 0:
+        raise ValueError("target is dark; it must be positive somewhere")
 
 
 @tensors_inside
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
     """Share of the light where the target exceeds 2 % of its peak; `total` is all light."""
+    _require_alike(psf=psf, target=target)
+    _require_light(target)
+    require_positive("total", total, "of light")
     return float(psf[target > 0.02 * target.max()].sum()) / total
 
 
 @tensors_inside
 def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
     """Standard deviation over mean of PSF / target where the target exceeds half its peak."""
+    _require_alike(psf=psf, target=target)
+    _require_light(target)
     bright = target > 0.5 * target.max()
     ratio = psf[bright].to(torch.float64) / target[bright].to(torch.float64)
+    if not float(ratio.mean()) > 0:
+        raise ValueError("psf sends no light where the target is bright; contrast is 0 / 0")
     return float(ratio.std(correction=0) / ratio.mean())
 
 
 @tensors_inside
 def relative_error(value: torch.Tensor, truth: torch.Tensor) -> float:
     """Relative L2 error without a fitted scale: |value - truth| / |truth|."""
+    _require_alike(value=value, truth=truth)
+    if not truth.any():
+        raise ValueError("truth is zero everywhere; a relative error needs something to divide by")
     difference = value.to(torch.float64) - truth.to(torch.float64)
     return float(difference.norm() / truth.to(torch.float64).norm())
 
@@ -33,6 +60,8 @@ def relative_error(value: torch.Tensor, truth: torch.Tensor) -> float:
 @tensors_inside
 def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> float:
     """Peak signal-to-noise ratio in dB; infinite for equal images."""
+    _require_alike(image=image, reference=reference)
+    require_positive("peak", peak, "")
     error = float(((image.to(torch.float64) - reference.to(torch.float64)) ** 2).mean())
     return math.inf if error == 0 else 10 * math.log10(peak**2 / error)
 
@@ -42,8 +71,13 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
     """Mean structural similarity (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
     Gaussian window of sigma 1.5 cut at 3.5 sigma, K1 = .01, K2 = .03, population
-    statistics, averaged where the window lies inside the picture.
+    statistics, averaged where the window lies inside the picture. Raises ValueError for pictures
+    smaller than the window, 11 x 11.
     """
+    _require_alike(image=image, reference=reference)
+    require_positive("data_range", data_range, "")
+    if min(image.shape[-2:]) < 11:
+        raise ValueError(f"image is {tuple(image.shape)}; the window needs 11 x 11 samples")
     radius, sigma = 5, 1.5
     x = torch.arange(-radius, radius + 1, dtype=torch.float64)
     window = torch.exp(-(x**2) / (2 * sigma**2))
@@ -65,6 +99,8 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 
 def central(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
     """The central part of a picture along each axis, by share of its sides."""
+    if not 0 < share <= 1:
+        raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")
     rows, columns = image.shape[-2:]
     y, x = round(rows * (1 - share) / 2), round(columns * (1 - share) / 2)
     return image[..., y : rows - y, x : columns - x]

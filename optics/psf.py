@@ -17,8 +17,8 @@ from optics.accuracy import (
     ToleranceError,
 )
 from optics.camera import Camera
-from optics.fourier import Geometry, plan_transform
 from optics.edge import require_finite, rounded_up
+from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane, centred_crop
 from optics.pupil import defocus_phase, phase_step, pupil_amplitude
 from optics.sensor import (

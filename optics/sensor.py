@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from optics.camera import Sensor
-from optics.edge import require_finite
+from optics.edge import require_finite, require_positive
 
 PIXEL_OVERSAMPLING = 1.5
 """How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
@@ -102,10 +102,10 @@ def expose(
 
     rate: photo-electrons per second and pixel. exposure: seconds. The stages stand in
     the order of the physics: dark current, shot noise, full well, read noise, gain and
-    black level, quantisation and clipping.
+    black level, quantisation and clipping. A negative rate counts as dark.
     """
-    if not exposure > 0:
-        raise ValueError(f"exposure is {exposure:g} s; it must be positive")
+    require_positive("exposure", exposure, "s")
+    require_finite("rate", rate)
     mean = rate.clamp(min=0) * exposure
     if dark_current:
         mean = mean + sensor.dark_current * exposure

@@ -186,7 +186,10 @@ class SimulatedCamera(_Simulated):
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         began = self._clock.now()
-        rate, plan = self._world.light()
+        try:
+            rate, plan = self._world.light()
+        except ValueError as error:
+            raise self._refuse("capture", str(error), "Change the scene or the bench") from error
         sensor = self._world.camera.sensor
         numbers = expose(
             rate,

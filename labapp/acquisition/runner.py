@@ -99,6 +99,9 @@ def _take_all(
         state, message = State.CANCELLED, "cancelled by the user"
     except (DeviceError, OSError) as error:
         message = str(error)
+    except Exception as error:
+        message = f"{type(error).__name__}: {error}"
+        raise
     finally:
         for failure in bench.make_safe():
             message = f"{message}; not left safe: {failure}" if message else str(failure)

@@ -14,6 +14,7 @@ from labapp.analysis.photograph import Score, reconstruct, score
 from labapp.analysis.star import PSFReport, measure_psf
 from labapp.errors import UserError
 from labapp.files.plan_file import Reconstruction
+from labapp.files.scene_file import PhotographTable
 from labapp.record.reader import Record
 from labapp.stopwatch import Stopwatch
 from optics.progress import Progress
@@ -25,11 +26,12 @@ class Analysis:
 
     images: neutral, coded and restored photographs on one scale, white about 1; empty
     without a [reconstruct] table. scores: of all but the neutral one, against it.
-    seconds: wall-clock time of each stage.
+    seconds: wall-clock time of each stage. credit: who made the photograph.
     """
 
     title: str
     simulated: list[str]
+    credit: str
     brackets: list[Bracket]
     roles: Reconstruction | None = None
     pattern: NDArray[np.uint8] | None = None
@@ -59,7 +61,9 @@ def analyse(path: Path, progress: Progress | None = None) -> Analysis:
         plan = record.plan
         with watch.stage("merge exposures"):
             brackets = merge_all(record, plan, progress.part(0, 0.3))
-        analysis = Analysis(plan.title, record.simulated, brackets, seconds=watch.seconds)
+        analysis = Analysis(
+            plan.title, record.simulated, _credit(record), brackets, seconds=watch.seconds
+        )
         roles = plan.reconstruct
         if roles is None:
             return analysis
@@ -85,3 +89,9 @@ def analyse(path: Path, progress: Progress | None = None) -> Analysis:
         }
     progress.report(1.0, "reconstructed")
     return analysis
+
+
+def _credit(record: Record) -> str:
+    """Who made the photographs of a simulated scene."""
+    tables = record.scene.targets.values() if record.scene else ()
+    return ", ".join(t.credit for t in tables if isinstance(t, PhotographTable) and t.credit)

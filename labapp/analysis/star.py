@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import torch
 from labapp.analysis.brackets import Bracket, Picture, find
 from labapp.errors import UserError
 from labapp.files.plan_file import Reconstruction, RingPattern
-from labapp.files.scene_file import SceneFile, StarTable
+from labapp.files.scene_file import StarTable
 from labapp.record.reader import Record
 from optics import metrics, targets
 from optics.camera import Camera
@@ -115,10 +114,8 @@ def _predict(record: Record, camera: Camera, roles: Reconstruction, window: int)
 
     At the filter's centre wavelength; its band is not modelled here.
     """
-    scene_data = json.loads(record.text("scene"))
-    if scene_data is None:
-        return None
-    star = SceneFile.model_validate(scene_data).targets.get(roles.star)
+    scene = record.scene
+    star = scene.targets.get(roles.star) if scene else None
     if not isinstance(star, StarTable):
         return None
     index = record.select(target=roles.star, pattern=roles.coded)[0]

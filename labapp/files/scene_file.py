@@ -35,13 +35,17 @@ class StarTable(FileModel):
 
 
 class PhotographTable(FileModel):
-    """A print of a picture file. radiance: of its white, W / (sr m² nm)."""
+    """A print of a picture file. radiance: of its white, W / (sr m² nm).
+
+    credit: who made the picture; reports say it.
+    """
 
     kind: Literal["photograph"]
     file: str
     distance_m: Distance
     radiance: Positive
     cover: Annotated[float, Field(gt=0, le=10)] = 1.05
+    credit: str = ""
 
     def build(self, folder: Path) -> Target:
         picture = torch.from_numpy(read_picture(folder / self.file))

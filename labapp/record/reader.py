@@ -16,6 +16,7 @@ from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
+from labapp.files.scene_file import SceneFile
 from labapp.record import layout, process
 from labapp.record.writer import checksum
 
@@ -76,6 +77,12 @@ class Record:
     @property
     def bench(self) -> BenchFile:
         return validate(json.loads(self.text("bench")), BenchFile, f"{self.path}: bench")
+
+    @property
+    def scene(self) -> SceneFile | None:
+        """The scene before simulated devices, None for a real one."""
+        data = json.loads(self.text("scene"))
+        return None if data is None else validate(data, SceneFile, f"{self.path}: scene")
 
     @property
     def effect_plan(self) -> dict[str, Any] | None:

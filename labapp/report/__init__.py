@@ -30,12 +30,10 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
     require_free(folder, REPORT_FILES, force=force)
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
-    watch = Stopwatch()
     with watched() as progress:
         analysis = analyse(record, progress.part(0, 0.8))
         progress.report(0.8, "report")
-        write_report(analysis, folder, watch)
-    analysis.seconds |= watch.seconds
+        write_report(analysis, folder)
     if as_json:
         print_json(as_data(analysis))
         return
@@ -44,14 +42,16 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
         console.print(f"wrote {folder / name}")
 
 
-def write_report(analysis: Analysis, folder: Path, watch: Stopwatch) -> None:
+def write_report(analysis: Analysis, folder: Path) -> None:
     """report.png and report.html; each takes its name only when it is whole."""
     from labapp.report.page import page
     from labapp.report.pictures import overview, png
 
+    watch = Stopwatch()
     with watch.stage("report"):
         _write_whole(folder / "report.png", png(overview(analysis)))
         _write_whole(folder / "report.html", page(analysis).encode())
+    analysis.seconds |= watch.seconds
 
 
 def _write_whole(path: Path, data: bytes) -> None:

@@ -25,7 +25,8 @@ th, td { padding: .25rem .9rem .25rem 0; text-align: left; border-bottom: 1px so
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums }
 figure { margin: .6rem 0 } figcaption { font-size: .95rem; padding: .2rem 0 }
 img { max-width: 100%; height: auto; border-radius: .3rem; background: #fff }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(30rem, 1fr)); gap: 1rem }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(30rem, 1fr)); gap: 1rem;
+  align-items: start }
 footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 """
 
@@ -63,7 +64,7 @@ def _head(analysis: Analysis) -> str:
 
 
 def _exposures(analysis: Analysis) -> str:
-    heads = ["target", "pattern", "exposures ms ", "of them at full scale ", "clipped ", "dark "]
+    heads = ["target", "pattern", "exposures ms ", "longest at full scale ", "clipped ", "dark "]
     return (
         "<h2>Exposures</h2>"
         + _table(heads, tables.exposure_rows(analysis))
@@ -97,7 +98,7 @@ def _photographs(analysis: Analysis) -> str:
         + _table(["picture", "PSNR dB ", "SSIM "], tables.score_rows(analysis))
         + "<p>Against the neutral photograph, over the central 90 % of each side; white is 1, "
         "and so are the peak of PSNR and the range of SSIM.</p>"
-        + f'<div class="pair">{figures}</div>'
+        + f'<div class="pair">{figures}</div><p>{escape(analysis.credit)}</p>'
     )
 
 

@@ -20,7 +20,7 @@ def print_tables(analysis: Analysis) -> None:
     """Exposures, PSF, reconstruction and time, one table each."""
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
     out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
-    columns = ["target", "pattern", "exposures ms ", "of them at full scale ", "clipped ", "dark "]
+    columns = ["target", "pattern", "exposures ms ", "longest at full scale ", "clipped ", "dark "]
     table("Exposures", columns, exposure_rows(analysis))
     if analysis.psf is not None:
         table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
@@ -31,13 +31,13 @@ def print_tables(analysis: Analysis) -> None:
 
 
 def exposure_rows(analysis: Analysis) -> list[list[str]]:
-    """Exposures and the shares of pixels at full scale, clipped in all, and dark."""
+    """Exposures, and the shares of pixels at full scale, clipped in all, and dark in all."""
     return [
         [
             b.target,
             b.pattern,
             ", ".join(f"{t * 1e3:g}" for t in b.exposures),
-            ", ".join(percent(share) for share in b.clipped_by_exposure),
+            percent(b.clipped_by_exposure[-1]),
             percent(b.clipped),
             percent(b.dark),
         ]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import scipy.fft
 import torch
 
+from optics.fourier import rfft2
 from optics.plane import centred_pad, origin_to_corner
 
 
@@ -20,7 +21,7 @@ def padded_shape(image: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
 
 def transfer_function(psf: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """The rfft2 of a PSF whose origin is at n // 2, padded to `shape`."""
-    return torch.fft.rfft2(origin_to_corner(centred_pad(psf, shape)))
+    return rfft2(origin_to_corner(centred_pad(psf, shape)))
 
 
 def continued(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:

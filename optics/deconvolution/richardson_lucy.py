@@ -5,12 +5,15 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.border import padded_shape, require_psf, transfer_function
-from optics.edge import require_finite, tensors_inside
+from optics.edge import floating, require_finite, tensors_inside
+from optics.fourier import irfft2, rfft2
 from optics.plane import centred_crop, centred_pad
 from optics.progress import Progress
+from optics.threads import single_threaded
 
 
 @tensors_inside
+@single_threaded
 def richardson_lucy(
     image: torch.Tensor,
     psf: torch.Tensor,
@@ -31,14 +34,15 @@ def richardson_lucy(
     require_finite("image", image)
     require_psf(psf)
     progress = progress or Progress()
+    image = floating(image)
     shape = padded_shape(image.shape[-2:], psf.shape[-2:])
     transfer = transfer_function(psf.to(image).clamp(min=0), shape)
 
     def blur(x: torch.Tensor) -> torch.Tensor:
-        return torch.fft.irfft2(torch.fft.rfft2(x) * transfer, s=shape)
+        return irfft2(rfft2(x) * transfer, shape)
 
     def blur_back(x: torch.Tensor) -> torch.Tensor:
-        return torch.fft.irfft2(torch.fft.rfft2(x) * transfer.conj(), s=shape)
+        return irfft2(rfft2(x) * transfer.conj(), shape)
 
     data = image.clamp(min=0)
     measured = centred_pad(torch.ones_like(data), shape)

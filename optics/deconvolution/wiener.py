@@ -5,8 +5,10 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.border import continued, padded_shape, require_psf, transfer_function
-from optics.edge import require_finite, tensors_inside
+from optics.edge import floating, require_finite, tensors_inside
+from optics.fourier import irfft2, rfft2
 from optics.plane import centred_crop, centred_pad
+from optics.threads import single_threaded
 
 _BORDER_PASSES = 10
 """Passes after which the surroundings no longer change what lies well inside."""
@@ -17,6 +19,7 @@ _SPECTRAL_SLOPE = 2.4
 
 
 @tensors_inside
+@single_threaded
 def wiener(image: torch.Tensor, psf: torch.Tensor, noise_to_signal: float) -> torch.Tensor:
     """The picture with its blur undone, H* O / (|H|² + K), (rows, columns).
 
@@ -35,6 +38,7 @@ def wiener(image: torch.Tensor, psf: torch.Tensor, noise_to_signal: float) -> to
         raise ValueError(f"noise_to_signal is {noise_to_signal:g}; it must be positive")
     require_finite("image", image)
     require_psf(psf)
+    image = floating(image)
     shape = padded_shape(image.shape[-2:], psf.shape[-2:])
     transfer = transfer_function(psf.to(image), shape)
     gain, mean = psf.sum().to(image), image.mean()
@@ -44,9 +48,9 @@ def wiener(image: torch.Tensor, psf: torch.Tensor, noise_to_signal: float) -> to
     detail = centred_pad(image - mean, shape)
     whole = continued(image - mean, shape)
     for _ in range(_BORDER_PASSES):
-        predicted = torch.fft.irfft2(torch.fft.rfft2(whole) * inverse * transfer, s=shape)
+        predicted = irfft2(rfft2(whole) * inverse * transfer, shape)
         whole = torch.where(measured, detail, predicted)
-    restored = torch.fft.irfft2(torch.fft.rfft2(whole) * inverse, s=shape)
+    restored = irfft2(rfft2(whole) * inverse, shape)
     return centred_crop(restored, image.shape[-2:]) + mean / gain
 
 
@@ -58,9 +62,14 @@ def best_noise_to_signal(image: torch.Tensor, psf: torch.Tensor, variance: torch
     with frequency as those of natural images do, with the strength that explains the
     blurred picture's variance; the error of every K on a grid of 48, from 1e-7 to 10, is
     summed over all frequencies. Answers 1 for a picture without detail.
+    Raises ValueError if no pixel has a finite variance.
     """
+    require_finite("image", image)
     require_psf(psf)
-    noise = float(variance[torch.isfinite(variance)].mean())
+    known = torch.isfinite(variance)
+    if not known.any():
+        raise ValueError("variance has no finite value; no pixel of the picture was measured")
+    noise = float(variance[known].mean())
     detail = float(image.to(torch.float64).var(correction=0)) - noise
     if not detail > 0:
         return 1.0
@@ -73,7 +82,6 @@ def best_noise_to_signal(image: torch.Tensor, psf: torch.Tensor, variance: torch
     frequency[0, 0] = torch.inf
     spectrum = frequency**-_SPECTRAL_SLOPE
     spectrum *= detail / (power * spectrum).mean()
-    noise /= float(psf.sum()) ** 2
     grid = torch.logspace(-7, 1, 48, dtype=torch.float64)
     errors = [((k**2 * spectrum + power * noise) / (power + k) ** 2).mean() for k in grid]
     return float(grid[int(torch.argmin(torch.stack(errors)))])

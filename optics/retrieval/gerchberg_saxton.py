@@ -7,11 +7,12 @@ import math
 import torch
 
 from optics.camera import Camera
-from optics.edge import tensors_inside
+from optics.edge import require_positive, tensors_inside
 from optics.fourier import Geometry, Transform, plan_transform
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.pupil import pupil_amplitude
+from optics.threads import single_threaded
 
 _OVERSAMPLING = 2
 """The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle
@@ -22,6 +23,7 @@ STARTS = ("quadratic", "random")
 
 def design_plane(camera: Camera, wavelength: float, window: tuple[int, int]) -> Plane:
     """The grid in the focal plane on which a PSF is designed and judged."""
+    require_positive("wavelength", wavelength, "m")
     scale = wavelength * camera.lens.image_distance
     pitch = scale / (_OVERSAMPLING * max(camera.panel.shape) * camera.panel.pitch)
     return Plane(window, (pitch, pitch))
@@ -64,6 +66,7 @@ def starting_phase(
 
 
 @tensors_inside
+@single_threaded
 def gerchberg_saxton(
     camera: Camera,
     target: torch.Tensor,
@@ -79,10 +82,14 @@ def gerchberg_saxton(
 
     target: intensity on `plane` (see design_plane), any positive scale; zero beyond it.
     In every iteration the panel's amplitude and the target's amplitude replace those of
-    the wave, and its phases stay. Raises ValueError for an empty or negative target.
+    the wave, and its phases stay. Raises ValueError for an empty or negative target, or one
+    of another shape than the plane's.
     """
+    require_positive("wavelength", wavelength, "m")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    if target.shape != plane.shape:
+        raise ValueError(f"target is {tuple(target.shape)}; its plane has {plane.shape} samples")
     if not (torch.isfinite(target).all() and target.min() >= 0 and target.sum() > 0):
         raise ValueError("target must be finite, nowhere negative and somewhere positive")
     progress = progress or Progress()
