@@ -23,7 +23,9 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> 
     out.print(title, style="bold", markup=False)
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in columns:
-        made.add_column(name.strip(), justify="right" if name.endswith(" ") else "left")
+        made.add_column(
+            name.strip(), justify="right" if name.endswith(" ") else "left", overflow="fold"
+        )
     for row in rows:
         made.add_row(*(str(cell) for cell in row))
     out.print(made)

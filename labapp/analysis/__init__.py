@@ -75,8 +75,8 @@ def analyse(path: Path, progress: Progress | None = None) -> Analysis:
         analysis.roles, analysis.pattern = roles, record.pattern(roles.coded)
         with watch.stage("measure PSF"):
             analysis.psf = measure_psf(record, brackets, roles)
-    neutral = find(brackets, roles.photograph, roles.neutral, path)
-    coded = find(brackets, roles.photograph, roles.coded, path)
+    neutral = find(brackets, roles.photograph, roles.neutral, roles.wavelength, path)
+    coded = find(brackets, roles.photograph, roles.coded, roles.wavelength, path)
     analysis.images = reconstruct(
         neutral, coded, analysis.psf.measured, roles.iterations, watch, progress.part(0.4, 0.95)
     )

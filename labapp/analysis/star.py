@@ -52,8 +52,10 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
     UserError if the star frames are missing or dark.
     """
-    neutral = find(brackets, roles.star, roles.neutral, record.path)
-    coded = find(brackets, roles.star, roles.coded, record.path)
+    neutral, coded = (
+        find(brackets, roles.star, pattern, roles.wavelength, record.path)
+        for pattern in (roles.neutral, roles.coded)
+    )
     centre = np.unravel_index(int(neutral.rate.argmax()), neutral.rate.shape)
     window = min(roles.psf_window_px, *neutral.rate.shape)
     total = float(_cut(neutral.rate, centre, window).sum())
@@ -66,7 +68,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     camera = record.bench.build_camera()
     spec = record.plan.patterns[roles.coded]
     target = _target_on_sensor(spec, camera, window) if isinstance(spec, RingPattern) else None
-    predicted = _predict(record, camera, roles, window)
+    predicted = _predict(record, camera, roles, coded.wavelength, window)
     return PSFReport(
         measured,
         straight,
@@ -109,7 +111,9 @@ def _target_on_sensor(spec: RingPattern, camera: Camera, window: int) -> Picture
     return targets.ring(plane, spec.radius_um * 1e-6, spec.width_um * 1e-6).numpy()
 
 
-def _predict(record: Record, camera: Camera, roles: Reconstruction, window: int) -> Picture | None:
+def _predict(
+    record: Record, camera: Camera, roles: Reconstruction, wavelength: float, window: int
+) -> Picture | None:
     """The star through the camera's description, on the scale of the measured PSF.
 
     At the filter's centre wavelength; its band is not modelled here.
@@ -118,8 +122,6 @@ def _predict(record: Record, camera: Camera, roles: Reconstruction, window: int)
     star = scene.targets.get(roles.star) if scene else None
     if not isinstance(star, StarTable):
         return None
-    index = record.select(target=roles.star, pattern=roles.coded)[0]
-    wavelength = float(record.column("wavelength")[index])
     pictures = {}
     for name in (roles.neutral, roles.coded):
         grey = torch.from_numpy(record.pattern(name))

@@ -70,13 +70,22 @@ class Acquisition(FileModel):
 
 
 class Reconstruction(FileModel):
-    """Which targets and patterns play which part when the pictures are undone."""
+    """Which targets and patterns play which part when the pictures are undone.
+
+    wavelength_nm is needed only if the plan has several.
+    """
+
+    @property
+    def wavelength(self) -> float | None:
+        """In metres."""
+        return None if self.wavelength_nm is None else self.wavelength_nm * 1e-9
 
     dark: str = "dark"
     star: str = "star"
     photograph: str = "photograph"
     neutral: str = "neutral"
     coded: str
+    wavelength_nm: Positive | None = None
     psf_window_px: Annotated[int, Field(ge=15, le=4096)] = 128
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 80
 

@@ -34,7 +34,9 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 def page(analysis: Analysis) -> str:
     """The whole report as HTML text."""
     parts = [_head(analysis), _exposures(analysis)]
-    if analysis.psf is not None:
+    if analysis.psf is None:
+        parts.append(_figure(pictures.png(pictures.gallery(analysis)), "The merged pictures"))
+    else:
         parts.append(_psf(analysis))
     if analysis.scores:
         parts.append(_photographs(analysis))
@@ -64,12 +66,10 @@ def _head(analysis: Analysis) -> str:
 
 
 def _exposures(analysis: Analysis) -> str:
-    heads = ["target", "pattern", "exposures ms ", "longest at full scale ", "clipped ", "dark "]
     return (
         "<h2>Exposures</h2>"
-        + _table(heads, tables.exposure_rows(analysis))
-        + "<p>Clipped and dark pixels are so in every exposure: the merged picture gives them "
-        "as a lower and an upper bound.</p>"
+        + _table(tables.EXPOSURE_COLUMNS, tables.exposure_rows(analysis))
+        + f"<p>{escape(tables.EXPOSURE_NOTE)}</p>"
         + _figure(pictures.png(pictures.histogram_figure(analysis)), "Digital numbers by exposure")
     )
 

@@ -19,6 +19,8 @@ _DECADES = 1e-4
 
 _GAMMA = 1 / 2.2
 
+_MOST_PICTURES = 12
+
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG file."""
@@ -30,9 +32,7 @@ def png(figure: Figure) -> bytes:
 def overview(analysis: Analysis) -> Figure:
     """The whole run on one page: PSF, photographs, exposures."""
     if analysis.psf is None:
-        figure = Figure(figsize=(10, 5), dpi=110, layout="constrained")
-        draw_histogram(figure.subplots(), analysis.brackets)
-        return figure
+        return gallery(analysis)
     figure = Figure(figsize=(16, 17.5), dpi=110, layout="constrained")
     figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
     figure.text(0.995, 0.003, analysis.credit, ha="right", fontsize=8, color="gray")
@@ -42,6 +42,26 @@ def overview(analysis: Analysis) -> Figure:
     left, right = bottom.subplots(1, 2)
     draw_profile(left, analysis)
     draw_histogram(right, [b for b in analysis.brackets if _is_coded(analysis, b)])
+    return figure
+
+
+def gallery(analysis: Analysis) -> Figure:
+    """Every merged picture, from its dark to its bright percentile."""
+    shown = analysis.brackets[:_MOST_PICTURES]
+    columns = min(max(len(shown), 1), 3)
+    rows = max(1, -(-len(shown) // columns))
+    figure = Figure(figsize=(5.2 * columns, 3.9 * rows + 0.5), dpi=110, layout="constrained")
+    left_out = len(analysis.brackets) - len(shown)
+    more = f" (and {left_out} more)" if left_out else ""
+    figure.suptitle(_heading(analysis) + more, fontsize=13, fontweight="bold")
+    axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for one in axes:
+        one.axis("off")
+    for one, bracket in zip(axes, shown, strict=False):
+        low, high = np.percentile(bracket.rate, [1, 99.99])
+        span = max(high - low, np.finfo(float).tiny)
+        one.imshow(displayed((bracket.rate - low) / span), cmap="gray", vmin=0, vmax=255)
+        one.set_title(bracket.name)
     return figure
 
 
@@ -162,7 +182,7 @@ def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
             width = max(counts.size // 256, 1)
             binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
             levels = np.arange(binned.size) * width
-            label = f"{bracket.target}, {bracket.pattern}, {exposure * 1e3:g} ms"
+            label = f"{bracket.name}, {exposure * 1e3:g} ms"
             axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
     axes.set_yscale("log")
     axes.set_xlabel("digital number")

@@ -16,12 +16,28 @@ NAMES = {
 }
 
 
+EXPOSURE_COLUMNS = (
+    "target",
+    "pattern",
+    "nm ",
+    "exposures ms ",
+    "full scale ",
+    "clipped ",
+    "dark ",
+    "darks ",
+)
+EXPOSURE_NOTE = (
+    "Shares of pixels: at full scale in the longest exposure; clipped, or dark, in every one, "
+    "so that the merged value is a bound. Darks: dark frames subtracted, per exposure."
+)
+
+
 def print_tables(analysis: Analysis) -> None:
     """Exposures, PSF, reconstruction and time, one table each."""
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
     out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
-    columns = ["target", "pattern", "exposures ms ", "longest at full scale ", "clipped ", "dark "]
-    table("Exposures", columns, exposure_rows(analysis))
+    table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
+    out.print(EXPOSURE_NOTE + "\n", style="dim")
     if analysis.psf is not None:
         table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
     if analysis.scores:
@@ -36,10 +52,12 @@ def exposure_rows(analysis: Analysis) -> list[list[str]]:
         [
             b.target,
             b.pattern,
-            ", ".join(f"{t * 1e3:g}" for t in b.exposures),
+            f"{b.wavelength * 1e9:g}",
+            " ".join(f"{t * 1e3:g}" for t in b.exposures),
             percent(b.clipped_by_exposure[-1]),
             percent(b.clipped),
             percent(b.dark),
+            str(b.dark_frames),
         ]
         for b in analysis.brackets
     ]
@@ -86,10 +104,12 @@ def as_data(analysis: Analysis) -> dict[str, Any]:
             {
                 "target": b.target,
                 "pattern": b.pattern,
+                "wavelength_m": b.wavelength,
                 "exposures_s": b.exposures,
                 "full_scale_share_by_exposure": b.clipped_by_exposure,
                 "clipped_share": b.clipped,
                 "dark_share": b.dark,
+                "dark_frames": b.dark_frames,
             }
             for b in analysis.brackets
         ],

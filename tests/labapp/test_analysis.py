@@ -1,0 +1,116 @@
+"""Merging and reporting records that aren't the demo's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from labapp.acquisition.runner import run_plan
+from labapp.analysis import analyse
+from labapp.bench import open_bench
+from labapp.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import read_toml
+from labapp.record.reader import Record
+from optics.progress import Cancelled, Progress
+
+
+def acquire(small, path, **changes):
+    plan = PlanFile.model_validate(read_toml(small.plan, PlanFile).model_dump() | changes)
+    with open_bench(small.bench_files) as bench:
+        return run_plan(bench, plan, path).path
+
+
+def roles(**changes):
+    return {"coded": "lens", "photograph": "star", "psf_window_px": 31, "iterations": 5} | changes
+
+
+def test_wavelengths_are_merged_apart(small, tmp_path):
+    analysis = analyse(acquire(small, tmp_path / "run.h5"))
+    named = [(b.target, b.pattern, round(b.wavelength * 1e9)) for b in analysis.brackets]
+    assert named == [("star", pattern, nm) for pattern in ("neutral", "lens") for nm in (540, 550)]
+    assert all(b.exposures == [0.001, 0.008] for b in analysis.brackets)
+
+
+def test_a_merged_rate_is_the_light_that_the_world_sent(small, tmp_path):
+    """The sum over the star in electrons per second, against the noise-free light."""
+    path = acquire(small, tmp_path / "run.h5")
+    with open_bench(small.bench_files) as bench:
+        bench.world.target = "star"
+        light = bench.world.light()[0].numpy()
+    bracket = next(b for b in analyse(path).brackets if b.name == "star, neutral, 550 nm")
+    bright = light > 0.1 * light.max()
+    assert bracket.rate[bright].sum() == pytest.approx(light[bright].sum(), rel=0.02)
+
+
+def test_several_wavelengths_need_one_to_be_named(small, tmp_path):
+    path = acquire(small, tmp_path / "run.h5", reconstruct=roles())
+    with pytest.raises(UserError, match=r"540, 550 nm.*'wavelength_nm'"):
+        analyse(path)
+    path = acquire(small, tmp_path / "named.h5", reconstruct=roles(wavelength_nm=540))
+    assert set(analyse(path).images) == {"neutral", "coded", "wiener", "richardson-lucy"}
+
+
+@pytest.mark.parametrize("wrong", [{"photograph": "photograph"}, {"neutral": "ring"}])
+def test_a_part_that_the_plan_lacks_is_named(small, tmp_path, wrong):
+    path = acquire(small, tmp_path / "run.h5", reconstruct=roles(wavelength_nm=540, **wrong))
+    with pytest.raises(UserError, match=r"has no frames of .* at 540 nm"):
+        analyse(path)
+
+
+def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
+    progress = Progress()
+    plan = read_toml(small.plan, PlanFile)
+    with open_bench(small.bench_files) as bench:
+        outcome = run_plan(
+            bench,
+            plan,
+            tmp_path / "run.h5",
+            progress=progress,
+            on_frame=lambda shot, frame: progress.cancel() if shot.index == 9 else None,
+        )
+    (bracket,) = analyse(outcome.path).brackets
+    assert bracket.name == "star, neutral, 540 nm"
+    cancelled = acquire(small, tmp_path / "whole.h5", reconstruct=roles(wavelength_nm=540))
+    from labapp.acquisition.state import State
+    from labapp.record.writer import mark
+
+    mark(cancelled, State.CANCELLED)
+    with pytest.raises(UserError, match="CANCELLED, and a reconstruction needs all"):
+        analyse(cancelled)
+
+
+def test_without_dark_frames_the_sensors_data_stand_in_and_say_so(small, tmp_path):
+    path = acquire(
+        small,
+        tmp_path / "run.h5",
+        acquire=[
+            {
+                "targets": ["star"],
+                "patterns": ["neutral"],
+                "wavelengths_nm": [550],
+                "exposures_ms": [1],
+            }
+        ],
+    )
+    (bracket,) = analyse(path).brackets
+    assert bracket.dark_frames == 0
+    assert abs(np.median(bracket.rate)) < 1000
+
+
+def test_analysis_can_be_cancelled(demo):
+    progress = Progress()
+    progress.cancel()
+    with pytest.raises(Cancelled):
+        analyse(demo.record, progress)
+
+
+def test_a_record_without_a_reconstruction_has_a_gallery(labapp, small, tmp_path):
+    path = acquire(small, tmp_path / "run.h5")
+    code, printed, _ = labapp("report", path)
+    assert code == 0
+    assert "540" in printed
+    page = (tmp_path / "report.html").read_text()
+    assert "The merged pictures" in page
+    with Record(path) as record:
+        assert record.text("title") in page

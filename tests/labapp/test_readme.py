@@ -1,0 +1,94 @@
+"""What the README says is so."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from labapp.files.plan_file import PlanFile
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_the_python_examples_run_as_they_stand(code, tmp_path):
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+def test_the_plan_example_is_a_plan():
+    (text,) = blocks("toml")
+    assert PlanFile.model_validate(tomllib.loads(text)).title
+
+
+def commands() -> list[str]:
+    lines = [line for block in blocks("console") for line in block.splitlines()]
+    lines += re.findall(r"`(?:\.venv/bin/)?(labapp [a-z-][^`]*)`", README)
+    return sorted({line.strip() for line in lines if line.startswith("labapp ")})
+
+
+@pytest.mark.parametrize("command", commands())
+def test_every_command_exists_with_its_options(command):
+    from typer.main import get_command
+
+    from labapp.cli import app
+
+    words = shlex.split(command)[1:]
+    group = get_command(app)
+    if words[0].startswith("-"):
+        known = {name for parameter in group.params for name in parameter.opts} | {"--help"}
+        assert words[0] in known
+        return
+    assert words[0] in group.commands
+    options = {name for p in group.commands[words[0]].params for name in p.opts}
+    assert {word for word in words if word.startswith("--")} <= options
+
+
+@pytest.mark.parametrize("target", re.findall(r"make ([a-z]+)`|^make ([a-z]+)$", README, re.M))
+def test_every_make_target_exists(target):
+    name = next(filter(None, target))
+    assert re.search(rf"^{name}:", (ROOT / "Makefile").read_text(), re.M)
+
+
+def test_every_figure_of_the_table_is_measured():
+    section = README.split("## Figures")[1]
+    names = re.findall(r"^\| `?(.+?)`? (?:after installation )?\|", section, re.M)
+    names = [name for name in names if name not in ("figure", "---")]
+    source = "".join(path.read_text() for path in (ROOT / "labapp/figures").glob("*.py"))
+    assert len(names) == 7
+    for name in names:
+        assert f'"{name}"' in source
+
+
+def test_the_map_of_the_house_is_right():
+    plan = re.search(r"```\noptics  .*?```", README, re.DOTALL).group()
+    room = ""
+    for line in plan.splitlines()[1:-1]:
+        if not line.startswith(" "):
+            room = line.split()[0]
+            continue
+        names = re.split(r"\s{2,}", line.strip())[0]
+        for name in names.rstrip(",").split(", "):
+            path = ROOT / room / name.rstrip("/")
+            assert path.is_dir() if name.endswith("/") else path.with_suffix(".py").is_file(), name
+
+
+def test_pictures_and_files_that_are_named_are_there():
+    linked = re.findall(r"\]\(([^)]+)\)", README)
+    named = re.findall(r"`((?:labapp|drivers|optics|simulator)/[\w./]+)`", README)
+    assert linked
+    for name in linked + named:
+        assert (ROOT / name).exists(), name
