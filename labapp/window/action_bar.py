@@ -1,0 +1,41 @@
+"""The bar at the top: the actions, and the badge that nothing can hide."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QToolButton, QWidget
+
+from labapp.window.actions import Actions
+from labapp.window.badge import Badge
+
+_GROUPS = (
+    ("live",),
+    ("acquire", "reconstruct", "cancel"),
+    ("open",),
+    ("contrast", "marks"),
+    ("reset",),
+)
+
+
+class ActionBar(QWidget):
+    """Not a QToolBar: that can be hidden, and hides what doesn't fit."""
+
+    def __init__(self, actions: Actions, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.badge = Badge(self)
+        self.buttons: dict[str, QToolButton] = {}
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(6, 5, 6, 5)
+        layout.setSpacing(4)
+        for group in _GROUPS:
+            for name in group:
+                button = QToolButton(self)
+                button.setDefaultAction(actions[name])
+                button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+                self.buttons[name] = button
+                layout.addWidget(button)
+            line = QFrame(self)
+            line.setFixedWidth(6)
+            layout.addWidget(line)
+        layout.addStretch(1)
+        layout.addWidget(self.badge)

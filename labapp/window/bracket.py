@@ -1,0 +1,19 @@
+"""A bracket: exposures that grow by a ratio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """`count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
+
+    shortest_ms: float
+    ratio: float
+    count: int
+
+    @property
+    def exposures_ms(self) -> tuple[float, ...]:
+        """Milliseconds, to the whole microseconds that cameras count in."""
+        return tuple(round(self.shortest_ms * self.ratio**n, 3) for n in range(self.count))

@@ -1,0 +1,52 @@
+"""One bracket: shortest exposure, ratio and count, and the exposures that follow."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
+
+from labapp.window.bracket import Bracket
+from labapp.window.label import label
+
+
+class BracketRow(QObject):
+    """Two lines of a grid: the fields, and below them the list of exposures."""
+
+    changed = Signal()
+
+    def __init__(self, name: str, first: Bracket, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._name = label(parent, name)
+        self.shortest = QDoubleSpinBox(parent, suffix=" ms", decimals=3)
+        self.shortest.setRange(0.001, 1e6)
+        self.shortest.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.shortest.setValue(first.shortest_ms)
+        self.ratio = QDoubleSpinBox(parent, decimals=1, singleStep=1.0)
+        self.ratio.setRange(1.1, 100)
+        self.ratio.setPrefix("× ")
+        self.ratio.setValue(first.ratio)
+        self.count = QSpinBox(parent)
+        self.count.setRange(1, 12)
+        self.count.setValue(first.count)
+        self.listed = label(parent, look="faint", wrap=True)
+        for box in (self.shortest, self.ratio, self.count):
+            box.valueChanged.connect(lambda _: self._update())
+        self._update()
+
+    def place(self, grid: QGridLayout, line: int) -> None:
+        for column, widget in enumerate((self._name, self.shortest, self.ratio, self.count)):
+            grid.addWidget(widget, line, column)
+        grid.addWidget(self.listed, line + 1, 0, 1, 4)
+
+    @property
+    def bracket(self) -> Bracket:
+        return Bracket(self.shortest.value(), self.ratio.value(), self.count.value())
+
+    def set_enabled(self, on: bool) -> None:
+        for box in (self.shortest, self.ratio, self.count):
+            box.setEnabled(on)
+
+    def _update(self) -> None:
+        times = "  ".join(f"{ms:.6g}" for ms in self.bracket.exposures_ms)
+        self.listed.setText(f"{times} ms")
+        self.changed.emit()

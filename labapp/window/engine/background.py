@@ -1,0 +1,83 @@
+"""Patterns and reconstructions, computed in threads beside the bench so that live view goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.window.engine.benchtop import Benchtop
+from labapp.window.engine.channel import Channel
+from labapp.window.engine.designer import Designer
+from labapp.window.engine.failures import failure
+from labapp.window.engine.jobs import Jobs
+from labapp.window.engine.plan import pattern_name, read_pattern
+from labapp.window.messages import Preview, Reconstruct, Show
+from optics.camera import Camera
+from optics.progress import Cancelled, Progress
+
+_THREADS = 2
+"""A pattern need not wait for a reconstruction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """A pattern that is ready to be put on the SLM, by the thread that owns the bench."""
+
+    name: str
+    grey: NDArray[np.uint8]
+
+
+class Background:
+    """Jobs that leave the bench alone; a newer job cancels an older one of its kind."""
+
+    def __init__(self, camera: Camera, channel: Channel, jobs: Jobs, top: Benchtop) -> None:
+        self._channel, self._jobs, self._top = channel, jobs, top
+        self._designer = Designer(camera)
+        self._threads = ThreadPoolExecutor(_THREADS, "beside")
+
+    def close(self) -> None:
+        self._threads.shutdown(cancel_futures=True)
+
+    def preview(self, command: Preview) -> None:
+        def work(progress: Progress) -> None:
+            done = self._designer.preview(command.pattern, command.wavelength, progress)
+            self._channel.send(done)
+
+        self._start("preview", work)
+
+    def show(self, command: Show) -> None:
+        name = pattern_name(read_pattern(command.pattern))
+
+        def work(progress: Progress) -> None:
+            self._channel.post(Computed(name, self._designer.grey(command.pattern, progress)))
+
+        self._start("pattern", work)
+
+    def reconstruct(self, command: Reconstruct) -> None:
+        def work(progress: Progress) -> None:
+            # Its libraries take a second to load, which the first picture need not wait for.
+            from labapp.window.engine.reconstruction import reconstruct
+
+            self._channel.send(reconstruct(command.path, progress))
+
+        self._start("reconstruction", work)
+
+    def _start(self, job: str, work: Callable[[Progress], None]) -> None:
+        progress = self._jobs.begin(job)
+
+        def watched() -> None:
+            try:
+                progress.check()
+                work(progress)
+            except Cancelled:
+                pass
+            except Exception as error:
+                self._channel.send(failure(error, self._top))
+            finally:
+                self._jobs.end(job, progress)
+
+        self._threads.submit(watched)

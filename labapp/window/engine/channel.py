@@ -1,0 +1,130 @@
+"""The engine's end of the pipes to the window."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from labapp.window.messages import (
+    Acquire,
+    Cancel,
+    CancelHeard,
+    Expose,
+    FrameSeen,
+    JobEnded,
+    Place,
+    Preview,
+    Reconstruct,
+    Tune,
+)
+from labapp.window.stream import Unpacker, pack
+
+_SUPERSEDED = (Place, Tune, Expose, Preview)
+"""Commands of which only the newest matters: a turned wheel sends dozens."""
+
+_LONG = {Acquire: "run", Reconstruct: "reconstruction"}
+"""Commands that Cancel takes back while they still wait in line, and their jobs."""
+
+_FRAMES_UNDER_WAY = 2
+_CHUNK = 1 << 16
+
+
+class Channel:
+    """Commands in, reports out, from any thread.
+
+    A thread of its own reads, so that Cancel and the end of the window are heard while
+    the engine works. `on_cancel` and, when the window is gone, `on_end` are called in it.
+    """
+
+    def __init__(self, incoming: int, outgoing: int) -> None:
+        self._in, self._out = incoming, outgoing
+        self._waiting: deque[Any] = deque()
+        self._news = threading.Condition()
+        self._sending = threading.Lock()
+        self._room = _FRAMES_UNDER_WAY
+        self.closed = False
+        self.on_cancel: Callable[[], None] = lambda: None
+        self.on_end: Callable[[], None] = lambda: None
+        threading.Thread(target=self._read, name="window", daemon=True).start()
+
+    @classmethod
+    def on_standard_streams(cls) -> Channel:
+        """Take standard input and output over; what prints goes to the error output."""
+        incoming, outgoing = os.dup(0), os.dup(1)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(nothing, 0)
+        os.dup2(2, 1)
+        os.close(nothing)
+        return cls(incoming, outgoing)
+
+    def send(self, report: object) -> None:
+        """Write a report; once the window is gone, nothing."""
+        data = memoryview(pack(report))
+        with self._sending:
+            try:
+                while data and not self.closed:
+                    data = data[os.write(self._out, data) :]
+            except BrokenPipeError:
+                self._close()
+
+    def send_frame(self, frame: object) -> None:
+        with self._news:
+            self._room -= 1
+        self.send(frame)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether the window has taken in the frames that it was sent."""
+        return self._room > 0
+
+    def post(self, command: object) -> None:
+        """Put a command in line as if the window had sent it."""
+        with self._news:
+            if isinstance(command, _SUPERSEDED):
+                kept = [c for c in self._waiting if type(c) is not type(command)]
+                self._waiting = deque(kept)
+            self._waiting.append(command)
+            self._news.notify()
+
+    def take(self, patience: float) -> Any:
+        """The next command; None if none comes within `patience` seconds."""
+        with self._news:
+            if not self._waiting and not self.closed:
+                self._news.wait(patience)
+            return self._waiting.popleft() if self._waiting else None
+
+    def _read(self) -> None:
+        unpacker = Unpacker()
+        while data := os.read(self._in, _CHUNK):
+            for message in unpacker.feed(data):
+                self._receive(message)
+        self._close()
+        self.on_cancel()
+        self.on_end()
+
+    def _receive(self, message: object) -> None:
+        if isinstance(message, FrameSeen):
+            with self._news:
+                self._room += 1
+                self._news.notify()
+        elif isinstance(message, Cancel):
+            self.on_cancel()
+            self.send(CancelHeard())
+            self._take_back()
+        else:
+            self.post(message)
+
+    def _take_back(self) -> None:
+        with self._news:
+            dropped = [c for c in self._waiting if type(c) in _LONG]
+            self._waiting = deque(c for c in self._waiting if type(c) not in _LONG)
+        for command in dropped:
+            self.send(JobEnded(_LONG[type(command)]))
+
+    def _close(self) -> None:
+        with self._news:
+            self.closed = True
+            self._news.notify()

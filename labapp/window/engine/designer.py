@@ -1,0 +1,73 @@
+"""Patterns and the PSFs that they give, computed once and kept."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import OrderedDict
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.patterns import compute_pattern
+from labapp.window.engine.plan import pattern_name, read_pattern
+from labapp.window.messages import PatternPreview, PatternTable
+from optics.camera import Camera
+from optics.progress import Progress
+from optics.psf import PSFOperator
+from optics.slm import grey_to_phase
+
+_KEPT = 8
+_PSF_WINDOW = 160
+"""Sensor pixels across the PSF shown: holds a ring of 250 µm."""
+
+_THUMBNAIL = 512
+"""Columns of the grey picture that the window gets; the panel's own don't fit there."""
+
+
+class Designer:
+    """Computes patterns for a camera; safe to use from two threads.
+
+    seed: of the random start, the same as in a run.
+    """
+
+    def __init__(self, camera: Camera, seed: int = 1) -> None:
+        self._camera, self._seed = camera, seed
+        self._kept: OrderedDict[str, NDArray[np.uint8]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def grey(self, table: PatternTable, progress: Progress) -> NDArray[np.uint8]:
+        """Grey levels of the panel, (rows, columns); errors as compute_pattern's."""
+        key = json.dumps(table, sort_keys=True)
+        with self._lock:
+            if key in self._kept:
+                return self._kept[key]
+        grey = compute_pattern(read_pattern(table), self._camera, self._seed, progress, Path())
+        if table["kind"] != "image":  # a file may change under the same name
+            with self._lock:
+                self._kept[key] = grey
+                while len(self._kept) > _KEPT:
+                    self._kept.popitem(last=False)
+        return grey
+
+    def preview(self, table: PatternTable, wavelength: float, progress: Progress) -> PatternPreview:
+        """The pattern made small, and its PSF at a wavelength in metres."""
+        grey = self.grey(table, progress.part(0, 0.9))
+        progress.report(0.9, "computing the PSF")
+        psf = self._psf(grey, wavelength)
+        peak = float(psf.max())
+        rows = round(_THUMBNAIL * grey.shape[0] / grey.shape[1])
+        small = cv2.resize(grey, (_THUMBNAIL, rows), interpolation=cv2.INTER_NEAREST)
+        name = pattern_name(read_pattern(table))
+        return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
+
+    def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
+        """Of an object in focus; what falls beyond the window isn't shown."""
+        camera = self._camera
+        shape = (_PSF_WINDOW, _PSF_WINDOW)
+        operator = PSFOperator(camera, camera.lens.focus_distance, wavelength, shape)
+        phase = grey_to_phase(camera.panel, torch.from_numpy(grey), wavelength)
+        return operator(phase).to(torch.float32).numpy()

@@ -1,0 +1,90 @@
+"""From what the window asks for to a plan, the same as a plan file would hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from labapp.errors import UserError
+from labapp.files.plan_file import (
+    AxiconPattern,
+    ConstantPattern,
+    ImagePattern,
+    LensPattern,
+    Pattern,
+    PlanFile,
+    RingPattern,
+)
+from labapp.files.reading import explain, validate
+from labapp.window.messages import Acquire, PatternTable
+
+_DARKS, _STARS = 4, 2
+"""Frames of each exposure: the noise of the darks goes into every picture."""
+
+_NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
+
+_pattern: TypeAdapter[Pattern] = TypeAdapter(Pattern)
+
+
+def read_pattern(table: PatternTable) -> Pattern:
+    """A validated pattern; UserError names the key that is out of range."""
+    try:
+        return _pattern.validate_python(table)
+    except ValidationError as error:
+        raise UserError(explain(error, PlanFile, "pattern")) from error
+
+
+def pattern_name(pattern: Pattern) -> str:
+    """What a pattern is called on the screen and in records: what it is, and its sizes."""
+    if isinstance(pattern, ConstantPattern):
+        return "neutral" if pattern.grey == 0 else f"grey {pattern.grey}"
+    if isinstance(pattern, ImagePattern):
+        return f"image {pattern.file.rpartition('/')[2]}"
+    if isinstance(pattern, RingPattern):
+        what = f"ring {pattern.radius_um:g}/{pattern.width_um:g} µm"
+    elif isinstance(pattern, LensPattern):
+        what = f"lens {pattern.focal_length_m:g} m"
+    else:
+        assert isinstance(pattern, AxiconPattern)
+        what = f"axicon {pattern.radius_um:g} µm"
+    return f"{what} for {pattern.wavelength_nm:g} nm"
+
+
+def bracket_plan(request: Acquire) -> PlanFile:
+    """Darks of every exposure, then star and photograph with the neutral and the pattern.
+
+    UserError if the request makes no plan.
+    """
+    pattern = read_pattern(request.pattern)
+    if isinstance(pattern, ConstantPattern):
+        raise UserError("A constant grey codes nothing. Choose another pattern, then acquire.")
+    coded = pattern_name(pattern)
+    patterns = {"neutral": _NEUTRAL, coded: request.pattern}
+    wavelengths = [round(request.wavelength * 1e9, 3)]
+    exposures = {"star": request.star.exposures_ms, "photograph": request.photograph.exposures_ms}
+    # An exposure that both brackets have needs its darks once.
+    every = list(dict.fromkeys([*exposures["star"], *exposures["photograph"]]))
+
+    def block(target: str, shown: list[str], times: Any, repeats: int) -> dict[str, Any]:
+        return {
+            "targets": [target],
+            "patterns": shown,
+            "wavelengths_nm": wavelengths,
+            "exposures_ms": list(times),
+            "repeats": repeats,
+        }
+
+    table = {
+        "version": 1,
+        "title": f"Bracket: {coded}",
+        "seed": 1,
+        "patterns": patterns,
+        "acquire": [
+            block("dark", ["neutral"], every, _DARKS),
+            block("star", list(patterns), exposures["star"], _STARS),
+            block("photograph", list(patterns), exposures["photograph"], 1),
+        ],
+        "reconstruct": {"coded": coded},
+    }
+    return validate(table, PlanFile, "bracket")

@@ -1,0 +1,63 @@
+"""The full-frame histogram, logarithmic, with the contrast levels to drag."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD
+
+_COLUMNS = 512
+_HEIGHT = 100
+
+
+class HistogramView(QWidget):
+    """Pixels per digital number. dragged: the person moved the levels (black, white)."""
+
+    dragged = Signal(float, float)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setFixedHeight(_HEIGHT)
+        self._plot = pg.PlotWidget(self, background=FIELD, enableMenu=False)
+        self._plot.setMouseEnabled(x=False, y=False)
+        self._plot.hideButtons()
+        for side in ("bottom", "left"):
+            self._plot.getAxis(side).setPen(EDGE)
+            self._plot.getAxis(side).setTextPen(FAINT)
+        self._plot.getAxis("left").setTicks([[(n, f"1e{n}") for n in (0, 2, 4, 6)]])
+        self._plot.getAxis("left").setWidth(34)
+        self._curve = self._plot.plot(pen=pg.mkPen(FAINT), stepMode="center", fillLevel=0)
+        self._curve.setBrush(pg.mkBrush(EDGE))
+        self._levels = pg.LinearRegionItem(
+            (0, 1), brush=pg.mkBrush(192, 138, 62, 28), pen=pg.mkPen(ACCENT), swapMode="block"
+        )
+        self._plot.addItem(self._levels)
+        self._levels.sigRegionChangeFinished.connect(self._drag)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._plot)
+
+    def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
+        """Counts per bin of `width` DN; neighbouring bins are added up to what fits."""
+        joined = -(-len(counts) // _COLUMNS)
+        padded = np.pad(counts, (0, -len(counts) % joined))
+        columns = padded.reshape(-1, joined).sum(axis=1)
+        edges = np.arange(len(columns) + 1) * (joined * width)
+        self._curve.setData(edges, np.log10(columns + 1))
+        top = float(np.log10(counts.sum() + 1))
+        self._plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
+
+    def show_levels(self, low: float, high: float) -> None:
+        if self._levels.moving:
+            return
+        self._levels.blockSignals(True)
+        self._levels.setRegion((low, high))
+        self._levels.blockSignals(False)
+
+    def _drag(self) -> None:
+        low, high = self._levels.getRegion()
+        self.dragged.emit(float(low), float(high))

@@ -1,0 +1,144 @@
+"""The live view: the picture, what it was taken with, what is in it, and its histogram."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+
+from labapp.window import tone
+from labapp.window.histogram_view import HistogramView
+from labapp.window.label import label
+from labapp.window.messages import LiveFrame
+from labapp.window.picture import Picture
+
+_HISTOGRAM_INTERVAL = 0.1
+"""Seconds between drawings of the histogram; levels follow every frame all the same."""
+
+_RATE_OVER = 20
+_STALE = 1.0
+
+
+class LiveView(QWidget):
+    """Draws frames; everything that it says about a frame came with that frame.
+
+    auto_changed: whether the contrast follows the picture, when a drag has changed it.
+    """
+
+    auto_changed = Signal(bool)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.picture = Picture(self)
+        self.caption = label(self.picture, "no picture yet", look="caption")
+        self.caption.move(8, 8)
+        self.caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.cursor_reading = label(self, look="readings")
+        self.frame_reading = label(self, look="readings")
+        self._histogram = HistogramView(self)
+        self._histogram.dragged.connect(self.take_levels)
+        self._scale = tone.Scale()
+        self.levels = (0.0, float(self._scale.full_scale))
+        self._auto = True
+        self._running = True
+        self._palette = tone.palette(marked=True)
+        self._frame: LiveFrame | None = None
+        self._arrivals: deque[float] = deque(maxlen=_RATE_OVER)
+        self._drawn = 0.0
+        self._under_mouse = (-1, -1)
+        self.picture.hovered.connect(self._hover)
+        readings = QHBoxLayout()
+        readings.addWidget(self.cursor_reading, 1)
+        readings.addWidget(self.frame_reading)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
+        layout.addWidget(self.picture, 1)
+        layout.addLayout(readings)
+        layout.addWidget(self._histogram)
+
+    def set_scale(self, scale: tone.Scale) -> None:
+        self._scale = scale
+
+    def set_auto(self, on: bool) -> None:
+        """Whether the contrast levels follow every picture or stay as they are."""
+        self._auto = on
+        self._redraw()
+
+    def set_marked(self, on: bool) -> None:
+        """Whether saturated and black pixels are shown in colour."""
+        self._palette = tone.palette(marked=on)
+        self._redraw()
+
+    def set_running(self, on: bool) -> None:
+        """Whether pictures follow each other; if not, the last one says that it is the last."""
+        self._running = on
+        if self._frame is not None:
+            self._describe(self._frame)
+
+    def show_frame(self, frame: LiveFrame) -> None:
+        self._frame, self._running = frame, True
+        self._arrivals.append(time.monotonic())
+        self._redraw()
+        self._describe(frame)
+        self._hover(*self._under_mouse)
+
+    def _redraw(self) -> None:
+        if self._frame is None:
+            return
+        image = self._frame.image
+        counts, width = tone.histogram(image, self._scale)
+        if self._auto:
+            self.levels = tone.auto_levels(counts, width)
+        indices = tone.indices(image, self.levels, self._scale)
+        visible = tone.spread_saturated(indices, self.picture.reduction)
+        self.picture.show_indices(visible, self._palette)
+        now = time.monotonic()
+        if now - self._drawn >= _HISTOGRAM_INTERVAL:
+            self._drawn = now
+            self._histogram.show_counts(counts, width)
+            self._histogram.show_levels(*self.levels)
+
+    def _describe(self, frame: LiveFrame) -> None:
+        """Over the picture what it was taken with, below it what is in it."""
+        self.caption.setText(
+            f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
+            f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
+        )
+        self.caption.adjustSize()
+        clipped = int(np.count_nonzero(frame.image >= self._scale.full_scale))
+        share = 100 * clipped / frame.image.size
+        rate = f"   {self._rate():4.1f} fps" if self._running else ""
+        self.frame_reading.setText(
+            f"saturated {share:.3f} % ({clipped} px)   frame {frame.number}{rate}"
+        )
+
+    def _rate(self) -> float:
+        """Frames per second over the last second or so; after a pause it starts again."""
+        recent = [t for t in self._arrivals if self._arrivals[-1] - t < _STALE]
+        span = recent[-1] - recent[0]
+        return (len(recent) - 1) / span if span > 0 else 0.0
+
+    def take_levels(self, low: float, high: float) -> None:
+        self.levels = (low, high)
+        if self._auto:
+            self._auto = False
+            self.auto_changed.emit(False)
+        self._redraw()
+
+    def _hover(self, row: int, column: int) -> None:
+        self._under_mouse = (row, column)
+        if self._frame is None or not self._is_inside(row, column):
+            self.cursor_reading.setText("")
+            return
+        value = int(self._frame.image[row, column])
+        share = 100 * value / self._scale.full_scale
+        self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
+
+    def _is_inside(self, row: int, column: int) -> bool:
+        """Whether the frame has this pixel; the next bench's camera may be smaller."""
+        rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
+        return 0 <= row < rows and 0 <= column < columns

@@ -1,0 +1,130 @@
+"""The one window: everything that the first five minutes at the bench need."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QByteArray, QSize, Qt
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QDockWidget, QMainWindow, QMessageBox, QTabWidget, QWidget
+
+from labapp.window.action_bar import ActionBar
+from labapp.window.actions import Actions
+from labapp.window.connection import Connection
+from labapp.window.device_list import DeviceList
+from labapp.window.live_view import LiveView
+from labapp.window.message_line import MessageLine
+from labapp.window.pattern_panel import PatternPanel
+from labapp.window.reconstruction_view import ReconstructionView
+from labapp.window.remembered import Remembered
+from labapp.window.run_panel import RunPanel
+from labapp.window.session import Session
+from labapp.window.settings_panel import SettingsPanel
+
+_SIZE = QSize(1600, 900)
+_SIDE = 310
+_LAYOUT_VERSION = 1
+
+
+class MainWindow(QMainWindow):
+    """Panels around a live view; `session` is what happens between them and the engine."""
+
+    def __init__(self, connection: Connection, remembered: Remembered) -> None:
+        super().__init__()
+        self.setWindowTitle("labapp")
+        self.connection, self._remembered = connection, remembered
+        self.actions_ = Actions(self)
+        self.bar = ActionBar(self.actions_, self)
+        self.setMenuWidget(self.bar)
+        self.live_view = LiveView(self)
+        self.reconstruction = ReconstructionView(self)
+        self.tabs = QTabWidget(self)
+        self.tabs.addTab(self.live_view, "Live")
+        self.tabs.addTab(self.reconstruction, "Reconstruction")
+        self.setCentralWidget(self.tabs)
+        self.devices = DeviceList(self)
+        self.settings = SettingsPanel(self)
+        self.pattern = PatternPanel(self)
+        self.run = RunPanel([self.actions_["acquire"], self.actions_["reconstruct"]], self)
+        self._dock("Devices", self.devices, Qt.DockWidgetArea.LeftDockWidgetArea)
+        self._dock("Pattern", self.pattern, Qt.DockWidgetArea.LeftDockWidgetArea)
+        self._dock("Settings", self.settings, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._dock("Bracket and run", self.run, Qt.DockWidgetArea.RightDockWidgetArea)
+        self.message = MessageLine(self)
+        self.statusBar().setSizeGripEnabled(False)
+        self.statusBar().addWidget(self.message, 1)
+        self.resize(_SIZE)
+        self._arrange_docks()
+        self._first_layout = self.saveState(_LAYOUT_VERSION)
+        self.actions_["reset"].triggered.connect(self._reset_layout)
+        self.session = Session(self, connection)
+        self._restore()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Ask before a run is lost; then keep the settings and end the engine in order."""
+        if self.session.in_run and not self._may_end_run():
+            event.ignore()
+            return
+        self._keep()
+        # Leaving the bench safe may take a moment, which nobody needs to watch.
+        self.hide()
+        self.connection.close()
+        event.accept()
+
+    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> None:
+        dock = QDockWidget(title, self)
+        dock.setObjectName(title)
+        feature = QDockWidget.DockWidgetFeature
+        dock.setFeatures(feature.DockWidgetMovable | feature.DockWidgetFloatable)
+        dock.setWidget(widget)
+        self.addDockWidget(area, dock)
+
+    def _arrange_docks(self) -> None:
+        docks = self.findChildren(QDockWidget)
+        self.resizeDocks(docks, [_SIDE] * len(docks), Qt.Orientation.Horizontal)
+        short = [dock for dock in docks if dock.widget() in (self.devices, self.settings)]
+        self.resizeDocks(short, [1] * len(short), Qt.Orientation.Vertical)
+
+    def _reset_layout(self) -> None:
+        self.restoreState(self._first_layout, _LAYOUT_VERSION)
+        self.resize(_SIZE.boundedTo(self.screen().availableSize()))
+        self._arrange_docks()
+
+    def _may_end_run(self) -> bool:
+        question = "A run is under way. Cancel it and close? Frames taken so far are kept."
+        button = QMessageBox.StandardButton
+        answer = QMessageBox.question(self, "labapp", question, button.Yes | button.No, button.No)
+        return answer == button.Yes
+
+    def _fields(self) -> dict[str, QWidget]:
+        form = self.pattern.form
+        fields: dict[str, QWidget] = {
+            "wavelength_nm": self.settings.wavelength,
+            "exposure_ms": self.settings.exposure,
+            "folder": self.run.folder,
+            "pattern": form.kind,
+            "pattern_file": form.file,
+        }
+        for (kind, key), box in form.numbers.items():
+            fields[f"{kind}_{key}"] = box
+        for name in ("star", "photograph"):
+            row = getattr(self.run, name)
+            fields[f"{name}_shortest_ms"] = row.shortest
+            fields[f"{name}_ratio"] = row.ratio
+            fields[f"{name}_count"] = row.count
+        return fields
+
+    def _restore(self) -> None:
+        self._remembered.restore(self._fields())
+        self.session.first_target = self._remembered.text("target")
+        geometry: QByteArray = self._remembered.layout("geometry")
+        if not geometry.isEmpty():
+            self.restoreGeometry(geometry)
+        layout = self._remembered.layout("layout")
+        if not layout.isEmpty():
+            self.restoreState(layout, _LAYOUT_VERSION)
+
+    def _keep(self) -> None:
+        self._remembered.keep(self._fields())
+        self._remembered.put("target", self.settings.target.currentText())
+        self._remembered.put("geometry", self.saveGeometry())
+        self._remembered.put("layout", self.saveState(_LAYOUT_VERSION))
+        self._remembered.save()

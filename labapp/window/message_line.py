@@ -1,0 +1,87 @@
+"""The line at the bottom: the last error stays until somebody has clicked it away."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
+
+from labapp.window.label import label
+from labapp.window.theme import ALARM, ALARM_TEXT, FAINT, PANEL
+
+
+class MessageLine(QWidget):
+    """Says what happens, and what went wrong. restart_asked: the person wants a new engine."""
+
+    restart_asked = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("messageLine")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._label = label(self, wrap=True)
+        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        # Two lines always, so that nothing moves when an error comes.
+        self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 12)
+        self._hint = label(self, "click to acknowledge")
+        self.restart = QPushButton("Restart engine", self)
+        self.restart.clicked.connect(self.restart_asked)
+        self._error = False
+        self._errors = 0
+        self._said = ""
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(10, 2, 10, 2)
+        layout.addWidget(self._label, 1)
+        layout.addWidget(self._hint)
+        layout.addWidget(self.restart)
+        self.restart.hide()
+        self._paint()
+
+    @property
+    def text(self) -> str:
+        return self._label.text()
+
+    @property
+    def is_error(self) -> bool:
+        return self._error
+
+    def say(self, text: str) -> None:
+        """News; while an error stands, it waits behind it."""
+        self._said = text
+        if not self._error:
+            self._label.setText(text)
+
+    def complain(self, text: str, *, restart: bool = False) -> None:
+        """An error, which stays until it is clicked."""
+        self._errors = self._errors + 1 if self._error else 1
+        more = f"  (and {self._errors - 1} before it)" if self._errors > 1 else ""
+        self._error = True
+        self._label.setText(text + more)
+        self._label.setToolTip(text)
+        if restart:
+            self.restart.show()
+        self._paint()
+
+    def acknowledge(self) -> None:
+        self._error, self._errors = False, 0
+        self._label.setText(self._said)
+        self._label.setToolTip("")
+        self._paint()
+
+    def engine_is_back(self) -> None:
+        self.restart.hide()
+        self.acknowledge()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if self._error:
+            self.acknowledge()
+
+    def _paint(self) -> None:
+        colours = (ALARM, ALARM_TEXT) if self._error else (PANEL, FAINT)
+        self._hint.setVisible(self._error)
+        weight = "bold" if self._error else "normal"
+        self.setStyleSheet(
+            f"QWidget#messageLine {{ background: {colours[0]}; }}"
+            f"QLabel {{ color: {colours[1]}; font-weight: {weight}; }}"
+        )

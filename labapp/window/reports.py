@@ -1,0 +1,136 @@
+"""What the engine reports, shown on the panels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from labapp.window.messages import (
+    BenchOpened,
+    BenchState,
+    CancelHeard,
+    Failure,
+    JobEnded,
+    JobProgress,
+    LiveFrame,
+    OpeningFailed,
+    PatternPreview,
+    Reconstructed,
+    RunEnded,
+)
+from labapp.window.tone import Scale
+
+if TYPE_CHECKING:
+    from labapp.window.main_window import MainWindow
+    from labapp.window.session import Session
+
+_HINT = (
+    "First steps: choose a pattern and show it on the SLM, acquire a bracket (F6), "
+    "then reconstruct (F7)."
+)
+_LONG_JOBS = ("run", "reconstruction")
+
+
+class Reports:
+    """One method a report; `session` keeps what follows from them."""
+
+    def __init__(self, window: MainWindow, session: Session) -> None:
+        self._window, self._session = window, session
+        self._why_not_open = ""
+        self._show: dict[type, Callable[[Any], None]] = {
+            BenchOpened: self._bench_opened,
+            BenchState: self._bench_state,
+            LiveFrame: window.live_view.show_frame,
+            PatternPreview: window.pattern.show_preview,
+            JobProgress: self._job_progress,
+            JobEnded: self._job_ended,
+            CancelHeard: lambda _: window.run.message.setText("cancelling …"),
+            RunEnded: self._run_ended,
+            Reconstructed: self._reconstructed,
+            Failure: lambda report: window.message.complain(report.message),
+            OpeningFailed: self._opening_failed,
+        }
+
+    def show(self, report: object) -> None:
+        self._show[type(report)](report)
+
+    def show_death(self, how: str) -> None:
+        """The engine ended by itself: nothing on the screen may look as if it still stood."""
+        window = self._window
+        window.bar.badge.forget()
+        window.settings.forget()
+        window.pattern.show_shown("unknown, the engine is gone")
+        window.actions_["live"].setChecked(False)
+        window.live_view.set_running(False)
+        window.run.show_end("", done=False)
+        window.devices.clear("the engine is not running")
+        if self._why_not_open:
+            text = f"The bench didn't open. {self._why_not_open}"
+        else:
+            text = f"{how} Frames that were stored are safe. Restart the engine to go on."
+        window.message.complain(text, restart=True)
+        self._why_not_open = ""
+
+    def _bench_opened(self, report: BenchOpened) -> None:
+        window = self._window
+        window.setWindowTitle(f"labapp – {report.name}")
+        window.bar.badge.show_devices(report.devices)
+        window.devices.show_devices(report.devices)
+        window.live_view.set_scale(Scale(report.full_scale))
+        window.run.set_frame_shape(report.camera_shape)
+        window.message.say(_HINT)
+        self._session.opened(report)
+
+    def _bench_state(self, report: BenchState) -> None:
+        window = self._window
+        window.devices.show_devices(report.devices)
+        window.settings.show_state(report)
+        window.pattern.show_shown(report.pattern)
+        window.actions_["live"].setChecked(report.live)
+        window.live_view.set_running(report.live)
+
+    def _job_progress(self, report: JobProgress) -> None:
+        if report.job in _LONG_JOBS:
+            self._window.run.show_progress(report)
+
+    def _job_ended(self, report: JobEnded) -> None:
+        if report.job == "preview":
+            self._window.pattern.show_failed()
+        if report.job == self._session.job:
+            self._session.finish()
+            self._window.run.show_end("", done=False)
+
+    def _run_ended(self, report: RunEnded) -> None:
+        window = self._window
+        complete = report.state == "COMPLETE"
+        if report.path is not None:
+            window.run.show_last_run(report.path)
+        if complete and report.path is not None:
+            self._session.completed(report.path)
+            window.message.say(f"The run is complete: {report.path}. Reconstruct it with F7.")
+        elif report.state == "CANCELLED":
+            window.message.say(f"The run was cancelled. {_rest(report)}")
+        else:
+            window.message.complain(f"The run failed: {report.message}. {_rest(report)}")
+        window.run.show_end(report.state.lower(), done=complete)
+
+    def _reconstructed(self, report: Reconstructed) -> None:
+        window = self._window
+        self._session.finish()
+        window.run.show_end("reconstructed", done=True)
+        window.reconstruction.show_result(report)
+        window.tabs.setCurrentWidget(window.reconstruction)
+        window.message.say(f"Reconstructed from {report.path}.")
+
+    def _opening_failed(self, report: OpeningFailed) -> None:
+        self._why_not_open = report.message
+
+
+def _rest(report: RunEnded) -> str:
+    """What is left on disk, and how the bench stands."""
+    if report.path is None:
+        return "Nothing was moved or written."
+    return (
+        f"{report.missing} frames are missing in {report.path}. "
+        "The bench is safe; live view starts again with F5."
+    )

@@ -1,0 +1,136 @@
+"""Acquire: the brackets, where the run is kept, and how far it is."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from labapp.window.bracket import Bracket
+from labapp.window.bracket_row import BracketRow
+from labapp.window.label import label
+from labapp.window.messages import JobProgress
+
+_DARKS, _STARS, _PATTERNS = 4, 2, 2
+
+
+def default_folder() -> Path:
+    return Path.home() / "labapp-runs"
+
+
+class RunPanel(QWidget):
+    """What will be taken, in words, before it is taken; then progress and time left."""
+
+    def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.star = BracketRow("Star", Bracket(1, 8, 4), self)
+        self.photograph = BracketRow("Photo", Bracket(100, 4, 3), self)
+        self.summary = label(self, look="faint", wrap=True)
+        self.folder = QLineEdit(str(default_folder()), self)
+        self.browse = QPushButton("Browse …", self)
+        self.bar = QProgressBar(self, minimum=0, maximum=1000)
+        self.message = label(self, look="faint", wrap=True)
+        self.last_run = label(self, look="faint", wrap=True)
+        self.last_run.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._frame_bytes = 0
+        self._arrange(actions)
+        for row in (self.star, self.photograph):
+            row.changed.connect(self._sum_up)
+        self.browse.clicked.connect(self._choose_folder)
+        self._sum_up()
+
+    def set_frame_shape(self, shape: tuple[int, int]) -> None:
+        self._frame_bytes = 2 * shape[0] * shape[1]
+        self._sum_up()
+
+    def new_path(self, now: datetime) -> Path:
+        """A file in the chosen folder, named after the moment."""
+        folder = Path(self.folder.text().strip() or ".").expanduser()
+        return folder / f"{now:%Y-%m-%d_%H%M%S}_bracket.h5"
+
+    def begin(self, message: str) -> None:
+        self.bar.setValue(0)
+        self.message.setText(message)
+
+    def show_progress(self, progress: JobProgress) -> None:
+        self.bar.setValue(round(1000 * progress.fraction))
+        left = progress.seconds_left
+        self.message.setText(progress.message + ("" if left is None else f"  –  {_spoken(left)}"))
+
+    def show_end(self, message: str, *, done: bool) -> None:
+        self.bar.setValue(self.bar.maximum() if done else 0)
+        self.message.setText(message)
+
+    def show_last_run(self, path: Path) -> None:
+        # Breaks are allowed at slashes, so that a long path wraps.
+        self.last_run.setText(f"Last run: {path}".replace("/", "/\u200b"))
+        self.last_run.setToolTip(str(path))
+
+    def _arrange(self, actions: list[QAction]) -> None:
+        grid = QGridLayout()
+        grid.setVerticalSpacing(2)
+        grid.setColumnStretch(1, 1)
+        for column, title in enumerate(("shortest", "ratio", "count"), start=1):
+            grid.addWidget(label(self, title, look="faint"), 0, column)
+        self.star.place(grid, 1)
+        self.photograph.place(grid, 3)
+        folder = QHBoxLayout()
+        folder.addWidget(label(self, "Folder"))
+        folder.addWidget(self.folder, 1)
+        folder.addWidget(self.browse)
+        buttons = QHBoxLayout()
+        for action in actions:
+            button = QToolButton(self)
+            button.setDefaultAction(action)
+            button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+            buttons.addWidget(button, 1)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 4, 8, 6)
+        layout.setSpacing(5)
+        layout.addLayout(grid)
+        layout.addWidget(self.summary)
+        layout.addLayout(folder)
+        layout.addLayout(buttons)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.message)
+        layout.addWidget(self.last_run)
+        layout.addStretch(1)
+
+    def _sum_up(self) -> None:
+        star, photograph = self.star.bracket, self.photograph.bracket
+        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * _DARKS
+        stars = star.count * _STARS * _PATTERNS
+        photographs = photograph.count * _PATTERNS
+        total = darks + stars + photographs
+        size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""
+        self.summary.setText(
+            f"{total} frames{size}: {darks} dark, {stars} star and {photographs} photograph, "
+            "with the neutral and the chosen pattern."
+        )
+
+    def _choose_folder(self) -> None:
+        folder = QFileDialog.getExistingDirectory(self, "Folder for runs", self.folder.text())
+        if folder:
+            self.folder.setText(folder)
+
+
+def _spoken(seconds: float) -> str:
+    if seconds < 60:
+        return f"{seconds:.0f} s left"
+    if seconds < 3600:
+        return f"{seconds / 60:.0f} min left"
+    return f"{seconds / 3600:.1f} h left"

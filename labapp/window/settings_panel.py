@@ -1,0 +1,106 @@
+"""Target, wavelength and exposure: what is set, beside what was read back."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QGridLayout, QLabel, QWidget
+
+from labapp.window.label import label, mark
+from labapp.window.messages import BenchOpened, BenchState
+
+_FIRST_TARGET = "photograph"
+
+
+class SettingsPanel(QWidget):
+    """Signals carry what the person asked for, in metres and seconds."""
+
+    target_asked = Signal(str)
+    wavelength_asked = Signal(float)
+    exposure_asked = Signal(float)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.target = QComboBox(self)
+        self.wavelength = _spin_box(self, " nm", 2, (200, 2000), 550, step=10)
+        self.exposure = _spin_box(self, " ms", 3, (0.001, 1e6), 400)
+        self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.target_read = label(self, "–", look="readBack")
+        self.wavelength_read = label(self, "–", look="readBack")
+        self.exposure_read = label(self, "–", look="readBack")
+        grid = QGridLayout(self)
+        grid.setContentsMargins(8, 4, 8, 6)
+        grid.setVerticalSpacing(4)
+        grid.setColumnStretch(1, 1)
+        grid.setColumnMinimumWidth(2, 84)
+        grid.addWidget(label(self, "set", look="faint"), 0, 1)
+        grid.addWidget(label(self, "read back", look="faint"), 0, 2)
+        rows = (
+            ("Target", self.target, self.target_read),
+            ("Wavelength", self.wavelength, self.wavelength_read),
+            ("Exposure", self.exposure, self.exposure_read),
+        )
+        for number, (name, field, read) in enumerate(rows, start=1):
+            grid.addWidget(label(self, name), number, 0)
+            grid.addWidget(field, number, 1)
+            grid.addWidget(read, number, 2)
+        grid.setRowStretch(len(rows) + 1, 1)
+        self.target.activated.connect(lambda _: self.target_asked.emit(self.target.currentText()))
+        self.wavelength.valueChanged.connect(lambda nm: self.wavelength_asked.emit(nm * 1e-9))
+        self.exposure.valueChanged.connect(lambda ms: self.exposure_asked.emit(ms * 1e-3))
+
+    def fit_to(self, bench: BenchOpened, target: str) -> None:
+        """Take the bench's ranges and targets; `target` is chosen if the bench has it."""
+        for box, (low, high), unit in (
+            (self.wavelength, bench.wavelength_range, 1e-9),
+            (self.exposure, bench.exposure_range, 1e-3),
+        ):
+            box.blockSignals(True)
+            box.setRange(low / unit, high / unit)
+            box.blockSignals(False)
+            box.setToolTip(f"{low / unit:g} to {high / unit:g}{box.suffix()}")
+        self.target.clear()
+        self.target.addItems(bench.targets)
+        for name in (_FIRST_TARGET, target):
+            if name in bench.targets:
+                self.target.setCurrentText(name)
+
+    def ask_for_all(self) -> None:
+        """Send every setting, to a bench that knows none of them."""
+        self.target_asked.emit(self.target.currentText())
+        self.wavelength_asked.emit(self.wavelength.value() * 1e-9)
+        self.exposure_asked.emit(self.exposure.value() * 1e-3)
+
+    def show_state(self, state: BenchState) -> None:
+        nm, ms = state.wavelength * 1e9, state.exposure * 1e3
+        _read(self.target_read, state.target, state.target != self.target.currentText())
+        _read(self.wavelength_read, f"{nm:.2f} nm", abs(nm - self.wavelength.value()) > 5e-3)
+        _read(self.exposure_read, f"{ms:.3f} ms", abs(ms - self.exposure.value()) > 5e-4)
+
+    def forget(self) -> None:
+        for read in (self.target_read, self.wavelength_read, self.exposure_read):
+            _read(read, "–", False)
+
+
+def _spin_box(
+    parent: QWidget,
+    unit: str,
+    decimals: int,
+    limits: tuple[float, float],
+    value: float,
+    step: float = 1,
+) -> QDoubleSpinBox:
+    box = QDoubleSpinBox(parent)
+    box.setDecimals(decimals)
+    box.setRange(*limits)
+    box.setSuffix(unit)
+    box.setSingleStep(step)
+    box.setValue(value)
+    # A half-typed number is no setting.
+    box.setKeyboardTracking(False)
+    return box
+
+
+def _read(read: QLabel, text: str, differs: bool) -> None:
+    """Show what was read back, in another colour where it isn't what was set."""
+    read.setText(text)
+    mark(read, differs)

@@ -1,0 +1,82 @@
+"""Colours for a dark laboratory: nothing brighter than the picture, red kept for trouble."""
+
+from __future__ import annotations
+
+from PySide6.QtGui import QColor, QPalette
+from PySide6.QtWidgets import QApplication
+
+BACKGROUND = "#131416"
+PANEL = "#1b1d20"
+FIELD = "#101113"
+ENTRY = "#2a2d32"
+EDGE = "#34373c"
+TEXT = "#c9c5bb"
+FAINT = "#8b8880"
+ACCENT = "#c08a3e"
+SIMULATED = "#d0a02c"
+REAL = "#5fa777"
+ERROR = "#e0584f"
+ALARM = "#5e211d"
+ALARM_TEXT = "#ffd6cf"
+
+SATURATED = (255, 0, 0)
+BLACK = (40, 90, 255)
+"""Pixels at zero: the black level is too low for the noise of the dark."""
+
+_SHEET = f"""
+QMainWindow, QDialog, QMessageBox {{ background: {BACKGROUND}; }}
+QToolButton {{ color: {TEXT}; background: {PANEL}; border: 1px solid {EDGE};
+  border-radius: 3px; padding: 4px 9px; }}
+QToolButton:hover, QPushButton:hover {{ border-color: {ACCENT}; }}
+QToolButton:checked {{ background: #3a2f1c; border-color: {ACCENT}; color: #f0d9ae; }}
+QToolButton:disabled, QPushButton:disabled {{ color: #5a5852; border-color: #26282c; }}
+QPushButton {{ background: #25282c; border: 1px solid {EDGE}; border-radius: 3px;
+  padding: 4px 10px; }}
+QPushButton:pressed {{ background: {FIELD}; }}
+QDockWidget {{ color: {FAINT}; font-weight: bold; }}
+QDockWidget::title {{ background: {BACKGROUND}; padding: 3px 6px; }}
+QDockWidget > QWidget {{ background: {PANEL}; }}
+QMainWindow::separator {{ background: {BACKGROUND}; width: 4px; height: 4px; }}
+QTabWidget::pane {{ border: 0; }}
+QTabBar::tab {{ background: {BACKGROUND}; color: {FAINT}; padding: 5px 14px;
+  border-bottom: 2px solid {BACKGROUND}; }}
+QTabBar::tab:selected {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
+QProgressBar {{ background: {FIELD}; border: 1px solid {EDGE}; border-radius: 3px;
+  text-align: center; min-height: 17px; }}
+QProgressBar::chunk {{ background: #6b5126; }}
+QLabel#faint {{ color: {FAINT}; }}
+QLabel#readBack {{ font-family: monospace; color: {REAL}; }}
+QLabel[differs="true"] {{ color: {SIMULATED}; }}
+QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}
+QLabel#caption {{ background: rgba(0, 0, 0, 170); color: {TEXT}; font-family: monospace;
+  padding: 4px 8px; border-radius: 3px; }}
+QLabel#readings {{ font-family: monospace; color: {TEXT}; padding: 1px 4px; }}
+QStatusBar {{ background: {PANEL}; }}
+QStatusBar::item {{ border: 0; }}
+QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; }}
+"""
+
+
+def apply(application: QApplication) -> None:
+    application.setStyle("Fusion")
+    palette = QPalette()
+    role = QPalette.ColorRole
+    for name, colour in (
+        (role.Window, PANEL),
+        (role.WindowText, TEXT),
+        (role.Base, ENTRY),
+        (role.AlternateBase, PANEL),
+        (role.Text, TEXT),
+        (role.Button, ENTRY),
+        (role.ButtonText, TEXT),
+        (role.Highlight, ACCENT),
+        (role.HighlightedText, FIELD),
+        (role.PlaceholderText, FAINT),
+        (role.ToolTipBase, PANEL),
+        (role.ToolTipText, TEXT),
+    ):
+        palette.setColor(name, QColor(colour))
+    for name in (role.WindowText, role.Text, role.ButtonText):
+        palette.setColor(QPalette.ColorGroup.Disabled, name, QColor("#5a5852"))
+    application.setPalette(palette)
+    application.setStyleSheet(_SHEET)

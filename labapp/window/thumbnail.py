@@ -1,0 +1,51 @@
+"""A small grey picture that keeps its shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QRect, QSize, Qt
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from labapp.window.theme import EDGE, FIELD
+
+
+class Thumbnail(QWidget):
+    """Shows (rows, columns) uint8, as large as fits into its place."""
+
+    def __init__(self, size: QSize, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._size = size
+        self._image: QImage | None = None
+        self.setMinimumSize(size / 2)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+
+    def sizeHint(self) -> QSize:
+        return self._size
+
+    def show_grey(self, grey: NDArray[np.uint8]) -> None:
+        rows, columns = grey.shape
+        data = np.ascontiguousarray(grey)
+        image = QImage(data.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
+        # The array goes when this returns; the picture stays.
+        self._image = image.copy()
+        self.update()
+
+    def clear(self) -> None:
+        self._image = None
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setPen(QColor(EDGE))
+        if self._image is None:
+            painter.fillRect(self.rect(), QColor(FIELD))
+        else:
+            size = self._image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
+            place = QRect(self.rect().topLeft(), size)
+            place.moveCenter(self.rect().center())
+            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+            painter.drawImage(place, self._image)
+            painter.drawRect(place.adjusted(0, 0, -1, -1))
+        painter.end()

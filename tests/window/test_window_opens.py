@@ -1,0 +1,82 @@
+"""The window opens on the virtual bench without any configuration."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QColor
+
+from labapp.errors import UserError
+from labapp.window import theme
+from labapp.window.app import main
+from labapp.window.startup import PROBE
+
+_HEAVY = ("torch", "scipy", "pydantic", "h5py", "matplotlib", "labapp.bench", "optics.psf")
+
+_CHILD = f"""
+import sys
+from labapp.window.app import main
+main()
+print([name for name in {_HEAVY} if name in sys.modules])
+"""
+
+
+def test_badge_says_simulated_and_is_painted(bench, person):
+    badge = bench.window.bar.badge
+    assert badge.text() == "SIMULATED: slm, filter, camera, targets"
+    colour = QColor(theme.SIMULATED)
+    seen = person.looks_at(badge)
+    painted = (seen == (colour.red(), colour.green(), colour.blue())).all(axis=2)
+    assert painted.mean() > 0.4
+
+
+def test_every_device_is_listed_as_simulated(bench):
+    for name in ("slm", "filter", "camera", "targets"):
+        assert "simulated" in bench.window.devices.text(name)
+    assert "live" in bench.window.devices.text("camera")
+
+
+def test_everything_fits_a_small_screen(bench):
+    needed = bench.window.minimumSizeHint()
+    assert needed.boundedTo(QSize(1366, 740)) == needed
+
+
+def test_a_picture_is_on_the_screen(bench, person):
+    seen = person.looks_at(bench.window.live_view.picture)
+    assert len(np.unique(seen[..., 0])) > 50
+
+
+def test_the_window_process_loads_nothing_heavy(display, tmp_path):
+    child = subprocess.run(
+        [sys.executable, "-c", _CHILD],
+        env={**os.environ, PROBE: "0", "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    figures, loaded = child.stdout.strip().splitlines()
+    assert set(json.loads(figures)) >= {"seconds_to_window", "seconds_to_picture", "rss_mb"}
+    assert loaded == "[]"
+
+
+def test_without_a_display_it_says_so(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(UserError, match="There is no display to open the window on"):
+        main()
+
+
+def test_void_qt_calls_lose_no_reference_to_none(qapp):
+    """PySide6 6.12.0 lost one a call on Python 3.11, and then aborted."""
+    if sys.version_info >= (3, 12):
+        pytest.skip("None is immortal from Python 3.12 on; nothing can be lost")
+    before = sys.getrefcount(None)
+    for _ in range(10_000):
+        qapp.processEvents()
+        qapp.setProperty("count", 1)
+    assert abs(sys.getrefcount(None) - before) < 1000

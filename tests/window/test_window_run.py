@@ -1,0 +1,120 @@
+"""Acquire, cancel, reconstruct: by clicks, down to the file."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+
+from labapp.acquisition.state import State
+from labapp.record.reader import Record
+from labapp.window.messages import CancelHeard, Reconstructed, RunEnded
+
+
+def set_bracket(person, row, shortest, ratio, count):
+    person.types(row.shortest, shortest)
+    person.types(row.ratio, ratio)
+    person.types(row.count, count)
+
+
+def acquire_small(bench, person):
+    """A bracket of 14 frames with an axicon; how it ended."""
+    bench.reports.clear()
+    set_bracket(person, bench.window.run.star, "8", "8", "2")
+    set_bracket(person, bench.window.run.photograph, "400", "2", "1")
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.types(bench.window.pattern.form.numbers["axicon", "radius_um"], "30")
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.last(RunEnded) is not None)
+    return bench.last(RunEnded)
+
+
+def test_exposures_are_listed_before_they_are_taken(bench, person):
+    run = bench.window.run
+    set_bracket(person, run.star, "1", "8", "4")
+    set_bracket(person, run.photograph, "100", "4", "3")
+    assert run.star.listed.text() == "1  8  64  512 ms"
+    assert run.photograph.listed.text() == "100  400  1600 ms"
+    assert run.summary.text().startswith("50 frames, 39 MB: 28 dark, 16 star and 6 photograph")
+
+
+def test_a_bracket_is_acquired_and_reconstructed(bench, person):
+    moved = set()
+    bench.window.run.bar.valueChanged.connect(moved.add)
+    ended = acquire_small(bench, person)
+    assert ended.state == "COMPLETE"
+    assert len(moved) > 3
+    assert Path(ended.path).parent == Path(bench.window.run.folder.text())
+    with Record(ended.path) as record:
+        assert record.state is State.COMPLETE
+        assert record.missing() == []
+        assert record.frames == 3 * 4 + 2 * 2 * 2 + 2
+        assert record.plan.reconstruct.coded == "axicon 30 µm for 550 nm"
+        assert set(record.simulated) == {"slm", "filter", "camera", "targets"}
+    # The person's own settings are back, and the picture is live.
+    person.waits(lambda: bench.frame.target == "photograph" and bench.frame.exposure == 0.4)
+
+    person.presses(Qt.Key.Key_F7)
+    person.waits(lambda: bench.last(Reconstructed) is not None)
+    view = bench.window.reconstruction
+    person.waits(lambda: bench.window.tabs.currentWidget() is view)
+    result = bench.last(Reconstructed)
+    for name in ("coded", "wiener", "richardson-lucy"):
+        psnr, ssim = result.scores[name]
+        assert f"{psnr:.1f} dB" in view.titles[name].text()
+        assert f"{ssim:.3f}" in view.titles[name].text()
+        assert person.looks_at(view.pictures[name]).std() > 10
+    assert result.scores["richardson-lucy"] > result.scores["coded"]
+
+
+def test_zoom_is_linked(bench, person):
+    pictures = bench.window.reconstruction.pictures
+    pictures["wiener"].box.setRange(xRange=(100, 200), yRange=(100, 180), padding=0)
+    zoomed = pictures["wiener"].box.viewRange()
+    for picture in pictures.values():
+        for range_, wanted in zip(picture.box.viewRange(), zoomed, strict=True):
+            assert range_ == pytest.approx(wanted, abs=12)
+
+
+def test_a_cancelled_run_says_so_in_its_file_and_leaves_the_bench_safe(bench, person):
+    bench.reports.clear()
+    for row in (bench.window.run.star, bench.window.run.photograph):
+        set_bracket(person, row, "100", "1.1", "12")
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.frame.target == "dark")
+    assert not bench.window.settings.isEnabled()
+    # What the devices are set to is read back during the run, too.
+    assert bench.window.settings.target_read.text() == "dark"
+    person.clicks(bench.window.bar.buttons["cancel"])
+    person.waits(lambda: bench.last(RunEnded) is not None)
+    assert bench.last(CancelHeard) is not None
+    ended = bench.last(RunEnded)
+    assert ended.state == "CANCELLED"
+    with Record(ended.path) as record:
+        assert record.state is State.CANCELLED
+        assert 0 < len(record.missing()) == ended.missing < record.frames
+    devices = bench.window.devices
+    person.waits(lambda: "stopped" in devices.text("camera"))
+    assert "neutral" in devices.text("slm")
+    assert "420.00 nm" in devices.text("filter")
+    assert "cancelled" in bench.window.message.text
+    assert not bench.window.actions_["live"].isChecked()
+
+
+def test_a_folder_that_cannot_be_made_is_an_error_in_words(bench, person, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    run, kept = bench.window.run, bench.window.run.folder.text()
+    person.types(run.folder, str(tmp_path / "file" / "runs"))
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.window.message.is_error)
+    assert "Not a directory. Choose another place" in bench.window.message.text
+    person.waits(bench.window.actions_["acquire"].isEnabled)
+    person.types(run.folder, kept)
+
+
+def test_a_neutral_pattern_is_no_coding(bench, person):
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.window.message.is_error)
+    assert "Choose another pattern" in bench.window.message.text
+    person.waits(bench.window.actions_["acquire"].isEnabled)
