@@ -87,7 +87,7 @@ class Reconstruction(FileModel):
     coded: str
     wavelength_nm: Positive | None = None
     psf_window_px: Annotated[int, Field(ge=15, le=4096)] = 128
-    iterations: Annotated[int, Field(ge=1, le=10_000)] = 80
+    iterations: Annotated[int, Field(ge=1, le=10_000)] = 120
 
 
 class PlanFile(FileModel):
