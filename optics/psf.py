@@ -82,7 +82,8 @@ class PSFOperator:
         pixel = camera.sensor.pitch / oversample
         image = wanted = Plane(shape, (pixel, pixel))
         if integrate:
-            self._factor = _samples_per_pixel(camera, wavelength)
+            samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
+            self._factor = max(1, math.ceil(samples))
             margin = 2 * pixel_margin(self._factor)
             window = (shape[0] + margin, shape[1] + margin)
             image = Plane(window, (pixel, pixel)).finer(self._factor)
@@ -160,14 +161,15 @@ def _sampling_error(
     """Defocus is taken as constant over a panel pixel, which sends light where it doesn't.
 
     With a step of s rad across a pixel, its light on the axis is overrated by s²/24 in
-    amplitude; where the pixel's own envelope has fallen through t rad, by s t / 12 on one
-    side of the pupil and underrated on the other. Raises ToleranceError with the floor.
+    amplitude; where the image lies t rad per pixel off the axis, by s t / 12 on one side of
+    the pupil and underrated on the other. Light goes to t = pi at most, where a panel can
+    steer it. Raises ToleranceError with the floor.
     """
     step = phase_step(camera, distance, wavelength)
     corner = 0.5 * math.hypot(*(n * p for n, p in zip(image.shape, image.pitch, strict=True)))
     scale = wavelength * camera.lens.image_distance
-    fall = 2 * math.pi * camera.panel.pitch * corner / scale
-    error = step * (step / 12 + fall / 10) + (PIXEL_INTEGRATION_ERROR if integrate else 0.0)
+    steered = min(2 * math.pi * camera.panel.pitch * corner / scale, math.pi)
+    error = step * (step / 12 + steered / 10) + (PIXEL_INTEGRATION_ERROR if integrate else 0.0)
     floor = error + FLOAT64_ARITHMETIC
     if not floor <= tol:
         advice = f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
@@ -180,11 +182,11 @@ def _sampling_error(
     return ErrorEstimate(error, "estimate")
 
 
-def _samples_per_pixel(camera: Camera, wavelength: float) -> int:
-    """Samples per sensor pixel that resolve the finest fringe of the intensity, and to spare."""
+def nyquist_samples(camera: Camera, wavelength: float) -> float:
+    """Samples per sensor pixel, along an axis, that just resolve the PSF's finest fringe."""
     width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
     finest = wavelength * camera.lens.image_distance / width
-    return max(1, math.ceil(PIXEL_OVERSAMPLING * 2 * camera.sensor.pitch / finest))
+    return 2 * camera.sensor.pitch / finest
 
 
 def psf(

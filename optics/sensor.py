@@ -14,6 +14,10 @@ from optics.edge import require_finite, require_positive
 PIXEL_OVERSAMPLING = 1.5
 """How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
 
+_SURELY_FULL = 4.0
+"""Full wells of light after which more makes no difference; without an end to it Poisson's
+generator would overflow."""
+
 _REACH = 20
 """Samples that the interpolation reaches beyond a pixel's edge."""
 
@@ -109,6 +113,7 @@ def expose(
     mean = rate.clamp(min=0) * exposure
     if dark_current:
         mean = mean + sensor.dark_current * exposure
+    mean = mean.clamp(max=_SURELY_FULL * sensor.full_well + 1000)
     electrons = torch.poisson(mean, generator=generator) if shot_noise else mean
     electrons = electrons.clamp(max=sensor.full_well)
     if read_noise:

@@ -77,8 +77,11 @@ def phase_spread(camera: Camera, phase: torch.Tensor, wavelength: float) -> floa
 def decide(situation: Situation, tol: float, forced: Mapping[str, bool]) -> EffectPlan:
     """Every effect whose estimate exceeds `tol` is on; forced settings win and are recorded.
 
-    Raises ValueError for a forced effect that doesn't exist.
+    Raises ValueError for a forced effect that doesn't exist, or a `tol` that is negative or
+    not finite.
     """
+    if not 0 <= tol < math.inf:
+        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
     decisions = [judge(situation, tol) for judge in _JUDGES]
     names = [d.effect for d in decisions]
     unknown = sorted(set(forced) - set(names))
@@ -100,12 +103,14 @@ def _bandwidth(s: Situation, tol: float) -> Decision:
     """Gauss-Hermite error a^2n n! / (2n)!, a the phase of the finest well-seen fringe.
 
     A change of wavelength scales the PSF; a fringe of half the cut-off frequency at the
-    PSF's radius moves by a radians for one standard deviation of the band.
+    PSF's radius moves by a radians for one standard deviation of the band. The radius is
+    at least that of the first fringes beside the spot of a neutral pattern.
     """
     sigma = s.bandwidth / 2.3548
     width = min(s.camera.lens.stop_diameter, max(s.camera.panel.shape) * s.camera.panel.pitch)
     cutoff = width / (s.wavelength * s.camera.lens.image_distance)
-    a = 2 * math.pi * (cutoff / 2) * s.spread * sigma / s.wavelength
+    radius = math.hypot(s.spread, 2 / cutoff)
+    a = 2 * math.pi * (cutoff / 2) * radius * sigma / s.wavelength
 
     def error(n: int) -> float:
         return a ** (2 * n) * math.factorial(n) / math.factorial(2 * n)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import torch
 
 from optics.camera import Camera
+from optics.edge import require_finite, require_positive
 from optics.formation import spectrum_of_disc, spectrum_of_samples
 from optics.plane import Plane, centred_crop, centred_pad
 
 _PRIMARIES = (610e-9, 540e-9, 450e-9)
 """Wavelengths that the red, green and blue of a photograph stand for."""
+
+
+def _require_radiance(radiance: float) -> None:
+    if not 0 <= radiance < math.inf:
+        raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,11 @@ class Star:
     distance: float
     radiance: float
 
+    def __post_init__(self) -> None:
+        require_positive("diameter", self.diameter, "m")
+        require_positive("distance", self.distance, "m")
+        _require_radiance(self.radiance)
+
     def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
         """Of its geometric image: a disc whose samples count one where it covers them."""
         size = self.diameter * camera.lens.image_distance / self.distance
@@ -57,6 +69,16 @@ class Photograph:
     distance: float
     radiance: float
     cover: float = 1.05
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 3 or self.image.shape[2] != 3 or self.image.numel() == 0:
+            raise ValueError(
+                f"image is {tuple(self.image.shape)}; it needs rows, columns and 3 colours"
+            )
+        require_finite("image", self.image)
+        require_positive("distance", self.distance, "m")
+        require_positive("cover", self.cover, "")
+        _require_radiance(self.radiance)
 
     def reflectance(self, wavelength: float) -> torch.Tensor:
         """The picture at a wavelength: interpolated between its three colours."""

@@ -16,7 +16,7 @@ from optics.camera import Camera
 from optics.formation import form_image
 from optics.light import electron_rate
 from optics.plane import Plane
-from optics.psf import PSFOperator
+from optics.psf import PSFOperator, nyquist_samples
 from optics.slm import grey_to_phase
 from simulator.clock import VirtualClock
 from simulator.effects import EffectPlan, Situation, decide, phase_spread
@@ -25,7 +25,11 @@ from simulator.scene import Scene
 T = TypeVar("T")
 
 _FINER = 2
-"""Samples per sensor pixel of the rendered light: resolves the PSF's finest fringe."""
+"""Samples per sensor pixel of the rendered light, at least."""
+
+_TO_SPARE = 1.05
+"""Over the samples that resolve the PSF's finest fringe: the filter's band reaches below
+its centre."""
 
 _WINDOW = 256
 """Sensor pixels across the rendered PSF; what falls beyond is lost to the picture."""
@@ -92,7 +96,8 @@ class World:
     def _form(self, digest: str) -> tuple[torch.Tensor, EffectPlan]:
         plan = self.effect_plan(self.grey, self.wavelength)
         target = self.scene.targets[self.target]
-        plane = self._plane()
+        finer = self._finer()
+        plane = self._plane(finer)
         rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
         if rate == 0:
             return torch.zeros(self.camera.sensor.shape), plan
@@ -106,22 +111,27 @@ class World:
             spectrum,
             psf,
             plane,
-            _FINER,
+            finer,
             self.camera.sensor.shape,
             pixel_aperture=plan.is_on("pixel aperture"),
         )
         per_sample = rate * plane.pitch[0] * plane.pitch[1]
         return (shares * per_sample).clamp(min=0).to(torch.float32), plan
 
-    def _plane(self) -> Plane:
+    def _finer(self) -> int:
+        """Samples per sensor pixel of the rendered light: they resolve the finest fringe."""
+        return max(_FINER, math.ceil(_TO_SPARE * nyquist_samples(self.camera, self.wavelength)))
+
+    def _plane(self, finer: int) -> Plane:
         """The sensor with a margin of half a PSF around it, finer than its pixels."""
         rows, columns = (n + _WINDOW for n in self.camera.sensor.shape)
         pitch = self.camera.sensor.pitch
-        return Plane((rows, columns), (pitch, pitch)).finer(_FINER)
+        return Plane((rows, columns), (pitch, pitch)).finer(finer)
 
     def _psf(self, distance: float, plan: EffectPlan) -> torch.Tensor:
         grey = torch.from_numpy(self.grey)
-        psf = torch.zeros(_WINDOW * _FINER, _WINDOW * _FINER)
+        side = _WINDOW * self._finer()
+        psf = torch.zeros(side, side)
         for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
             phase = grey_to_phase(self.camera.panel, grey, wavelength)
             psf += weight * self._operator(distance, wavelength, plan)(phase).to(psf)
@@ -136,14 +146,15 @@ class World:
 
     def _operator(self, distance: float, wavelength: float, plan: EffectPlan) -> PSFOperator:
         share = self.camera.panel.unmodulated if plan.is_on("unmodulated light") else 0.0
+        finer = self._finer()
         return self._operators.get(
-            (distance, wavelength, share),
+            (distance, wavelength, share, finer),
             lambda: PSFOperator(
                 self.camera,
                 distance,
                 wavelength,
-                (_WINDOW * _FINER, _WINDOW * _FINER),
-                oversample=_FINER,
+                (_WINDOW * finer, _WINDOW * finer),
+                oversample=finer,
                 integrate=False,
                 unmodulated=share,
                 tol=max(self.tol, 1e-5),

@@ -35,6 +35,24 @@ def direct_transform(field: NDArray, pupil: Plane, image: Plane, scale: float) -
     return answer
 
 
+def line_density(camera: Camera, n: int, wavelength: float, u: float) -> float:
+    """Share of light per metre behind n open strips in a row: grating times envelope."""
+    pitch, scale = camera.panel.pitch, wavelength * camera.lens.image_distance
+    side = math.sqrt(camera.panel.fill_factor) * pitch
+    angle = np.pi * pitch * u / scale
+    waves = n if np.sin(angle) == 0 else np.sin(n * angle) / np.sin(angle)
+    return float(side / (n * scale) * (waves * np.sinc(side * u / scale)) ** 2)
+
+
+def line_share(camera: Camera, n: int, wavelength: float, low: float, high: float) -> float:
+    """Integral of line_density from low to high, by the midpoint rule at 60 points a fringe."""
+    fringe = wavelength * camera.lens.image_distance / (n * camera.panel.pitch)
+    points = math.ceil((high - low) / fringe * 60)
+    u = low + (np.arange(points) + 0.5) * (high - low) / points
+    total = sum(line_density(camera, n, wavelength, x) for x in u)
+    return total * (high - low) / points
+
+
 def _gauss(points: int) -> tuple[Array, Array]:
     """Gauss-Legendre nodes and weights on a unit interval around zero."""
     nodes, weights = np.polynomial.legendre.leggauss(points)
@@ -58,9 +76,7 @@ def quadrature_psf(
     panel, z, p = camera.panel, camera.lens.image_distance, camera.sensor.pitch
     side = math.sqrt(panel.fill_factor) * panel.pitch
     inner, weight = _gauss(across_panel_pixel)
-    y, x = (
-        (positions(n, panel.pitch)[:, None] + inner * side).ravel() for n in panel.shape
-    )
+    y, x = ((positions(n, panel.pitch)[:, None] + inner * side).ravel() for n in panel.shape)
     wy, wx = (np.tile(weight * side, n) for n in panel.shape)
     vergence = 1 / distance - 1 / camera.lens.focus_distance
     wave = np.exp(1j * np.pi / wavelength * vergence * (y[:, None] ** 2 + x[None, :] ** 2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +17,9 @@ from optics import metrics, targets
 from optics.camera import Camera
 from optics.formation import form_image, spectrum_of_disc
 from optics.plane import Plane
-from optics.psf import PSFOperator
+from optics.psf import PSFOperator, nyquist_samples
 from optics.slm import grey_to_phase
 
-_FINER = 2
 _MARGIN = 32
 """Pixels around a predicted window, so that its edges don't wrap into it."""
 
@@ -140,13 +140,14 @@ def predict_star(
     window: int,
 ) -> torch.Tensor:
     """Share of a star's light on each pixel of a square window, star and pixel included."""
-    side = (window + 2 * _MARGIN) * _FINER
-    pitch = camera.sensor.pitch / _FINER
+    finer = math.ceil(nyquist_samples(camera, wavelength))
+    side = (window + 2 * _MARGIN) * finer
+    pitch = camera.sensor.pitch / finer
     plane = Plane((side, side), (pitch, pitch))
     operator = PSFOperator(
-        camera, distance, wavelength, plane.shape, oversample=_FINER, integrate=False
+        camera, distance, wavelength, plane.shape, oversample=finer, integrate=False
     )
     psf = operator(grey_to_phase(camera.panel, grey, wavelength))
     size = diameter * camera.lens.image_distance / distance
-    disc = spectrum_of_disc(plane, size, 1 / _FINER**2)
-    return form_image(disc, psf, plane, _FINER, (window, window))
+    disc = spectrum_of_disc(plane, size, 1 / finer**2)
+    return form_image(disc, psf, plane, finer, (window, window))

@@ -49,11 +49,12 @@ def richardson_lucy(
     data = centred_pad(data, shape)
     weight = blur_back(measured)
     # Where almost no light comes from into the picture, nothing is known: leave it be.
-    known = weight > 0.01 * weight.max()
-    step = torch.where(known, 1 / weight.clamp(min=0.01 * float(weight.max())), 0.0)
-    level = data.sum() / measured.sum() / weight.max()
+    least = 0.01 * float(weight.detach().max())
+    known = weight > least
+    step = torch.where(known, 1 / weight.clamp(min=least), 0.0)
+    level = image.clamp(min=0).mean() / transfer[0, 0].real
     estimate = level.clamp(min=torch.finfo(data.dtype).tiny).expand(shape).clone()
-    floor = 1e-6 * float(level) + torch.finfo(data.dtype).tiny
+    floor = 1e-6 * float(level.detach()) + torch.finfo(data.dtype).tiny
     for iteration in range(iterations):
         progress.report(iteration / iterations, f"Richardson-Lucy {iteration + 1}/{iterations}")
         ratio = measured * data / blur(estimate).clamp(min=floor)

@@ -1,0 +1,100 @@
+import pickle
+import subprocess
+import sys
+import threading
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame, Identity, Seeded, Setting, Surroundings
+
+
+def loaded_by(module: str, heavy: list[str]) -> str:
+    """Which of `heavy` a fresh interpreter has loaded after importing `module`."""
+    code = f"import {module}, sys; print([m for m in {heavy!r} if m in sys.modules])"
+    answer = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    return answer.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    "module", ["drivers", "drivers.interfaces", "drivers.ports", "drivers.clock", "drivers.errors"]
+)
+def test_importing_drivers_loads_no_tensors_and_no_vendor(module):
+    heavy = ["torch", "PySide6", "serial", "usb", "libusb_package", "h5py", "optics", "simulator"]
+    assert loaded_by(module, heavy) == "[]"
+
+
+def test_importing_optics_loads_no_window_port_or_file_format():
+    heavy = ["PySide6", "pyqtgraph", "serial", "usb", "h5py", "pydantic", "typer", "drivers",
+             "simulator", "labapp"]  # fmt: skip
+    assert loaded_by("optics.psf", heavy) == "[]"
+
+
+def test_importing_the_simulator_loads_no_application():
+    heavy = ["PySide6", "serial", "usb", "h5py", "pydantic", "typer", "labapp"]
+    assert loaded_by("simulator.devices", heavy) == "[]"
+
+
+def test_a_device_error_tells_device_command_reply_and_remedy():
+    error = DeviceError("filter", "W 900", "W! out of range", "Choose 420 to 720 nm")
+    assert str(error) == "filter: W 900: W! out of range. Choose 420 to 720 nm"
+    assert (error.device, error.command) == ("filter", "W 900")
+    assert (error.reply, error.remedy) == ("W! out of range", "Choose 420 to 720 nm")
+
+
+def test_a_device_error_survives_the_way_from_another_process():
+    error = pickle.loads(pickle.dumps(DeviceError("a", "b", "c", "d")))
+    assert isinstance(error, DeviceError)
+    assert str(error) == "a: b: c. d"
+
+
+def test_the_real_clock_waits_until_its_time():
+    clock = RealClock()
+    start = clock.now()
+    clock.wait_until(start + 0.03, lambda: False)
+    assert clock.now() >= start + 0.03
+
+
+def test_the_real_clock_does_not_wait_for_what_is_past():
+    asked = []
+    RealClock().wait_until(-1.0, lambda: asked.append(1) or False)
+    assert not asked
+
+
+def test_cancelling_ends_a_wait_early():
+    """The wait would last an hour; the thread has ended although nobody waited that long."""
+    clock, stop = RealClock(), threading.Event()
+    waiting = threading.Thread(
+        target=clock.wait_until, args=(clock.now() + 3600, stop.is_set), daemon=True
+    )
+    waiting.start()
+    stop.set()
+    waiting.join(timeout=60)
+    assert not waiting.is_alive()
+    assert clock.now() < 3600
+
+
+def test_what_devices_report_cannot_be_changed_afterwards():
+    frame = Frame(np.zeros((2, 2), dtype=np.uint16), 0.1, 2.6, 0.0, 1)
+    for record, name in (
+        (frame, "exposure"),
+        (Setting("a", "b", 0.0), "actual"),
+        (Identity("m", "s", True), "simulated"),
+    ):
+        with pytest.raises(FrozenInstanceError):
+            setattr(record, name, 1)
+
+
+def test_whatever_can_be_reseeded_is_seeded():
+    class Camera:
+        def reseed(self, run, step, frame):
+            pass
+
+    assert isinstance(Camera(), Seeded)
+    assert not isinstance(object(), Seeded)
+    assert Surroundings(RealClock()).world is None

@@ -1,0 +1,304 @@
+"""The PSF against closed forms, and against quadrature that shares nothing with it."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from judges import line_density, positions, quadrature_psf, relative
+from scipy.integrate import quad
+from scipy.special import fresnel, j1
+
+from optics.accuracy import ToleranceError
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.psf import PSFOperator, psf
+
+WAVELENGTH = 550e-9
+
+
+def with_panel(camera: Camera, **changes) -> Camera:
+    return replace(camera, panel=replace(camera.panel, **changes))
+
+
+def scale_of(camera: Camera) -> float:
+    return WAVELENGTH * camera.lens.image_distance
+
+
+def random_phase(camera: Camera, seed: int) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(seed).uniform(0, 2 * np.pi, camera.panel.shape))
+
+
+def line_on_pixels(camera: Camera, n: int, pixels: int) -> np.ndarray:
+    def density(u: float) -> float:
+        return line_density(camera, n, WAVELENGTH, u)
+
+    p = camera.sensor.pitch
+    centres = positions(pixels, p)
+    return np.array([quad(density, c - p / 2, c + p / 2, epsabs=1e-12)[0] for c in centres])
+
+
+@pytest.mark.parametrize("fill_factor", [1.0, 0.81])
+@pytest.mark.parametrize("shape", [(24, 32), (25, 31)])
+def test_a_neutral_rectangle_gives_the_analytic_pattern_on_pixels(small_camera, shape, fill_factor):
+    """sinc² for a full panel, the grating function under sinc² for one with gaps."""
+    camera = with_panel(small_camera, shape=shape, fill_factor=fill_factor)
+    result = psf(camera, torch.zeros(shape), 2.0, WAVELENGTH, (14, 15), tol=1e-3)
+    truth = np.outer(line_on_pixels(camera, shape[0], 14), line_on_pixels(camera, shape[1], 15))
+    if fill_factor == 1.0:
+        middle = (shape[0] * shape[1]) * (camera.panel.pitch * camera.sensor.pitch) ** 2
+        assert truth.max() < middle / scale_of(camera) ** 2  # the analytic peak density
+    assert relative(result.value.numpy(), truth) <= 1e-4
+
+
+def test_a_small_round_stop_gives_airys_pattern_with_its_exact_area():
+    """Density A / (wavelength z)² (2 J1(x) / x)², x = pi D r / (wavelength z)."""
+    diameter = 0.8e-3
+    lens = Lens(focal_length=0.125, f_number=0.125 / diameter, focus_distance=2.0)
+    panel = Panel(shape=(90, 96), pitch=10e-6, fill_factor=1.0, unmodulated=0.0)
+    camera = Camera(panel, lens, Sensor(pitch=12e-6))
+    operator = PSFOperator(camera, 2.0, WAVELENGTH, (25, 24), integrate=False)
+    value = operator(torch.zeros(panel.shape))
+    y, x = positions(25, 12e-6)[:, None], positions(24, 12e-6)[None, :]
+    argument = np.pi * diameter * np.hypot(y, x) / scale_of(camera)
+    argument[12, 12] = 1.0
+    airy = (2 * j1(argument) / argument) ** 2
+    airy[12, 12] = 1.0
+    truth = airy * math.pi / 4 * diameter**2 * (12e-6 / scale_of(camera)) ** 2
+    # 80 pixels across the stop: its staircase costs about (1/80)².
+    assert relative(value.numpy(), truth) <= 5e-4
+
+
+def test_the_orders_of_a_neutral_panel_share_the_light_as_its_gaps_say(small_camera):
+    """Order (m, n) gets F sinc²(m sqrt F) sinc²(n sqrt F); all orders together all light."""
+    scale, pitch = scale_of(small_camera), small_camera.panel.pitch
+    # Samples that divide an order into 32, so that each window sum is an exact mean.
+    fine = replace(small_camera, sensor=Sensor(pitch=scale / pitch / 32))
+    orders = 9
+    operator = PSFOperator(fine, 2.0, WAVELENGTH, (32 * orders, 32 * orders), integrate=False)
+    light = operator(torch.zeros(fine.panel.shape)).numpy()
+    blocks = light.reshape(orders, 32, orders, 32)
+    side = math.sqrt(small_camera.panel.fill_factor)
+    peaks = blocks[:, 16, :, 16] / blocks[4, 16, 4, 16]
+    m = np.arange(orders) - orders // 2
+    assert np.allclose(peaks, np.outer(np.sinc(m * side), np.sinc(m * side)) ** 2, atol=1e-6)
+    # At the order itself F; the side lobes of 24 pixels leave a few percent around it.
+    axis_24, axis_32 = (
+        sum(line_density(fine, n, WAVELENGTH, u) for u in positions(32, fine.sensor.pitch))
+        * fine.sensor.pitch
+        for n in fine.panel.shape
+    )
+    assert blocks.sum((1, 3))[4, 4] == pytest.approx(axis_24 * axis_32, rel=1e-5)
+    assert blocks.sum((1, 3))[4, 4] == pytest.approx(small_camera.panel.fill_factor, rel=0.02)
+    whole = [
+        sum(line_density(fine, n, WAVELENGTH, u) for u in positions(32 * orders, fine.sensor.pitch))
+        * fine.sensor.pitch
+        for n in fine.panel.shape
+    ]
+    assert light.sum() == pytest.approx(whole[0] * whole[1], rel=1e-5)
+    assert 0.9 < light.sum() < 1.0
+
+
+@pytest.mark.parametrize("order", [-5, 3, 10])
+def test_a_blazed_grating_moves_the_spot_and_pays_the_envelope(small_camera, order):
+    """Peak at order wavelength z / (N pitch), weaker by sinc²(order sqrt F / N)."""
+    n = small_camera.panel.shape[1]
+    step = scale_of(small_camera) / (n * small_camera.panel.pitch)
+    camera = replace(small_camera, sensor=Sensor(pitch=step / 2))
+    ramp = torch.arange(n, dtype=torch.float64) * (2 * math.pi * order / n)
+    operator = PSFOperator(camera, 2.0, WAVELENGTH, (9, 61), integrate=False, tol=1e-9)
+    neutral = operator(torch.zeros(camera.panel.shape)).numpy()
+    blazed = operator(ramp.expand(camera.panel.shape)).numpy()
+    assert np.unravel_index(blazed.argmax(), blazed.shape) == (4, 30 + 2 * order)
+    share = np.sinc(order * math.sqrt(camera.panel.fill_factor) / n) ** 2
+    assert blazed.max() / neutral.max() == pytest.approx(share, rel=1e-9)
+
+
+@pytest.mark.parametrize("distance", [1.6, 2.6, math.inf])
+def test_defocus_of_a_rectangle_follows_fresnels_integrals(small_camera, distance):
+    """Each axis: integral of exp(i pi V x² / wavelength - 2 pi i x u / (wavelength z))."""
+    camera = with_panel(small_camera, fill_factor=1.0)
+    vergence = 1 / distance - 1 / 2.0
+    scale, pitch = scale_of(camera), camera.panel.pitch
+
+    def line(n: int, u: np.ndarray) -> np.ndarray:
+        low, high = (-(n // 2) - 0.5) * pitch, (n - n // 2 - 0.5) * pitch
+        stretch = np.sqrt(2 * abs(vergence) / WAVELENGTH)
+        shift = u / (vergence * camera.lens.image_distance)
+        s1, c1 = fresnel(stretch * (high - shift))
+        s0, c0 = fresnel(stretch * (low - shift))
+        return ((c1 - c0) ** 2 + (s1 - s0) ** 2) / stretch**2 / (scale * n * pitch)
+
+    operator = PSFOperator(camera, distance, WAVELENGTH, (31, 32), integrate=False, tol=0.05)
+    value = operator(torch.zeros(camera.panel.shape)).numpy()
+    p = camera.sensor.pitch
+    rows, columns = line(24, positions(31, p)), line(32, positions(32, p))
+    truth = np.outer(rows, columns) * p**2
+    assert relative(value, truth) <= operator.account.error
+    # On the axis itself.
+    assert value[15, 16] == pytest.approx(truth[15, 16], rel=operator.account.error)
+
+
+def test_the_unmodulated_share_adds_in_intensity(small_camera):
+    """0/pi squares cancel on the axis: only the unmodulated share of a neutral spot is left."""
+    rows, columns = np.indices(small_camera.panel.shape)
+    squares = torch.from_numpy(np.pi * ((rows + columns) % 2))
+
+    def centre(share: float, phase: torch.Tensor) -> float:
+        operator = PSFOperator(
+            small_camera, 2.0, WAVELENGTH, (5, 5), integrate=False, unmodulated=share, tol=1e-9
+        )
+        return float(operator(phase)[2, 2])
+
+    neutral = centre(0.0, torch.zeros(small_camera.panel.shape))
+    assert centre(0.0, squares) <= 1e-20 * neutral
+    assert centre(0.07, squares) == pytest.approx(0.07 * neutral, rel=1e-9)
+    panel = with_panel(small_camera, unmodulated=0.2)
+    by_default = PSFOperator(panel, 2.0, WAVELENGTH, (5, 5), integrate=False)(squares)
+    assert float(by_default[2, 2]) == pytest.approx(0.2 * neutral, rel=1e-5)
+
+
+def test_an_object_at_infinity_is_the_limit_of_far_ones(small_camera):
+    focused = replace(small_camera, lens=replace(small_camera.lens, focus_distance=20.0))
+    phase = random_phase(focused, 1)
+    at_infinity = PSFOperator(focused, math.inf, WAVELENGTH, (12, 12), tol=0.1)(phase)
+    far = PSFOperator(focused, 1e9, WAVELENGTH, (12, 12), tol=0.1)(phase)
+    near = PSFOperator(focused, 20.0, WAVELENGTH, (12, 12), tol=0.1)(phase)
+    assert relative(far.numpy(), at_infinity.numpy()) <= 1e-5
+    assert relative(near.numpy(), at_infinity.numpy()) > 0.01
+
+
+@pytest.mark.parametrize("distance", [0.4, 0.7, 1.3])
+def test_a_tolerance_that_defocus_breaks_is_refused_with_one_that_works(small_camera, distance):
+    words = r"tol 1e-09 can't be kept; ask .* closer to the plane in focus"
+    with pytest.raises(ToleranceError, match=words) as caught:
+        PSFOperator(small_camera, distance, WAVELENGTH, (8, 8), tol=1e-9)
+    advised = float(re.search(r"ask for tol ([0-9.e+-]+[0-9])", str(caught.value)).group(1))
+    assert advised < 1
+    operator = PSFOperator(small_camera, distance, WAVELENGTH, (8, 8), tol=advised)
+    assert operator.account.error <= advised
+
+
+@pytest.mark.parametrize("tol", [0.0, -1e-3, float("nan"), 1e-15])
+def test_a_tolerance_below_rounding_is_refused(small_camera, tol):
+    with pytest.raises(ToleranceError, match=r"tol .* can't be kept; ask for tol"):
+        PSFOperator(small_camera, 2.0, WAVELENGTH, (8, 8), tol=tol)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_single_precision_is_as_good_as_the_account_says(small_camera, seed):
+    phase = random_phase(small_camera, seed) * 10
+    single = PSFOperator(small_camera, 2.0, WAVELENGTH, (12, 13), integrate=False)
+    double = PSFOperator(small_camera, 2.0, WAVELENGTH, (12, 13), integrate=False, tol=1e-9)
+    assert (single.account.precision, double.account.precision) == ("float32", "float64")
+    value, truth = single(phase), double(phase)
+    assert (value.dtype, truth.dtype) == (torch.float32, torch.float64)
+    assert relative(value.numpy(), truth.numpy()) <= single.account.arithmetic.value
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_achieved_error_keeps_the_tolerance(small_camera, tol, seed):
+    """Quadrature inside panel and sensor pixels, at as much defocus as the tolerance allows."""
+    rng = np.random.default_rng(seed)
+    shape = [(24, 32), (25, 31), (24, 31), (25, 32)][seed]
+    camera = with_panel(small_camera, shape=shape)
+    for distance in (*rng.uniform(1.2, 2.0, 6), 2.0):
+        try:
+            operator = PSFOperator(camera, distance, WAVELENGTH, (12, 13), tol=tol)
+        except ToleranceError:
+            continue
+        break
+    phase = random_phase(camera, seed)
+    truth = quadrature_psf(camera, phase.numpy(), distance, WAVELENGTH, (12, 13))
+    assert operator.account.error <= tol
+    assert relative(operator(phase).numpy(), truth) <= tol
+
+
+@pytest.mark.parametrize("vergence", [0.02, 0.11, 0.3])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
+    small_camera, vergence, share
+):
+    """The slope of defocus inside the pixels matters most where a grating sends the light."""
+    camera = with_panel(small_camera, shape=(1, 800), pitch=10e-6)
+    camera = replace(camera, sensor=Sensor(pitch=5e-6))
+    edge = 200 * 5e-6
+    slope = 2 * math.pi * share * edge / scale_of(camera) * 10e-6
+    ramp = (torch.arange(800, dtype=torch.float64) * slope)[None]
+    operator = PSFOperator(camera, 1 / (0.5 + vergence), WAVELENGTH, (1, 400), tol=0.1)
+    truth = quadrature_psf(camera, ramp.numpy(), 1 / (0.5 + vergence), WAVELENGTH, (1, 400))
+    error = relative(operator(ramp).numpy(), truth)
+    assert error <= operator.account.error
+    # The estimate is for the worst pattern, and no more than a few times its error.
+    assert share < 0.9 or error > 0.2 * operator.account.error
+
+
+def test_the_gradient_equals_finite_differences():
+    """torch.autograd.gradcheck, on pixels, with defocus and unmodulated light."""
+    camera = Camera(Panel(shape=(4, 5), pitch=40e-6), Lens(), Sensor(pitch=60e-6))
+    operator = PSFOperator(camera, 2.0, WAVELENGTH, (3, 4), tol=1e-8)
+    phase = random_phase(camera, 2).requires_grad_()
+    # The light of a pixel is a few percent: scaled to one for gradcheck's absolute part.
+    assert torch.autograd.gradcheck(lambda p: 100 * operator(p), (phase,), atol=1e-7)
+
+
+def test_a_batch_of_phases_gives_the_psfs_of_each(small_camera):
+    phases = torch.stack([random_phase(small_camera, s) for s in range(3)])
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, (7, 6), tol=1e-8)
+    together = operator(phases)
+    assert together.shape == (3, 7, 6)
+    assert relative(together[1].numpy(), operator(phases[1]).numpy()) <= 1e-12
+
+
+def test_adding_whole_waves_changes_nothing(small_camera):
+    phase = random_phase(small_camera, 3)
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, (7, 6))
+    waves = 2 * math.pi * torch.randint(-9, 9, phase.shape, dtype=torch.float64)
+    assert relative(operator(phase + waves).numpy(), operator(phase).numpy()) <= 1e-5
+
+
+def test_oversampled_points_sum_to_their_pixel(small_camera):
+    """A midpoint sum of 16 x 16 shares is the pixel's light to its own second order."""
+    phase = random_phase(small_camera, 4)
+    pixels = quadrature_psf(small_camera, phase.numpy(), 2.0, WAVELENGTH, (5, 5))
+    operator = PSFOperator(
+        small_camera, 2.0, WAVELENGTH, (5 * 15, 5 * 15), oversample=15, integrate=False, tol=1e-9
+    )
+    sums = operator(phase).numpy().reshape(5, 15, 5, 15).sum((1, 3))
+    assert relative(sums, pixels) <= 2e-3
+
+
+def test_the_account_tells_method_sampling_and_time(small_camera):
+    result = psf(small_camera, torch.zeros(24, 32), 2.0, WAVELENGTH, (8, 8))
+    assert result.account.cpu_spent is not None
+    assert result.account.cpu_spent >= 0
+    assert "32x24 panel pixels" in result.account.sampling
+    assert result.account.model.value == pytest.approx((0.0125 / 0.13333) ** 2, rel=1e-3)
+
+
+def test_bad_arguments_are_refused_by_name(small_camera):
+    def operator(distance=2.0, wavelength=WAVELENGTH, shape=(8, 8), **options):
+        return PSFOperator(small_camera, distance, wavelength, shape, **options)
+
+    with pytest.raises(ValueError, match=r"distance is 0 m; the object must be in front"):
+        operator(distance=0.0)
+    with pytest.raises(ValueError, match=r"distance is nan m"):
+        operator(distance=float("nan"))
+    with pytest.raises(ValueError, match=r"wavelength is -1 m; it must be positive"):
+        operator(wavelength=-1.0)
+    with pytest.raises(ValueError, match=r"shape \(0, 8\) must be at least 1"):
+        operator(shape=(0, 8))
+    with pytest.raises(ValueError, match=r"oversample is 2; .* at oversample 1"):
+        operator(oversample=2)
+    with pytest.raises(ValueError, match=r"oversample is 0"):
+        operator(oversample=0, integrate=False)
+    with pytest.raises(ValueError, match=r"unmodulated is 1.5; it is a share"):
+        operator(unmodulated=1.5)
+    with pytest.raises(ValueError, match=r"phase is \(32, 24\); the panel has \(24, 32\) pixels"):
+        operator()(torch.zeros(32, 24))
+    phase = torch.zeros(24, 32)
+    phase[1, 2] = math.nan
+    with pytest.raises(ValueError, match=r"phase has 1 NaN or infinite values"):
+        operator()(phase)

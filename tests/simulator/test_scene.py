@@ -1,0 +1,91 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from virtual_bench import CAMERA
+
+from optics.plane import Plane
+from simulator.clock import VirtualClock
+from simulator.scene import Dark, Photograph, Scene, Star
+
+PLANE = Plane((60, 62), (7e-6, 7e-6))
+
+
+def test_the_photographs_colours_are_met_and_mixed():
+    """Red, green and blue stand for 610, 540 and 450 nm; halfway between, the mean."""
+    image = torch.tensor([0.2, 0.4, 0.8]).expand(2, 2, 3)
+    photo = Photograph(image, 2.0, 1.0)
+    expected = {610e-9: 0.2, 575e-9: 0.3, 540e-9: 0.4, 495e-9: 0.6, 450e-9: 0.8,
+                400e-9: 0.8, 700e-9: 0.2}  # fmt: skip
+    for wavelength, value in expected.items():
+        assert float(photo.reflectance(wavelength)[0, 0]) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("size", [(20, 20), (200, 150), (7, 300)])
+def test_a_print_covers_the_frame_by_its_cover(size):
+    """A white print: samples of one inside, the frame times the cover on its scarcer side."""
+    photo = Photograph(torch.ones(*size, 3), 2.0, 1.0, cover=1.2)
+    picture = torch.fft.irfft2(photo.spectrum(PLANE, CAMERA, 550e-9), s=PLANE.shape)
+    picture = torch.fft.fftshift(picture).numpy()
+    frame = [n * 14e-6 / 7e-6 for n in CAMERA.sensor.shape]
+    scale = 1.2 * max(f / n for f, n in zip(frame, size, strict=True))
+    expected = [min(n * scale, m) for n, m in zip(size, PLANE.shape, strict=True)]
+    inside = picture > 0.5
+    assert inside.any(1).sum() == pytest.approx(expected[0], abs=1)
+    assert inside.any(0).sum() == pytest.approx(expected[1], abs=1)
+    assert np.allclose(picture[inside], 1, atol=1e-6)
+
+
+def test_a_print_keeps_its_place_and_orientation():
+    """One white corner pixel of a 2 x 2 print lights the same quarter of the plane."""
+    image = torch.zeros(2, 2, 3)
+    image[0, 1] = 1
+    spectrum = Photograph(image, 2.0, 1.0, cover=1.0).spectrum(PLANE, CAMERA, 550e-9)
+    picture = torch.fft.fftshift(torch.fft.irfft2(spectrum, s=PLANE.shape))
+    quarters = [picture[:30, :31], picture[:30, 31:], picture[30:, :31], picture[30:, 31:]]
+    assert int(torch.stack([q.sum() for q in quarters]).argmax()) == 1
+
+
+def test_a_stars_samples_count_its_area():
+    """pi/4 (diameter z / distance)² over the area of a sample; z for 2 m focus."""
+    z = 1 / (1 / 0.125 - 1 / 2.0)
+    spectrum = Star(2e-3, 4.0, 1.0).spectrum(PLANE, CAMERA, 550e-9)
+    expected = math.pi / 4 * (2e-3 * z / 4.0) ** 2 / (7e-6) ** 2
+    assert spectrum[0, 0].real.item() == pytest.approx(expected)
+
+
+def test_the_dark_has_no_spectrum():
+    assert not Dark().spectrum(PLANE, CAMERA, 550e-9).any()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Scene({}), r"targets is empty; a scene needs at least one"),
+        (lambda: Star(-1.0, 2.0, 1.0), r"diameter is -1 m; it must be positive"),
+        (lambda: Star(1e-4, 0.0, 1.0), r"distance is 0 m; it must be positive"),
+        (lambda: Star(1e-4, 2.0, -1.0), r"radiance is -1 .*negative"),
+        (lambda: Star(1e-4, 2.0, math.nan), r"radiance is nan"),
+        (lambda: Photograph(torch.ones(2, 2, 3), -2.0, 1.0), r"distance is -2 m"),
+        (lambda: Photograph(torch.ones(2, 2, 3), 2.0, -1.0), r"radiance is -1"),
+        (lambda: Photograph(torch.ones(2, 2, 3), 2.0, 1.0, cover=0.0), r"cover is 0"),
+        (lambda: Photograph(torch.ones(2, 2), 2.0, 1.0), r"image is \(2, 2\).* 3"),
+        (lambda: Photograph(torch.ones(0, 2, 3), 2.0, 1.0), r"image is \(0, 2, 3\)"),
+        (lambda: Photograph(torch.full((2, 2, 3), math.nan), 2.0, 1.0), r"image has 12 NaN"),
+    ],
+)
+def test_a_target_that_cannot_stand_there_is_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_the_virtual_clock_jumps_and_never_goes_back():
+    clock = VirtualClock()
+    assert clock.now() == 0
+    clock.wait_until(5.0, lambda: False)
+    assert clock.now() == 5.0
+    clock.wait_until(3.0, lambda: False)
+    assert clock.now() == 5.0
+    clock.wait_until(9.0, lambda: True)
+    assert clock.now() == 5.0

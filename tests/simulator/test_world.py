@@ -1,0 +1,245 @@
+"""The light of the virtual world against the camera equation and slow sums."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from judges import line_share, quadrature_psf, relative
+from virtual_bench import (
+    CAMERA,
+    NEUTRAL,
+    SCENE,
+    WIDE_OPEN,
+    lens_pattern,
+    light_of,
+    ring_pattern,
+    world,
+)
+
+import optics.formation
+import simulator.world
+from optics.slm import grey_to_phase
+from simulator.scene import Scene, Star
+
+WAVELENGTH = 550e-9
+
+
+def electrons_by_hand(radiance: float, area: float, camera=WIDE_OPEN, band=7e-9) -> float:
+    """Electrons per second that `area` of sensor collects from a diffuse source, written out."""
+    panel = 48 * 40e-6 * 64 * 40e-6
+    z = 1 / (1 / 0.125 - 1 / 2.0)
+    watts = radiance * band * panel / z**2 * area * 0.6 * 0.6
+    return watts * WAVELENGTH / (6.62607015e-34 * 299792458) * 0.62
+
+
+def window_share(half_y: float, half_x: float, camera=WIDE_OPEN) -> float:
+    rows, columns = camera.panel.shape
+    return line_share(camera, rows, WAVELENGTH, -half_y, half_y) * line_share(
+        camera, columns, WAVELENGTH, -half_x, half_x
+    )
+
+
+def test_a_uniform_card_gives_the_rate_of_the_camera_equation():
+    """Half of white, times the share of the light within the rendered PSF of 256 pixels."""
+    light = light_of(world(WIDE_OPEN), target="card")
+    reach = 128 * 14e-6
+    expected = electrons_by_hand(0.5 * 1e7, (14e-6) ** 2) * window_share(reach, reach)
+    assert light.mean() == pytest.approx(expected, rel=0.01)
+    assert light.std() <= 1e-3 * light.mean()
+
+
+def test_a_star_sends_radiance_times_its_solid_angle():
+    """L x area of the pinhole x solid angle of the panel, the share within the sensor."""
+    light = light_of(world(WIDE_OPEN), target="star")
+    z = 1 / (1 / 0.125 - 1 / 2.0)
+    image_of_pinhole = math.pi / 4 * (20e-6 * z / 2.0) ** 2
+    expected = electrons_by_hand(2e12, image_of_pinhole)
+    assert light.sum() == pytest.approx(expected * window_share(20 * 14e-6, 22.5 * 14e-6), rel=0.01)
+
+
+def test_a_star_has_the_shape_of_the_psf():
+    """Quadrature over panel and sensor pixels, for a pattern that spreads the light."""
+    grey = ring_pattern(120e-6, WIDE_OPEN)
+    scene = Scene({"star": Star(1e-6, 2.0, 1e12)})
+    light = light_of(
+        world(WIDE_OPEN, scene, forced={"unmodulated light": False, "filter bandwidth": False}),
+        grey,
+    )
+    phase = grey_to_phase(WIDE_OPEN.panel, torch.from_numpy(grey), WAVELENGTH).numpy()
+    truth = quadrature_psf(WIDE_OPEN, phase, 2.0, WAVELENGTH, (40, 45))
+    assert relative(light / light.sum(), truth / truth.sum()) <= 0.002
+
+
+def test_coarse_sensor_pixels_do_not_alias_the_psf():
+    """Pixels of several fringes: the rendered light must be sampled finer than twice a pixel."""
+    camera = replace(WIDE_OPEN, sensor=replace(WIDE_OPEN.sensor, shape=(12, 13), pitch=60e-6))
+    grey = ring_pattern(120e-6, camera)
+    scene = Scene({"star": Star(1e-6, 2.0, 1e12)})
+    off = {"unmodulated light": False, "filter bandwidth": False}
+    light = light_of(world(camera, scene, forced=off), grey)
+    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), WAVELENGTH).numpy()
+    truth = quadrature_psf(camera, phase, 2.0, WAVELENGTH, (12, 13), across_sensor_pixel=16)
+    assert relative(light / light.sum(), truth / truth.sum()) <= 0.002
+
+
+@pytest.mark.parametrize(
+    ("change", "least"),
+    [
+        ({"grey": ring_pattern(100e-6)}, 0.5),
+        ({"grey": lens_pattern(3.0)}, 0.02),
+        ({"wavelength": 600e-9}, 0.05),
+        ({"target": "card"}, 0.5),
+        ({"target": "near star"}, 0.02),
+    ],
+)
+def test_every_setting_changes_the_light(change, least):
+    w = world(tol=0.05)
+    assert relative(light_of(w, **change), light_of(w)) > least
+
+
+def test_the_description_of_the_camera_changes_the_light():
+    light = light_of(world())
+    for lens in (replace(CAMERA.lens, f_number=80.0), replace(CAMERA.lens, focus_distance=1.5)):
+        assert relative(light_of(world(replace(CAMERA, lens=lens), tol=0.1)), light) > 0.02
+    darker = replace(CAMERA, transmission=0.3)
+    assert relative(light_of(world(darker)), light / 2) <= 1e-6
+
+
+def test_nothing_is_replayed():
+    """A, B, A gives the light of A again, bit for bit, and that of a world that never saw B."""
+    a, b = ring_pattern(80e-6), ring_pattern(120e-6)
+    w = world()
+    first, other, again = light_of(w, a), light_of(w, b), light_of(w, a)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert np.array_equal(first, light_of(world(), a))
+    assert np.array_equal(other, light_of(world(), b))
+
+
+def test_targets_seen_one_after_the_other_are_those_of_fresh_worlds():
+    w = world(tol=0.05)
+    for target in ("card", "star", "near star", "card"):
+        assert np.array_equal(light_of(w, target=target), light_of(world(tol=0.05), target=target))
+
+
+def test_more_states_than_the_caches_hold_stay_apart():
+    w = world()
+    wavelengths = np.linspace(500e-9, 600e-9, 12)
+    once = [light_of(w, wavelength=v) for v in wavelengths]
+    for v, light in zip(wavelengths, once, strict=True):
+        assert np.array_equal(light_of(w, wavelength=v), light)
+    assert len({light.tobytes() for light in once}) == len(once)
+
+
+def test_the_bandwidth_of_the_filter_changes_the_light():
+    w = world()
+    narrow = light_of(w)
+    w.bandwidth = 14e-9
+    assert relative(light_of(w), 2 * narrow) < 0.02
+
+
+def test_no_light_comes_from_nothing():
+    light = light_of(world(), target="dark")
+    assert light.shape == CAMERA.sensor.shape
+    assert not light.any()
+
+
+def test_light_is_never_negative():
+    for target in ("star", "card"):
+        assert light_of(world(), ring_pattern(100e-6), target=target).min() >= 0
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-3])
+@pytest.mark.parametrize("bandwidth", [7e-9, 20e-9, 40e-9])
+@pytest.mark.parametrize("radius", [0.0, 60e-6, 200e-6])
+def test_the_band_is_sampled_as_finely_as_the_tolerance_asks(bandwidth, radius, tol):
+    """41 wavelengths across four standard deviations, each a world of its own."""
+    grey = ring_pattern(radius)
+    w = world(tol=tol)
+    w.bandwidth = bandwidth
+    light = light_of(w, grey)
+    one = world(tol=tol, forced={"filter bandwidth": False})
+    one.bandwidth = bandwidth
+    x = np.linspace(-4, 4, 41)
+    weights = np.exp(-(x**2) / 2)
+    sigma = bandwidth / (2 * math.sqrt(2 * math.log(2)))
+    wavelengths = WAVELENGTH + sigma * x
+    # The rate of photons is the centre's; only the shape is averaged.
+    shapes = [light_of(one, grey, v) * WAVELENGTH / v for v in wavelengths]
+    truth = np.tensordot(weights / weights.sum(), shapes, 1)
+    assert relative(light, truth) <= tol
+
+
+class Counted:
+    """A callable that counts its calls."""
+
+    def __init__(self, function):
+        self.function, self.calls = function, 0
+
+    def __call__(self, *args, **kwargs):
+        self.calls += 1
+        return self.function(*args, **kwargs)
+
+
+def test_effects_that_are_off_are_not_computed(monkeypatch):
+    aperture = Counted(optics.formation.pixel_transfer)
+    operators = Counted(simulator.world.PSFOperator)
+    monkeypatch.setattr(optics.formation, "pixel_transfer", aperture)
+    monkeypatch.setattr(simulator.world, "PSFOperator", operators)
+    off = {"filter bandwidth": False, "pixel aperture": False, "unmodulated light": False}
+    w = world(forced=off)
+    light_of(w, ring_pattern(200e-6))
+    assert (aperture.calls, operators.calls) == (0, 1)
+    on = world(forced=dict.fromkeys(off, True))
+    light_of(on, ring_pattern(200e-6))
+    nodes = on.effect_plan(on.grey, WAVELENGTH)["filter bandwidth"].nodes
+    assert aperture.calls == 1
+    assert operators.calls == 1 + nodes
+
+
+def test_the_same_state_is_computed_once(monkeypatch):
+    images = Counted(simulator.world.form_image)
+    monkeypatch.setattr(simulator.world, "form_image", images)
+    w = world()
+    for _ in range(3):
+        light_of(w)
+    assert images.calls == 1
+    light_of(w, ring_pattern(90e-6))
+    assert images.calls == 2
+
+
+def test_each_effect_moves_the_light_when_it_is_forced():
+    grey = ring_pattern(200e-6)
+    w = world(forced=dict.fromkeys(("filter bandwidth", "pixel aperture", "unmodulated light"), 1))
+    w.bandwidth = 30e-9
+    full = light_of(w, grey)
+    for effect in ("filter bandwidth", "pixel aperture", "unmodulated light"):
+        without = world(forced={**w.forced, effect: False})
+        without.bandwidth = 30e-9
+        assert relative(light_of(without, grey), full) > 0.005
+
+
+@pytest.mark.parametrize("tol", [math.nan, -1.0, math.inf])
+def test_a_tolerance_that_is_none_is_refused(tol):
+    with pytest.raises(ValueError, match=r"tol is .*; "):
+        light_of(world(tol=tol))
+
+
+def test_an_unknown_effect_is_refused_with_the_known_ones():
+    with pytest.raises(ValueError, match=r"effect 'fog' is unknown; choose among .*shot noise"):
+        light_of(world(forced={"fog": True}))
+
+
+def test_a_wavelength_that_the_panel_does_not_know_is_refused():
+    with pytest.raises(ValueError, match=r"wavelength 900 nm is outside the panel's table"):
+        light_of(world(), wavelength=900e-9)
+
+
+def test_a_target_that_is_out_of_the_models_reach_is_refused_with_a_tolerance():
+    scene = Scene({"star": Star(1e-4, 0.2, 1.0)})
+    with pytest.raises(ValueError, match=r"tol 1e-05 can't be kept; ask for tol"):
+        light_of(world(scene=scene, tol=1e-5))
+    assert "near star" in SCENE.targets
+    assert not NEUTRAL.any()

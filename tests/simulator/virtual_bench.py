@@ -1,0 +1,50 @@
+"""A bench small enough to photograph in milliseconds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.patterns import axicon, fresnel_lens
+from optics.slm import phase_to_grey
+from simulator.scene import Dark, Photograph, Scene, Star
+from simulator.world import World
+
+CAMERA = Camera(
+    Panel(shape=(48, 64), pitch=40e-6, fill_factor=0.81, unmodulated=0.05),
+    Lens(focal_length=0.125, f_number=40.0, focus_distance=2.0),
+    Sensor(shape=(40, 45), pitch=14e-6),
+)
+WIDE_OPEN = replace(CAMERA, lens=replace(CAMERA.lens, f_number=5.0))
+GREY_CARD = torch.full((50, 50, 3), 0.5)
+SCENE = Scene(
+    {
+        "dark": Dark(),
+        "star": Star(20e-6, 2.0, 2e12),
+        "near star": Star(20e-6, 1.7, 2e12),
+        "card": Photograph(GREY_CARD, 2.0, 1e7, cover=20.0),
+    }
+)
+NEUTRAL = np.zeros(CAMERA.panel.shape, dtype=np.uint8)
+
+
+def world(camera: Camera = CAMERA, scene: Scene = SCENE, **options) -> World:
+    return World(camera, scene, **options)
+
+
+def light_of(world: World, grey=NEUTRAL, wavelength=550e-9, target="star") -> np.ndarray:
+    world.grey, world.wavelength, world.target = grey, wavelength, target
+    return world.light()[0].numpy().astype(np.float64)
+
+
+def ring_pattern(radius: float, camera: Camera = CAMERA) -> np.ndarray:
+    phase = axicon(camera.panel, radius, camera.lens.image_distance, 550e-9)
+    return phase_to_grey(camera.panel, phase, 550e-9).numpy()
+
+
+def lens_pattern(focal_length: float, camera: Camera = CAMERA) -> np.ndarray:
+    phase = fresnel_lens(camera.panel, focal_length, 550e-9)
+    return phase_to_grey(camera.panel, phase, 550e-9).numpy()
