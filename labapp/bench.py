@@ -137,7 +137,12 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, scene: SceneFile, files: BenchFiles) -> World:
-    return World(camera, scene.build(files.scene.parent), tol=scene.tol, forced=scene.effects)
+    """The virtual world of a scene; UserError names the scene file if it can't be."""
+    targets = scene.build(files.scene.parent)
+    try:
+        return World(camera, targets, tol=scene.tol, forced=scene.effects)
+    except ValueError as error:
+        raise UserError(f"{files.scene}: {error}.") from error
 
 
 def _create(name: str, table: DeviceTable, surroundings: Surroundings, path: Path) -> Any:

@@ -17,7 +17,7 @@ from optics.accuracy import (
     ToleranceError,
 )
 from optics.camera import Camera
-from optics.edge import require_finite, rounded_up
+from optics.edge import require_finite, rounded_up, tensors_inside
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane, centred_crop
 from optics.pupil import defocus_phase, phase_step, pupil_amplitude
@@ -36,7 +36,7 @@ class PSFOperator:
     with each panel pixel a square of constant phase, and the unmodulated share added
     in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
 
-    Call with a phase in radians, (..., rows, columns) of the panel; the answer is
+    Call with a phase in radians, (..., rows, columns) of the panel, tensor or array; the answer is
     (..., *shape), the share of the light leaving the panel that each sample receives.
     Differentiable in the phase.
 
@@ -61,67 +61,36 @@ class PSFOperator:
         tol: float = 1e-3,
         budget: Budget | None = None,
     ) -> None:
-        if not distance > 0:
-            raise ValueError(
-                f"distance is {distance:g} m; the object must be in front of the panel"
-            )
-        if not 0 < wavelength < math.inf:
-            raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
-        if oversample < 1:
-            raise ValueError(f"oversample is {oversample}; it must be at least 1")
-        if integrate and oversample != 1:
-            raise ValueError(f"oversample is {oversample}; pixels are integrated at oversample 1")
         self.unmodulated = camera.panel.unmodulated if unmodulated is None else unmodulated
-        if not 0 <= self.unmodulated <= 1:
-            raise ValueError(
-                f"unmodulated is {self.unmodulated:g}; it is a share and must lie between 0 and 1"
-            )
-        self.shape, self._integrate = shape, integrate
+        _require(distance, wavelength, oversample, integrate, self.unmodulated)
         budget = budget or Budget()
-        z = camera.lens.image_distance
+        self.shape, self._integrate = shape, integrate
         pixel = camera.sensor.pitch / oversample
-        image = wanted = Plane(shape, (pixel, pixel))
-        if integrate:
-            samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
-            self._factor = max(1, math.ceil(samples))
-            margin = 2 * pixel_margin(self._factor)
-            window = (shape[0] + margin, shape[1] + margin)
-            image = Plane(window, (pixel, pixel)).finer(self._factor)
-        self.image = image
+        wanted = Plane(shape, (pixel, pixel))
+        samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
+        self._factor = max(1, math.ceil(samples)) if integrate else 1
+        self.image = _with_margin(wanted, self._factor) if integrate else wanted
         sampling = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
         double = tol - sampling.value < FLOAT32_ARITHMETIC
         self.dtype = torch.complex128 if double else torch.complex64
-        real = torch.float64 if double else torch.float32
-        geometry = Geometry(camera.panel.plane, image, wavelength * z)
+        scale = wavelength * camera.lens.image_distance
+        geometry = Geometry(camera.panel.plane, self.image, scale)
         self.transform = plan_transform(geometry, self.dtype, budget)
-
-        amplitude = pupil_amplitude(camera)
-        active = math.sqrt(camera.panel.fill_factor) * camera.panel.pitch
-        power = float(amplitude.sum()) * active**2
-        if power == 0:
-            raise ValueError(f"f_number {camera.lens.f_number:g} closes the stop: no light passes")
-        strength = active**2 / (wavelength * z) * math.sqrt(image.pitch[0] * image.pitch[1] / power)
-        defocus = defocus_phase(camera, distance, wavelength)
-        self._pupil = torch.polar(amplitude * strength, defocus.remainder(2 * math.pi)).to(
-            self.dtype
-        )
-        y, x = image.mesh()
-        envelope = torch.sinc(y * active / (wavelength * z)) * torch.sinc(
-            x * active / (wavelength * z)
-        )
-        self._envelope = (envelope**2).to(real)
+        pupil = _generalised_pupil(camera, distance, wavelength, self.image)
+        self._pupil = pupil.to(self.dtype)
+        self._envelope = _pixel_envelope(camera, scale, self.image).to(self._pupil.real.dtype)
         self._straight: torch.Tensor | None = None
+        arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
         self.account = Account(
             method=self.transform.name,
             sampling=f"{camera.panel.shape[1]}x{camera.panel.shape[0]} panel pixels to "
-            f"{image.shape[1]}x{image.shape[0]} samples of {image.pitch[1] * 1e6:.3g} µm",
+            f"{self.image.shape[1]}x{self.image.shape[0]} samples of "
+            f"{self.image.pitch[1] * 1e6:.3g} µm",
             precision="float64" if double else "float32",
             tol=tol,
-            model=ErrorEstimate((0.5 * camera.lens.stop_diameter / z) ** 2, "estimate: paraxial"),
+            model=_paraxial_error(camera),
             sampling_error=sampling,
-            arithmetic=ErrorEstimate(
-                FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC, "measured"
-            ),
+            arithmetic=ErrorEstimate(arithmetic, "measured"),
             cpu_predicted=self.transform.cpu_seconds(budget.speed),
             bytes=self.transform.bytes,
         )
@@ -139,6 +108,7 @@ class PSFOperator:
             self._straight = self._intensity(self._pupil.to(device))
         return self._straight
 
+    @tensors_inside
     def __call__(self, phase: torch.Tensor) -> torch.Tensor:
         if phase.shape[-2:] != self._pupil.shape:
             raise ValueError(
@@ -153,6 +123,60 @@ class PSFOperator:
             return light
         straight = self._unmodulated_light(phase.device)
         return (1 - self.unmodulated) * light + self.unmodulated * straight
+
+
+def _require(
+    distance: float, wavelength: float, oversample: int, integrate: bool, unmodulated: float
+) -> None:
+    """Raise ValueError for an argument that makes no PSF."""
+    if not distance > 0:
+        raise ValueError(f"distance is {distance:g} m; the object must be in front of the panel")
+    if not 0 < wavelength < math.inf:
+        raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+    if oversample < 1:
+        raise ValueError(f"oversample is {oversample}; it must be at least 1")
+    if integrate and oversample != 1:
+        raise ValueError(f"oversample is {oversample}; pixels are integrated at oversample 1")
+    if not 0 <= unmodulated <= 1:
+        raise ValueError(
+            f"unmodulated is {unmodulated:g}; it is a share and must lie between 0 and 1"
+        )
+
+
+def _with_margin(pixels: Plane, factor: int) -> Plane:
+    """Samples `factor` times finer than the pixels, reaching as far as their integration."""
+    margin = 2 * pixel_margin(factor)
+    window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
+    return Plane(window, pixels.pitch).finer(factor)
+
+
+def _generalised_pupil(
+    camera: Camera, distance: float, wavelength: float, image: Plane
+) -> torch.Tensor:
+    """Stop and defocus (thesis Eq. 3.2), of such a strength that intensities are shares."""
+    amplitude = pupil_amplitude(camera)
+    active = camera.panel.fill_factor * camera.panel.pitch**2
+    # A pixel that the stop covers in part passes light by its open area.
+    power = float(amplitude.sum()) * active
+    if power == 0:
+        raise ValueError(f"f_number {camera.lens.f_number:g} closes the stop: no light passes")
+    scale = wavelength * camera.lens.image_distance
+    strength = active / scale * math.sqrt(image.pitch[0] * image.pitch[1] / power)
+    phase = defocus_phase(camera, distance, wavelength)
+    return torch.polar(amplitude * strength, phase.remainder(2 * math.pi))
+
+
+def _pixel_envelope(camera: Camera, scale: float, image: Plane) -> torch.Tensor:
+    """The intensity that one square panel pixel sends to the image plane, 1 on the axis."""
+    side = math.sqrt(camera.panel.fill_factor) * camera.panel.pitch
+    y, x = image.mesh()
+    return (torch.sinc(y * side / scale) * torch.sinc(x * side / scale)) ** 2
+
+
+def _paraxial_error(camera: Camera) -> ErrorEstimate:
+    """Of the order of the squared sine of the steepest ray's angle."""
+    sine = 0.5 * camera.lens.stop_diameter / camera.lens.image_distance
+    return ErrorEstimate(sine**2, "estimate: paraxial")
 
 
 def _sampling_error(

@@ -79,6 +79,8 @@ class World:
         self._psfs = _Cache(8)
         self._spectra = _Cache(4)
         self._lights = _Cache(8)
+        # Wrong settings shall be heard of now, not at the first picture.
+        self.effect_plan(self.grey, self.wavelength)
 
     def effect_plan(self, grey: NDArray[np.uint8], wavelength: float) -> EffectPlan:
         """What a pattern at a wavelength calls for."""
