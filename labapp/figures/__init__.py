@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from labapp.console import out, print_json, say, table
+from labapp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,6 @@ def print_figures(only: str | None, *, as_json: bool) -> None:
 
     UserError if no measurement's name has the word `only`.
     """
-    from labapp.errors import UserError
-
     chosen = {name: m for name, m in measurements().items() if only is None or only in name}
     if not chosen:
         raise UserError(f"--only {only}: no such figure. Choose {', '.join(measurements())}.")

@@ -14,10 +14,8 @@ from labapp.analysis import analyse
 from labapp.demo import first_light
 from labapp.figures import Figure
 from labapp.figures.quadrature import Star, star_picture
-from labapp.files.reading import bundled, read_toml
-from labapp.files.scene_file import SceneFile, StarTable
+from labapp.files.scene_file import StarTable
 from labapp.record.reader import Record
-from optics.camera import Camera
 
 _SECONDS_GOAL, _GAIN_GOAL, _ERROR_GOAL = 60.0, 3.0, 0.05
 
@@ -70,7 +68,7 @@ def prediction_error(path: Path) -> float:
         camera = record.bench.build_camera()
         band = record.bench.devices.filter.options["bandwidth_nm"] * 1e-9
         wavelength = float(record.column("wavelength")[record.select(target=roles.star)[0]])
-        star = _star(camera)
+        star = _star(record, roles.star)
         coded, neutral = (
             star_picture(camera, record.pattern(name), wavelength, band, star, measured.shape[0])
             for name in (roles.coded, roles.neutral)
@@ -79,7 +77,8 @@ def prediction_error(path: Path) -> float:
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(predicted))
 
 
-def _star(camera: Camera) -> Star:
-    table = read_toml(bundled("scene.toml"), SceneFile).targets["star"]
+def _star(record: Record, name: str) -> Star:
+    assert record.scene is not None
+    table = record.scene.targets[name]
     assert isinstance(table, StarTable)
     return Star(table.diameter_um * 1e-6, table.distance_m)
