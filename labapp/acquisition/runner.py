@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame, Seeded
+from drivers.interfaces import Frame
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot, check, shots
+from labapp.acquisition.taking import Taker
 from labapp.bench import Bench
 from labapp.files.plan_file import PlanFile
 from labapp.patterns import compute_patterns
+from labapp.record.logbook import logbook
 from labapp.record.reader import Record
 from labapp.record.writer import Contents, RecordWriter, mark, require_writable
 from labapp.stopwatch import Stopwatch
@@ -58,9 +60,8 @@ def run_plan(
 
     source: the plan's name in errors. folder: where its picture files are. on_frame: is
     called with each frame once it is on disk. watch: is told how long the stages took.
-    Cancelling the progress ends the run with
-    the state CANCELLED; a failing device or disk with FAILED. UserError if the plan can't
-    be run at all; then nothing was moved or written.
+    Cancelling the progress ends the run with the state CANCELLED; a failing device or disk
+    with FAILED. UserError if the plan can't be run at all; then nothing was moved or written.
     """
     progress, watch = progress or Progress(), watch or Stopwatch()
     check(plan, bench, source)
@@ -70,7 +71,7 @@ def run_plan(
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
     with watch.stage("acquire"):
         contents = _contents(bench, plan, patterns)
-        with RecordWriter(path, contents, force=force) as writer:
+        with RecordWriter(path, contents, force=force) as writer, logbook(writer, bench.clock):
             part = progress.part(_PATTERNS_SHARE, 1)
             state, message = _take_all(bench, contents, writer, part, on_frame)
         return _conclude(path, state, message)
@@ -87,10 +88,11 @@ def _take_all(
     state, message = State.FAILED, ""
     try:
         writer.set_state(State.RUNNING)
-        writer.log(bench.clock.now(), f"started: {len(contents.shots)} frames planned")
+        log.info("started: %d frames planned", len(contents.shots))
+        taker = Taker(bench, contents.patterns, contents.seed)
         for shot in contents.shots:
             progress.report(shot.index / len(contents.shots), _describe(shot))
-            frame = _take(bench, shot, contents, progress)
+            frame = taker.take(shot, progress)
             writer.store(shot, frame, bench.filter.wavelength)
             if on_frame is not None:
                 on_frame(shot, frame)
@@ -105,16 +107,16 @@ def _take_all(
     finally:
         for failure in bench.make_safe():
             message = f"{message}; not left safe: {failure}" if message else str(failure)
-        _say_last_words(writer, bench, state, message)
+        _say_last_words(writer, state, message)
     return state, message
 
 
-def _say_last_words(writer: RecordWriter, bench: Bench, state: State, message: str) -> None:
+def _say_last_words(writer: RecordWriter, state: State, message: str) -> None:
     """Write how the run ended; a full disk may not even take that, and the log says so."""
     # COMPLETE is not written here: it has to be earned by reading back.
     written = State.RUNNING if state is State.COMPLETE else state
+    log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
     try:
-        writer.log(bench.clock.now(), message or "all frames taken")
         writer.set_state(written, message)
     except OSError as error:
         log.error("%s: the end of the run could not be written: %s", writer.path, error)
@@ -128,33 +130,6 @@ def _conclude(path: Path, state: State, message: str) -> Outcome:
         state, message = State.FAILED, f"{len(missing)} frames don't read back"
     mark(path, state, message)
     return Outcome(path, state, missing, message)
-
-
-def _take(bench: Bench, shot: Shot, contents: Contents, progress: Progress) -> Frame:
-    """Set everything, wait until all of it stands, and take one frame."""
-    for device in bench.devices.values():
-        if isinstance(device, Seeded):
-            device.reseed(contents.seed, shot.step, shot.repeat)
-    ready = [bench.clock.now()]
-    if bench.targets.placed != shot.target:
-        ready.append(bench.targets.place(shot.target).ready_at)
-    if bench.slm.shown != shot.pattern:
-        ready.append(bench.slm.show(shot.pattern, contents.patterns[shot.pattern]).ready_at)
-    if bench.filter.wavelength != shot.wavelength:
-        ready.append(bench.filter.set_wavelength(shot.wavelength).ready_at)
-    setting = bench.camera.set_exposure(shot.exposure)
-    bench.clock.wait_until(max(*ready, setting.ready_at), lambda: progress.cancelled)
-    progress.check()
-    frame = bench.camera.capture(lambda: progress.cancelled)
-    progress.check()
-    if frame.exposure != setting.actual:
-        raise DeviceError(
-            bench.camera.identity.model,
-            f"capture at {setting.actual * 1e3:g} ms",
-            f"the frame was exposed for {frame.exposure * 1e3:g} ms",
-            "Run the plan again; if it happens again, restart the camera",
-        )
-    return frame
 
 
 def _describe(shot: Shot) -> str:

@@ -193,3 +193,33 @@ def test_a_run_that_cannot_be_done_moves_nothing(small, plan, bench, tmp_path, m
         run_plan(bench, plan.model_copy(update={"acquire": (block,)}), tmp_path / "run.h5")
     monkeypatch.undo()
     assert not (tmp_path / "run.h5").exists()
+
+
+def test_a_pattern_is_shown_even_if_the_panel_has_another_of_that_name(small, plan, tmp_path):
+    """The panel's own neutral is grey 0; the plan's is grey 100."""
+    patterns = {"neutral": {"kind": "constant", "grey": 100}}
+    block = plan.acquire[0].model_copy(update={"patterns": ("neutral",)})
+    changed = PlanFile.model_validate(
+        plan.model_dump() | {"patterns": patterns, "acquire": [block.model_dump()]}
+    )
+    seen = []
+    with open_bench(small.bench_files) as bench:
+        run_plan(
+            bench,
+            changed,
+            tmp_path / "run.h5",
+            on_frame=lambda shot, frame: seen.append(int(bench.world.grey[0, 0])),
+        )
+    assert set(seen) == {100}
+
+
+def test_the_record_logs_what_was_set_and_how_the_run_ended(plan, bench, tmp_path, caplog):
+    run_plan(bench, plan, tmp_path / "run.h5")
+    with Record(tmp_path / "run.h5") as record:
+        texts = [text for _, text in record.log]
+        times = [time for time, _ in record.log]
+    assert texts[0] == "started: 16 frames planned"
+    assert texts[1:4] == ["target: dark", "pattern: neutral", "wavelength: 540 nm"]
+    assert texts.count("pattern: lens") == 2
+    assert texts[-1] == "all frames taken"
+    assert times == sorted(times)
