@@ -61,6 +61,11 @@ class Panel:
     def plane(self) -> Plane:
         return Plane(self.shape, (self.pitch, self.pitch))
 
+    @property
+    def active_side(self) -> float:
+        """Side of the square of a pixel that modulates, in metres."""
+        return math.sqrt(self.fill_factor) * self.pitch
+
 
 @dataclass(frozen=True)
 class Lens:

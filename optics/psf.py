@@ -15,12 +15,14 @@ from optics.accuracy import (
     ErrorEstimate,
     Result,
     ToleranceError,
+    cheapest,
 )
 from optics.camera import Camera
 from optics.edge import require_finite, rounded_up, tensors_inside
-from optics.fourier import Geometry, plan_transform
+from optics.fourier import Geometry, Transform, plan_transform
+from optics.pixels import CurvedPixelTransform
 from optics.plane import Plane, centred_crop
-from optics.pupil import defocus_phase, phase_step, pupil_amplitude
+from optics.pupil import defocus_curvature, defocus_phase, phase_step, pupil_amplitude
 from optics.sensor import (
     PIXEL_INTEGRATION_ERROR,
     PIXEL_OVERSAMPLING,
@@ -28,13 +30,17 @@ from optics.sensor import (
     pixel_margin,
 )
 
+_STEEPEST_DEFOCUS = 200.0
+"""Radians across a panel pixel beyond which the blur is far larger than any sensor."""
+
 
 class PSFOperator:
     """The incoherent PSF of a camera, planned once and called for many patterns.
 
-    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1),
-    with each panel pixel a square of constant phase, and the unmodulated share added
-    in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
+    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1), with
+    each panel pixel a square of one modulation, and the unmodulated share added in
+    intensity, as light of the polarisation that the panel doesn't turn (§5.6). Defocus is
+    taken as constant over a pixel where tol allows, and integrated inside it otherwise.
 
     Call with a phase in radians, (..., rows, columns) of the panel, tensor or array; the answer is
     (..., *shape), the share of the light leaving the panel that each sample receives.
@@ -70,15 +76,23 @@ class PSFOperator:
         samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
         self._factor = max(1, math.ceil(samples)) if integrate else 1
         self.image = _with_margin(wanted, self._factor) if integrate else wanted
-        sampling = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
+        sampling, curved = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
         double = tol - sampling.value < FLOAT32_ARITHMETIC
         self.dtype = torch.complex128 if double else torch.complex64
         scale = wavelength * camera.lens.image_distance
         geometry = Geometry(camera.panel.plane, self.image, scale)
-        self.transform = plan_transform(geometry, self.dtype, budget)
-        pupil = _generalised_pupil(camera, distance, wavelength, self.image)
+        pupil = _generalised_pupil(camera, scale, self.image)
+        self._envelope: torch.Tensor | None = None
+        if curved:
+            curvature = defocus_curvature(camera, distance, wavelength)
+            exact = CurvedPixelTransform(geometry, self.dtype, curvature, camera.panel.active_side)
+            self.transform: Transform = cheapest([exact], budget, "a PSF far out of focus")
+        else:
+            self.transform = plan_transform(geometry, self.dtype, budget)
+            defocus = defocus_phase(camera, distance, wavelength)
+            pupil = torch.polar(pupil, defocus.remainder(2 * math.pi))
+            self._envelope = _pixel_envelope(camera, scale, self.image)
         self._pupil = pupil.to(self.dtype)
-        self._envelope = _pixel_envelope(camera, scale, self.image).to(self._pupil.real.dtype)
         self._straight: torch.Tensor | None = None
         arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
         self.account = Account(
@@ -97,7 +111,9 @@ class PSFOperator:
 
     def _intensity(self, pupil: torch.Tensor) -> torch.Tensor:
         field = self.transform(pupil)
-        intensity = (field.real**2 + field.imag**2) * self._envelope.to(field.device)
+        intensity = field.real**2 + field.imag**2
+        if self._envelope is not None:
+            intensity = intensity * self._envelope.to(intensity)
         if not self._integrate:
             return intensity
         light = integrate_pixels(intensity, self._factor)
@@ -150,25 +166,20 @@ def _with_margin(pixels: Plane, factor: int) -> Plane:
     return Plane(window, pixels.pitch).finer(factor)
 
 
-def _generalised_pupil(
-    camera: Camera, distance: float, wavelength: float, image: Plane
-) -> torch.Tensor:
-    """Stop and defocus (thesis Eq. 3.2), of such a strength that intensities are shares."""
+def _generalised_pupil(camera: Camera, scale: float, image: Plane) -> torch.Tensor:
+    """The stop (thesis Eq. 3.2), of such a strength that intensities are shares of the light."""
     amplitude = pupil_amplitude(camera)
-    active = camera.panel.fill_factor * camera.panel.pitch**2
+    active = camera.panel.active_side**2
     # A pixel that the stop covers in part passes light by its open area.
     power = float(amplitude.sum()) * active
     if power == 0:
         raise ValueError(f"f_number {camera.lens.f_number:g} closes the stop: no light passes")
-    scale = wavelength * camera.lens.image_distance
-    strength = active / scale * math.sqrt(image.pitch[0] * image.pitch[1] / power)
-    phase = defocus_phase(camera, distance, wavelength)
-    return torch.polar(amplitude * strength, phase.remainder(2 * math.pi))
+    return amplitude * (active / scale * math.sqrt(image.pitch[0] * image.pitch[1] / power))
 
 
 def _pixel_envelope(camera: Camera, scale: float, image: Plane) -> torch.Tensor:
     """The intensity that one square panel pixel sends to the image plane, 1 on the axis."""
-    side = math.sqrt(camera.panel.fill_factor) * camera.panel.pitch
+    side = camera.panel.active_side
     y, x = image.mesh()
     return (torch.sinc(y * side / scale) * torch.sinc(x * side / scale)) ** 2
 
@@ -181,29 +192,40 @@ def _paraxial_error(camera: Camera) -> ErrorEstimate:
 
 def _sampling_error(
     camera: Camera, distance: float, wavelength: float, image: Plane, integrate: bool, tol: float
-) -> ErrorEstimate:
-    """Defocus is taken as constant over a panel pixel, which sends light where it doesn't.
+) -> tuple[ErrorEstimate, bool]:
+    """The error of the cheapest sampling that keeps `tol`, and whether it curves the pixels.
+
+    Raises ToleranceError with the floor.
+    """
+    rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
+    floor = rest + FLOAT64_ARITHMETIC
+    if not floor <= tol:
+        raise ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
+    flat = _flat_pixel_error(camera, distance, wavelength, image)
+    if flat + floor <= tol:
+        return ErrorEstimate(rest + flat, "estimate"), False
+    step = phase_step(camera, distance, wavelength)
+    if step > _STEEPEST_DEFOCUS:
+        raise ToleranceError(
+            f"tol {tol:g} can't be kept: defocus changes by {step:.2g} rad across a panel pixel; "
+            "bring the object closer to the plane in focus"
+        )
+    return ErrorEstimate(rest, "bound"), True
+
+
+def _flat_pixel_error(camera: Camera, distance: float, wavelength: float, image: Plane) -> float:
+    """What it costs to take defocus as constant over a panel pixel.
 
     With a step of s rad across a pixel, its light on the axis is overrated by s²/24 in
     amplitude; where the image lies t rad per pixel off the axis, by s t / 12 on one side of
     the pupil and underrated on the other. Light goes to t = pi at most, where a panel can
-    steer it. Raises ToleranceError with the floor.
+    steer it.
     """
     step = phase_step(camera, distance, wavelength)
     corner = 0.5 * math.hypot(*(n * p for n, p in zip(image.shape, image.pitch, strict=True)))
     scale = wavelength * camera.lens.image_distance
     steered = min(2 * math.pi * camera.panel.pitch * corner / scale, math.pi)
-    error = step * (step / 12 + steered / 10) + (PIXEL_INTEGRATION_ERROR if integrate else 0.0)
-    floor = error + FLOAT64_ARITHMETIC
-    if not floor <= tol:
-        advice = f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
-        if step:
-            advice += (
-                f", or bring the object closer to the plane in focus: defocus changes by "
-                f"{step:.2g} rad across a panel pixel"
-            )
-        raise ToleranceError(advice)
-    return ErrorEstimate(error, "estimate")
+    return step * (step / 12 + steered / 10)
 
 
 def nyquist_samples(camera: Camera, wavelength: float) -> float:

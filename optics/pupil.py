@@ -58,14 +58,26 @@ def defocus_phase(camera: Camera, distance: float, wavelength: float) -> torch.T
     converges on the sensor, in the paraxial approximation; exactly zero in focus.
     """
     y, x = camera.panel.plane.mesh()
-    return math.pi / wavelength * vergence_error(camera, distance) * (y**2 + x**2)
+    return defocus_curvature(camera, distance, wavelength) * (y**2 + x**2)
+
+
+def defocus_curvature(camera: Camera, distance: float, wavelength: float) -> float:
+    """Radians of defocus per square metre from the axis."""
+    return math.pi / wavelength * vergence_error(camera, distance)
+
+
+def _reach(camera: Camera) -> float:
+    """Metres from the axis to the edge of the open pupil, at the most."""
+    corner = math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape))
+    return 0.5 * min(camera.lens.stop_diameter, corner)
+
+
+def blur_radius(camera: Camera, distance: float) -> float:
+    """Radius in metres on the sensor of a defocused point, by geometric optics."""
+    return _reach(camera) * abs(vergence_error(camera, distance)) * camera.lens.image_distance
 
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of defocus phase across one panel pixel, in radians."""
-    reach = 0.5 * min(
-        camera.lens.stop_diameter,
-        math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)),
-    )
-    slope = 2 * math.pi / wavelength * abs(vergence_error(camera, distance)) * reach
+    slope = 2 * math.pi / wavelength * abs(vergence_error(camera, distance)) * _reach(camera)
     return slope * camera.panel.pitch

@@ -6,17 +6,19 @@ import hashlib
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.camera import Camera
+from optics.camera import Camera, Sensor
 from optics.formation import form_image
 from optics.light import electron_rate
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples
+from optics.pupil import blur_radius
 from optics.slm import grey_to_phase
 from simulator.clock import VirtualClock
 from simulator.effects import EffectPlan, Situation, decide, phase_spread
@@ -31,8 +33,13 @@ _TO_SPARE = 1.05
 """Over the samples that resolve the PSF's finest fringe: the filter's band reaches below
 its centre."""
 
-_WINDOW = 256
+_SMALLEST_WINDOW, _LARGEST_WINDOW = 256, 1024
 """Sensor pixels across the rendered PSF; what falls beyond is lost to the picture."""
+
+_WINDOW_STEP = 64
+
+_WINDOW_MARGIN = 128
+"""Sensor pixels around the light that geometric optics predicts, for its diffraction."""
 
 
 class _Cache:
@@ -49,6 +56,23 @@ class _Cache:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(causes)
         return self._kept[causes]  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Where light is rendered: a PSF `window` sensor pixels wide, `finer` samples a pixel."""
+
+    window: int
+    finer: int
+
+    @property
+    def samples(self) -> int:
+        return self.window * self.finer
+
+    def plane(self, sensor: Sensor) -> Plane:
+        """The sensor with a margin of half a PSF around it."""
+        rows, columns = (n + self.window for n in sensor.shape)
+        return Plane((rows, columns), (sensor.pitch, sensor.pitch)).finer(self.finer)
 
 
 class World:
@@ -98,45 +122,55 @@ class World:
     def _form(self, digest: str) -> tuple[torch.Tensor, EffectPlan]:
         plan = self.effect_plan(self.grey, self.wavelength)
         target = self.scene.targets[self.target]
-        finer = self._finer()
-        plane = self._plane(finer)
         rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
         if rate == 0:
             return torch.zeros(self.camera.sensor.shape), plan
+        grid = self._grid(target.distance)
+        plane = grid.plane(self.camera.sensor)
         causes = (digest, self.wavelength, self.bandwidth, target.distance)
-        psf = self._psfs.get(causes, lambda: self._psf(target.distance, plan))
+        psf = self._psfs.get(causes, lambda: self._psf(target.distance, grid, plan))
         spectrum = self._spectra.get(
-            (self.target, self.wavelength),
+            (self.target, self.wavelength, grid),
             lambda: target.spectrum(plane, self.camera, self.wavelength),
         )
         shares = form_image(
             spectrum,
             psf,
             plane,
-            finer,
+            grid.finer,
             self.camera.sensor.shape,
             pixel_aperture=plan.is_on("pixel aperture"),
         )
         per_sample = rate * plane.pitch[0] * plane.pitch[1]
         return (shares * per_sample).clamp(min=0).to(torch.float32), plan
 
-    def _finer(self) -> int:
-        """Samples per sensor pixel of the rendered light: they resolve the finest fringe."""
-        return max(_FINER, math.ceil(_TO_SPARE * nyquist_samples(self.camera, self.wavelength)))
+    def _grid(self, distance: float) -> _Grid:
+        """Fine enough for the finest fringe, and wide enough for the light of a point.
 
-    def _plane(self, finer: int) -> Plane:
-        """The sensor with a margin of half a PSF around it, finer than its pixels."""
-        rows, columns = (n + _WINDOW for n in self.camera.sensor.shape)
-        pitch = self.camera.sensor.pitch
-        return Plane((rows, columns), (pitch, pitch)).finer(finer)
+        Light that a wild pattern scatters beyond the largest window is lost. Raises
+        ValueError if defocus alone goes beyond it.
+        """
+        camera, wavelength = self.camera, self.wavelength
+        finer = max(_FINER, math.ceil(_TO_SPARE * nyquist_samples(camera, wavelength)))
+        pitch = camera.sensor.pitch
+        blurred = 2 * blur_radius(camera, distance) / pitch + _WINDOW_MARGIN
+        if blurred > _LARGEST_WINDOW:
+            raise ValueError(
+                f"a point at {distance:g} m is blurred over {blurred:.0f} pixels and "
+                f"{_LARGEST_WINDOW} can be rendered; bring it closer to the plane in focus, "
+                f"{camera.lens.focus_distance:g} m"
+            )
+        phase = grey_to_phase(camera.panel, torch.from_numpy(self.grey), wavelength)
+        wanted = blurred + 2 * phase_spread(camera, phase, wavelength) / pitch
+        window = min(max(wanted, _SMALLEST_WINDOW), _LARGEST_WINDOW)
+        return _Grid(_WINDOW_STEP * math.ceil(window / _WINDOW_STEP), finer)
 
-    def _psf(self, distance: float, plan: EffectPlan) -> torch.Tensor:
+    def _psf(self, distance: float, grid: _Grid, plan: EffectPlan) -> torch.Tensor:
         grey = torch.from_numpy(self.grey)
-        side = _WINDOW * self._finer()
-        psf = torch.zeros(side, side)
+        psf = torch.zeros(grid.samples, grid.samples)
         for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
             phase = grey_to_phase(self.camera.panel, grey, wavelength)
-            psf += weight * self._operator(distance, wavelength, plan)(phase).to(psf)
+            psf += weight * self._operator(distance, wavelength, grid, plan)(phase).to(psf)
         return psf
 
     def _band(self, nodes: int) -> list[tuple[float, float]]:
@@ -146,17 +180,18 @@ class World:
         wavelengths = self.wavelength + math.sqrt(2) * sigma * x
         return list(zip(wavelengths.tolist(), (weights / weights.sum()).tolist(), strict=True))
 
-    def _operator(self, distance: float, wavelength: float, plan: EffectPlan) -> PSFOperator:
+    def _operator(
+        self, distance: float, wavelength: float, grid: _Grid, plan: EffectPlan
+    ) -> PSFOperator:
         share = self.camera.panel.unmodulated if plan.is_on("unmodulated light") else 0.0
-        finer = self._finer()
         return self._operators.get(
-            (distance, wavelength, share, finer),
+            (distance, wavelength, share, grid),
             lambda: PSFOperator(
                 self.camera,
                 distance,
                 wavelength,
-                (_WINDOW * finer, _WINDOW * finer),
-                oversample=finer,
+                (grid.samples, grid.samples),
+                oversample=grid.finer,
                 integrate=False,
                 unmodulated=share,
                 tol=max(self.tol, 1e-5),

@@ -31,9 +31,11 @@ class PSFReport:
     measured: share of the neutral star's light on each pixel, unmodulated light
     included. shape: the same without the unmodulated light, to be judged against target.
     predicted: of the star, as the camera's description has it; None where the star isn't
-    described. unmodulated: share found in the centre. efficiency: light of `shape` where
-    the target exceeds 2 % of its peak over all light of `measured`. contrast: speckle
-    contrast of `shape`. prediction_error: relative L2, without a fitted scale.
+    described. inside: share of the coded star's light that falls in the window; what falls
+    outside is missing from reconstructions. unmodulated: share found in the centre.
+    efficiency: light of `shape` where the target exceeds 2 % of its peak over all light of
+    `measured`. contrast: speckle contrast of `shape`, None where it has no light.
+    prediction_error: relative L2, without a fitted scale.
     """
 
     measured: Picture
@@ -41,6 +43,7 @@ class PSFReport:
     shape: Picture
     target: Picture | None
     predicted: Picture | None
+    inside: float
     unmodulated: float
     efficiency: float | None
     contrast: float | None
@@ -56,12 +59,13 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
         find(brackets, roles.star, pattern, roles.wavelength, record.path)
         for pattern in (roles.neutral, roles.coded)
     )
-    centre = np.unravel_index(int(neutral.rate.argmax()), neutral.rate.shape)
+    centre = _centre(neutral.rate)
     window = min(roles.psf_window_px, *neutral.rate.shape)
     total = float(_cut(neutral.rate, centre, window).sum())
     if not total > 0:
         raise UserError(f"{record.path}: the neutral star frames are dark. Expose them longer.")
     measured = _cut(coded.rate, centre, window) / total
+    inside = float(measured.sum()) * total / max(float(coded.rate.sum()), total)
     straight = _cut(neutral.rate, centre, window) / total
     share = _share_of(straight, measured)
     shape = measured - share * straight
@@ -75,16 +79,31 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
         shape,
         target,
         predicted,
+        inside,
         share,
         None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
-        None if target is None else metrics.speckle_contrast(shape, target),
+        None if target is None else _contrast(shape, target),
         None if predicted is None else metrics.relative_error(measured, predicted),
     )
 
 
-def _cut(image: Picture, centre: tuple[np.intp, ...], window: int) -> Picture:
+def _contrast(shape: Picture, target: Picture) -> float | None:
+    """Speckle contrast, which is none where a shape far from its target leaves it dark."""
+    bright = target > 0.5 * target.max()
+    lit = float((shape[bright] / target[bright]).mean()) > 0
+    return metrics.speckle_contrast(shape, target) if lit else None
+
+
+def _centre(rate: Picture) -> tuple[int, int]:
+    """The pixel at the centroid of what is brighter than a fifth of the peak."""
+    y, x = np.nonzero(rate > 0.2 * rate.max())
+    weight = rate[y, x]
+    return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
+
+
+def _cut(image: Picture, centre: tuple[int, int], window: int) -> Picture:
     """A square around a pixel, which becomes its origin; beyond the picture there is none."""
-    y, x = (int(c) - window // 2 for c in centre)
+    y, x = (c - window // 2 for c in centre)
     cut = np.zeros((window, window))
     rows = slice(max(y, 0), min(y + window, image.shape[0]))
     columns = slice(max(x, 0), min(x + window, image.shape[1]))
@@ -108,7 +127,13 @@ def _share_of(straight: Picture, measured: Picture, reach: int = 3) -> float:
 def _target_on_sensor(spec: RingPattern, camera: Camera, window: int) -> Picture:
     pitch = camera.sensor.pitch
     plane = Plane((window, window), (pitch, pitch))
-    return targets.ring(plane, spec.radius_um * 1e-6, spec.width_um * 1e-6).numpy()
+    try:
+        return targets.ring(plane, spec.radius_um * 1e-6, spec.width_um * 1e-6).numpy()
+    except ValueError as error:
+        raise UserError(
+            f"the PSF's window is {window} pixels: {error}, or a larger 'psf_window_px' in the "
+            "plan's [reconstruct] table."
+        ) from error
 
 
 def _predict(

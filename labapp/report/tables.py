@@ -68,9 +68,11 @@ def psf_rows(analysis: Analysis) -> list[list[str]]:
     psf = analysis.psf
     assert psf is not None
     rows = []
-    if psf.efficiency is not None and psf.contrast is not None:
+    if psf.efficiency is not None:
         rows.append(["efficiency, of all light in the window", f"{psf.efficiency:.3f}"])
+    if psf.contrast is not None:
         rows.append(["speckle contrast, unmodulated light removed", f"{psf.contrast:.3f}"])
+    rows.append(["light of the star inside the window", percent(psf.inside)])
     rows.append(["unmodulated share, found in the centre", f"{psf.unmodulated:.3f}"])
     if psf.prediction_error is not None:
         rows.append(["measured against predicted, relative L2", f"{psf.prediction_error:.3f}"])
@@ -117,6 +119,7 @@ def as_data(analysis: Analysis) -> dict[str, Any]:
         and {
             "efficiency": psf.efficiency,
             "speckle_contrast": psf.contrast,
+            "share_inside_window": psf.inside,
             "unmodulated_share": psf.unmodulated,
             "prediction_error": psf.prediction_error,
         },

@@ -114,3 +114,25 @@ def test_a_record_without_a_reconstruction_has_a_gallery(labapp, small, tmp_path
     assert "The merged pictures" in page
     with Record(path) as record:
         assert record.text("title") in page
+
+
+def test_a_star_out_of_focus_is_reported_and_not_an_error(labapp, small, tmp_path):
+    """Its neutral PSF is no peak, and the ring's centre isn't dark."""
+    text = small.scene.read_text()
+    small.scene.write_text(text.replace("distance_m = 2.0", "distance_m = 1.5"))
+    ring = {"kind": "ring", "radius_um": 40, "width_um": 6, "iterations": 3}
+    block = {"wavelengths_nm": [550], "exposures_ms": [1, 8]}
+    path = acquire(
+        small,
+        tmp_path / "run.h5",
+        patterns={"neutral": {"kind": "constant"}, "ring": ring},
+        acquire=[
+            {"targets": ["dark"], "patterns": ["neutral"], **block},
+            {"targets": ["star", "photograph"], "patterns": ["neutral", "ring"], **block},
+        ],
+        reconstruct=roles(coded="ring", photograph="photograph", psf_window_px=61),
+    )
+    code, printed, _ = labapp("report", path)
+    assert code == 0
+    assert "light of the star inside the window" in printed
+    assert 0 < analyse(path).psf.inside < 0.95

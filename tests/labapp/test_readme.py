@@ -76,6 +76,7 @@ def test_every_figure_of_the_table_is_measured():
 def test_the_map_of_the_house_is_right():
     plan = re.search(r"```\noptics  .*?```", README, re.DOTALL).group()
     room = ""
+    drawn = set()
     for line in plan.splitlines()[1:-1]:
         if not line.startswith(" "):
             room = line.split()[0]
@@ -84,6 +85,12 @@ def test_the_map_of_the_house_is_right():
         for name in names.rstrip(",").split(", "):
             path = ROOT / room / name.rstrip("/")
             assert path.is_dir() if name.endswith("/") else path.with_suffix(".py").is_file(), name
+            drawn.add(path)
+    for room in ("optics", "drivers", "simulator", "labapp"):
+        modules = {p.with_suffix("") for p in (ROOT / room).glob("*.py")}
+        packages = {p.parent for p in (ROOT / room).glob("*/__init__.py")}
+        missing = {p for p in modules | packages if not p.name.startswith("_")} - drawn
+        assert not missing, "the map leaves rooms out"
 
 
 def test_pictures_and_files_that_are_named_are_there():
