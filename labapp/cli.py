@@ -127,6 +127,57 @@ def report(
 
 
 @app.command()
+def psf(
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
+    ],
+    focal_length: Annotated[float, typer.Option(help="Of the lens, in metres.")] = 0.125,
+    f_number: Annotated[float, typer.Option(help="Focal length over the stop's diameter.")] = 5.0,
+    focus: Annotated[float, typer.Option(help="Plane in focus, in metres; inf is allowed.")] = 2.0,
+    distance: Annotated[
+        float, typer.Option(help="Of the object, in metres; inf is allowed.")
+    ] = 2.0,
+    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
+    pitch_um: Annotated[float, typer.Option(help="Of the sensor's pixels, in micrometres.")] = 3.45,
+    size: Annotated[int, typer.Option(help="Side of the square window, in pixels.")] = 256,
+    tol: Annotated[
+        float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
+    ] = 1e-3,
+    points: Annotated[
+        bool, typer.Option("--points", help="Light at pixel centres, not on whole pixels.")
+    ] = False,
+    pattern: Annotated[
+        Path | None, typer.Option(help="8-bit picture on the SLM before the lens; none: no SLM.")
+    ] = None,
+    bench: BenchOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
+
+    Without a pattern: a lens with a circular stop. With one: the panel of the bench file
+    before the lens. Values are shares of the light, one a pixel; a picture of five decades
+    is written beside the data.
+    """
+    from labapp.predicting import Asked, predict
+
+    asked = Asked(
+        focal_length=focal_length,
+        f_number=f_number,
+        focus=focus,
+        distance=distance,
+        wavelength=wavelength_nm * 1e-9,
+        pitch=pitch_um * 1e-6,
+        size=size,
+        tol=tol,
+        points=points,
+        pattern=pattern,
+        bench=bench,
+    )
+    predict(asked, out, force=force, as_json=json)
+
+
+@app.command()
 def devices(bench: BenchOption = None, scene: SceneOption = None, json: JsonOption = False) -> None:
     """List the bench's devices, the installed drivers, and what is plugged in."""
     from labapp.listing import list_devices

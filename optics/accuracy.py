@@ -69,11 +69,14 @@ class ToleranceError(ValueError):
 class MachineSpeed:
     """Seconds per operation on the machine at hand, one thread, float32.
 
-    The defaults come from a 2-core server; who knows better passes its own.
+    gather: a value fetched from a place of its own. pixel_sample: a fine sample summed into
+    whole pixels. The defaults come from a 2-core server; who knows better passes its own.
     """
 
     multiply_add: float = 2.5e-11
     fft: float = 1.6e-10
+    gather: float = 7e-9
+    pixel_sample: float = 1.1e-7
     double_factor: float = 2.0
 
 

@@ -27,7 +27,7 @@ from optics.sensor import (
     PIXEL_INTEGRATION_ERROR,
     PIXEL_OVERSAMPLING,
     integrate_pixels,
-    pixel_margin,
+    samples_for_pixels,
 )
 
 _STEEPEST_DEFOCUS = 200.0
@@ -75,7 +75,7 @@ class PSFOperator:
         wanted = Plane(shape, (pixel, pixel))
         samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
         self._factor = max(1, math.ceil(samples)) if integrate else 1
-        self.image = _with_margin(wanted, self._factor) if integrate else wanted
+        self.image = samples_for_pixels(wanted, self._factor) if integrate else wanted
         sampling, curved = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
         double = tol - sampling.value < FLOAT32_ARITHMETIC
         self.dtype = torch.complex128 if double else torch.complex64
@@ -157,13 +157,6 @@ def _require(
         raise ValueError(
             f"unmodulated is {unmodulated:g}; it is a share and must lie between 0 and 1"
         )
-
-
-def _with_margin(pixels: Plane, factor: int) -> Plane:
-    """Samples `factor` times finer than the pixels, reaching as far as their integration."""
-    margin = 2 * pixel_margin(factor)
-    window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
-    return Plane(window, pixels.pitch).finer(factor)
 
 
 def _generalised_pupil(camera: Camera, scale: float, image: Plane) -> torch.Tensor:

@@ -10,6 +10,7 @@ import torch
 
 from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
+from optics.plane import Plane
 
 PIXEL_OVERSAMPLING = 1.5
 """How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
@@ -52,6 +53,13 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 def pixel_margin(factor: int) -> int:
     """Whole pixels that integrate_pixels() looks beyond a pixel, at `factor` samples each."""
     return math.ceil((_REACH + factor / 2) / factor)
+
+
+def samples_for_pixels(pixels: Plane, factor: int) -> Plane:
+    """Samples `factor` times finer than the pixels, as far as integrate_pixels() looks."""
+    margin = 2 * pixel_margin(factor)
+    window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
+    return Plane(window, pixels.pitch, pixels.centre).finer(factor)
 
 
 @functools.cache

@@ -31,13 +31,14 @@ Measurement = Callable[[Path], Iterable[Figure]]
 
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
-    from labapp.figures import durability, first_light, startup
+    from labapp.figures import durability, first_light, psf, startup
 
     return {
         "help": startup.help_time,
         "window": startup.window_time,
         "demo": first_light.demo_figures,
         "quadrature": first_light.prediction_figure,
+        "psf": psf.psf_cost,
         "seed": durability.same_seed,
         "kill": durability.after_a_kill,
     }

@@ -1,0 +1,156 @@
+"""`labapp psf`: the PSF of a lens, or of a lens with a pattern on an SLM before it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.bench import BenchFiles
+from labapp.console import out, print_json, table
+from labapp.errors import UserError
+from labapp.files.bench_file import BenchFile
+from labapp.files.reading import read_grey, read_toml
+from labapp.record.writer import require_writable
+from optics.accuracy import Account, describe
+from optics.axial import AxialPSF
+from optics.camera import Camera, Lens, Sensor
+from optics.plane import Plane
+from optics.psf import PSFOperator
+from optics.slm import grey_to_phase, require_grey
+
+_SUFFIXES = (".npy", ".tiff", ".png")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the command line asks for, in SI units. size: pixels of a square window."""
+
+    focal_length: float
+    f_number: float
+    focus: float
+    distance: float
+    wavelength: float
+    pitch: float
+    size: int
+    tol: float
+    points: bool
+    pattern: Path | None
+    bench: Path | None
+
+
+def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
+    """Compute a PSF, print its account, and write it; .npy and .tiff get a picture beside."""
+    if path.suffix.lower() not in _SUFFIXES:
+        raise UserError(f"{path}: the ending must be one of {', '.join(_SUFFIXES)}.")
+    picture = path.with_suffix(".png")
+    for one in dict.fromkeys((path, picture)):
+        require_writable(one, force=force)
+    started = time.process_time()
+    operator, call = _plan(asked)
+    psf = call()
+    planned = time.process_time() - started
+    # The first call also loads and allocates; every further one costs this.
+    started = time.process_time()
+    call()
+    account = operator.account.spent(time.process_time() - started)
+    _write(path, psf)
+    if picture != path:
+        _write(picture, psf)
+    data = describe(account) | {
+        "cpu_plan_s": planned,
+        "sum": float(psf.sum()),
+        "peak": float(psf.max()),
+        "file": str(path),
+        "picture": str(picture),
+    }
+    if as_json:
+        print_json(data)
+        return
+    table("PSF", ["", "value"], _rows(account, data))
+    out.print("\n".join(f"wrote {one}" for one in dict.fromkeys((path, picture))))
+
+
+def _plan(asked: Asked) -> tuple[AxialPSF | PSFOperator, Callable[[], NDArray[Any]]]:
+    """The operator for the question, planned, and the call that answers it."""
+    lens = Lens(asked.focal_length, asked.f_number, asked.focus)
+    if asked.size < 1:
+        raise UserError(f"--size {asked.size}: a window has at least 1 pixel.")
+    shape = (asked.size, asked.size)
+    if asked.pattern is None:
+        pixels = Plane(shape, (asked.pitch, asked.pitch))
+        axial = AxialPSF(
+            lens,
+            asked.distance,
+            asked.wavelength,
+            pixels,
+            integrate=not asked.points,
+            tol=asked.tol,
+        )
+        return axial, lambda: axial().numpy()
+    camera = _camera(asked, lens)
+    grey = read_grey(asked.pattern)
+    try:
+        require_grey(camera.panel, grey)
+    except ValueError as error:
+        raise UserError(f"{asked.pattern}: {error}.") from error
+    operator = PSFOperator(
+        camera, asked.distance, asked.wavelength, shape, integrate=not asked.points, tol=asked.tol
+    )
+    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), asked.wavelength)
+    return operator, lambda: operator(phase).numpy()
+
+
+def _camera(asked: Asked, lens: Lens) -> Camera:
+    """The bench's panel behind which the asked lens and pixels stand."""
+    bench = read_toml(BenchFiles.default(asked.bench).bench, BenchFile).build_camera()
+    sensor = Sensor(shape=(asked.size, asked.size), pitch=asked.pitch)
+    return replace(bench, lens=lens, sensor=sensor)
+
+
+def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
+    spent = 1e3 * (account.cpu_spent or 0)
+    return [
+        ["method", account.method],
+        ["sampling", account.sampling],
+        ["precision", account.precision],
+        ["error asked for", f"{account.tol:.1g} relative L2, of sampling and arithmetic"],
+        ["error of sampling", f"{account.sampling_error.value:.1g}, {account.sampling_error.how}"],
+        ["error of arithmetic", f"{account.arithmetic.value:.1g}, {account.arithmetic.how}"],
+        ["error of the model", f"{account.model.value:.1g}, {account.model.how}; beside the above"],
+        ["planning, first call", f"{data['cpu_plan_s']:.2f} s of processor time"],
+        ["every further call", f"{spent:.1f} ms (predicted {1e3 * account.cpu_predicted:.1f})"],
+        ["memory", f"{account.bytes / 1e6:.1f} MB"],
+        ["light in the window", f"{data['sum']:.4%}".replace("%", " %")],
+        ["brightest pixel", f"{data['peak']:.4%}".replace("%", " %")],
+    ]
+
+
+def _write(path: Path, psf: NDArray[Any]) -> None:
+    """A PSF by the file's ending; a picture shows five decades, brightest pixel white."""
+    draft = path.with_name(f".{path.stem}.new{path.suffix}")
+    try:
+        if path.suffix.lower() == ".npy":
+            np.save(draft, psf)
+        else:
+            values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
+            done, data = cv2.imencode(path.suffix, values)
+            if not done:
+                raise UserError(f"{path}: could not be encoded.")
+            draft.write_bytes(data.tobytes())
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _decades(psf: NDArray[Any], decades: float = 5.0) -> NDArray[np.uint8]:
+    floor = 10.0**-decades
+    share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), floor, 1)
+    return (255 * (1 + np.log10(share) / decades)).round().astype(np.uint8)
