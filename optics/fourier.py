@@ -310,8 +310,19 @@ def transforms(geometry: Geometry, dtype: torch.dtype) -> list[Transform]:
 
 
 def plan_transform(
-    geometry: Geometry, dtype: torch.dtype = torch.complex64, budget: Budget | None = None
+    geometry: Geometry,
+    dtype: torch.dtype = torch.complex64,
+    budget: Budget | None = None,
+    method: str | None = None,
 ) -> Transform:
-    """The cheapest valid transform for a geometry; raises ToleranceError without memory."""
+    """The cheapest valid transform for a geometry, or the one that `method` names.
+
+    Raises ToleranceError without memory, ValueError if the named one isn't valid here.
+    """
     what = f"a transform from {geometry.pupil.shape} to {geometry.image.shape} samples"
-    return cheapest(transforms(geometry, dtype), budget or Budget(), what)
+    valid = transforms(geometry, dtype)
+    chosen = [t for t in valid if method in (None, t.name)]
+    if not chosen:
+        names = ", ".join(t.name for t in valid)
+        raise ValueError(f"method is {method!r}; for {what} choose one of {names}")
+    return cheapest(chosen, budget or Budget(), what)

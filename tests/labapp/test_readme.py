@@ -53,7 +53,10 @@ def test_every_command_exists_with_its_options(command):
         assert words[0] in known
         return
     assert words[0] in group.commands
-    options = {name for p in group.commands[words[0]].params for name in p.opts}
+    command = group.commands[words[0]]
+    if len(words) > 1 and words[1] in getattr(command, "commands", {}):
+        command = command.commands[words[1]]
+    options = {name for p in command.params for name in p.opts}
     assert {word for word in words if word.startswith("--")} <= options
 
 

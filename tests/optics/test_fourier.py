@@ -184,3 +184,12 @@ def test_a_field_of_another_shape_is_refused(method):
         transform(torch.ones(6, 1))
     with pytest.raises(ValueError, match=r"field is \(1, 10\).*\(4, 10\)"):
         transform.adjoint(torch.ones(1, 10))
+
+
+def test_a_transform_can_be_named_and_an_unknown_one_is_refused():
+    plane = Plane((8, 8), (1e-3, 1e-3))
+    geometry = Geometry(plane, Plane((4, 4), (1e-5, 1e-5)), 1e-7)
+    for name in ("matrix DFT", "chirp-Z"):
+        assert plan_transform(geometry, method=name).name == name
+    with pytest.raises(ValueError, match=r"method is 'magic'; for a transform .* choose one of"):
+        plan_transform(geometry, method="magic")

@@ -1,0 +1,1 @@
+"""What accuracy costs in time: work-precision diagrams, measured on the machine at hand."""

@@ -1,0 +1,111 @@
+"""One measured point of a work-precision diagram, and which points are worth having."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optics.progress import Progress
+
+_REPEATS = 5
+_LEAST_SECONDS = 0.02
+"""Processor time that a measurement adds up to, at least, so that the clock's steps vanish."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method at one setting: what was asked, achieved and paid.
+
+    tol: None for methods that take none. error_*: relative L2. cpu_s, wall_s: of one call,
+    planning left out. peak_bytes: of the largest arrays, as the method accounts for them.
+    on_front: whether no other row is both faster and more accurate. failure: why it gave
+    nothing, else empty.
+    """
+
+    operation: str
+    case: str
+    method: str
+    precision: str
+    tol: float | None
+    error_achieved: float | None = None
+    error_predicted: float | None = None
+    cpu_s: float | None = None
+    wall_s: float | None = None
+    peak_bytes: int | None = None
+    on_front: bool = False
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A row to be measured: `plan()` gives the call, its predicted error and its bytes."""
+
+    row: Row
+    plan: Callable[[], tuple[Callable[[], Any], float | None, int]]
+
+
+def measure(candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress) -> list[Row]:
+    """Every candidate, failures included, with the front marked.
+
+    Calls are interleaved, so that a busy moment of the machine hits all of them alike.
+    """
+    rows: list[Row] = []
+    calls: list[tuple[int, Callable[[], Any]]] = []
+    for number, candidate in enumerate(candidates):
+        progress.report(0.5 * number / len(candidates), f"planning {candidate.row.method}")
+        try:
+            call, predicted, size = candidate.plan()
+            value = np.asarray(call(), dtype=np.float64)
+        except (ValueError, MemoryError) as error:
+            rows.append(replace(candidate.row, failure=str(error)))
+            continue
+        achieved = float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
+        calls.append((len(rows), call))
+        rows.append(
+            replace(
+                candidate.row, error_achieved=achieved, error_predicted=predicted, peak_bytes=size
+            )
+        )
+    times: dict[int, list[tuple[float, float]]] = {index: [] for index, _ in calls}
+    for repeat in range(_REPEATS):
+        progress.report(0.5 + 0.5 * repeat / _REPEATS, f"timing, {repeat + 1} of {_REPEATS}")
+        for index, call in calls:
+            times[index].append(_timed(call))
+    for index, measured in times.items():
+        cpu, wall = (statistics.median(column) for column in zip(*measured, strict=True))
+        rows[index] = replace(rows[index], cpu_s=cpu, wall_s=wall)
+    return mark_front(rows)
+
+
+def _timed(call: Callable[[], Any]) -> tuple[float, float]:
+    """Processor and wall-clock seconds of one call."""
+    count, cpu, wall = 0, time.process_time(), time.perf_counter()
+    while True:
+        call()
+        count += 1
+        spent = time.process_time() - cpu
+        if spent >= _LEAST_SECONDS:
+            return spent / count, (time.perf_counter() - wall) / count
+
+
+def mark_front(rows: Sequence[Row]) -> list[Row]:
+    """The rows with those marked that no other beats in both time and error."""
+
+    def beaten(row: Row) -> bool:
+        return any(_price(other) < _price(row) and _error(other) < _error(row) for other in rows)
+
+    return [replace(row, on_front=not row.failure and not beaten(row)) for row in rows]
+
+
+def _price(row: Row) -> float:
+    return math.inf if row.cpu_s is None else row.cpu_s
+
+
+def _error(row: Row) -> float:
+    return math.inf if row.error_achieved is None else row.error_achieved

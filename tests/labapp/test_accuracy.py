@@ -1,0 +1,81 @@
+"""`labapp accuracy`: what is said about error and time is what was measured."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+
+import cv2
+import numpy as np
+import pytest
+
+from labapp.accuracy.rows import Candidate, Row, mark_front, measure
+from optics.progress import Cancelled, Progress
+
+
+def row(name: str, **values) -> Row:
+    return Row("test", "case", name, "float64", None, **values)
+
+
+def test_the_front_has_what_nothing_beats_in_both_time_and_error():
+    rows = mark_front(
+        [
+            row("fast", error_achieved=1e-1, cpu_s=1.0),
+            row("exact", error_achieved=1e-9, cpu_s=9.0),
+            row("beaten", error_achieved=1e-1, cpu_s=10.0),
+            row("middle", error_achieved=1e-3, cpu_s=3.0),
+            row("failed", failure="no"),
+        ]
+    )
+    assert [r.method for r in rows if r.on_front] == ["fast", "exact", "middle"]
+
+
+def test_errors_are_measured_and_failures_are_rows():
+    truth = np.array([3.0, 4.0])
+
+    def refuse():
+        raise ValueError("no such thing")
+
+    rows = measure(
+        [
+            Candidate(row("off"), lambda: (lambda: 1.01 * truth, 0.02, 16)),
+            Candidate(row("none"), refuse),
+        ],
+        truth,
+        Progress(),
+    )
+    assert rows[0].error_achieved == pytest.approx(0.01)
+    assert (rows[0].error_predicted, rows[0].peak_bytes, rows[0].on_front) == (0.02, 16, True)
+    assert rows[0].cpu_s > 0
+    assert (rows[1].failure, rows[1].on_front) == ("no such thing", False)
+
+
+def test_measuring_can_be_cancelled():
+    progress = Progress()
+    progress.cancel()
+    with pytest.raises(Cancelled):
+        measure([Candidate(row("any"), lambda: (lambda: 1.0, None, 0))], np.ones(1), progress)
+
+
+def test_the_diagram_of_a_psf(labapp, tmp_path):
+    files = ["--json", tmp_path / "rows.json", "--plot", tmp_path / "front.png"]
+    code, printed, _ = labapp("accuracy", "psf", "--size", "24", "--f-number", "16", *files)
+    assert code == 0
+    assert "front" in printed
+    rows = json.loads((tmp_path / "rows.json").read_text())["rows"]
+    assert set(rows[0]) == {field.name for field in fields(Row)}
+    asked = [r for r in rows if r["tol"] is not None]
+    assert len(asked) == 10
+    for one in asked:
+        assert one["error_achieved"] <= one["tol"]
+        assert one["error_achieved"] <= 2 * one["error_predicted"]
+    errors = [r["error_achieved"] for r in rows if "grid" in r["method"]]
+    # A staircase's error falls as its steps get smaller, and is no match for the integral.
+    assert errors[0] > 5 * errors[-1] > 5 * asked[-1]["error_achieved"]
+    assert cv2.imread(str(tmp_path / "front.png")).std() > 5
+
+
+def test_existing_files_are_kept(labapp, tmp_path):
+    (tmp_path / "rows.json").write_text("precious")
+    code, _, said = labapp("accuracy", "psf", "--json", tmp_path / "rows.json")
+    assert (code, "--force" in said) == (1, True)
