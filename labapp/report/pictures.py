@@ -35,7 +35,7 @@ def overview(analysis: Analysis) -> Figure:
         return gallery(analysis)
     figure = Figure(figsize=(16, 17.5), dpi=110, layout="constrained")
     figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
-    figure.text(0.995, 0.003, analysis.credit, ha="right", fontsize=8, color="gray")
+    figure.text(0.995, 0.997, analysis.credit, ha="right", va="top", fontsize=8, color="gray")
     top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 2.75, 0.85]))
     _psf_row(top, analysis)
     _photographs(middle, analysis)
