@@ -35,7 +35,6 @@ def overview(analysis: Analysis) -> Figure:
         return gallery(analysis)
     figure = Figure(figsize=(16, 17.5), dpi=110, layout="constrained")
     figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
-    figure.text(0.995, 0.997, analysis.credit, ha="right", va="top", fontsize=8, color="gray")
     top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 2.75, 0.85]))
     _psf_row(top, analysis)
     _photographs(middle, analysis)
@@ -139,6 +138,8 @@ def _photographs(figure: FigureBase, analysis: Analysis) -> None:
         one.imshow(displayed(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
         one.set_title(caption(analysis, name))
         one.set_xticks([])
+        if name == "neutral":
+            one.set_xlabel(analysis.credit, fontsize=8, color="gray")
         one.set_yticks([])
 
 
