@@ -167,4 +167,9 @@ def _create(name: str, table: DeviceTable, surroundings: Surroundings, path: Pat
             f"{path}: key 'devices.{name}.options': {error}. "
             f"{table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
-    return factory(surroundings, **table.options)
+    try:
+        return factory(surroundings, **table.options)
+    except (TypeError, ValueError, IndexError) as error:
+        raise UserError(
+            f"{path}: key 'devices.{name}.options' is {table.options}: {error}. Correct the value."
+        ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Self
 
@@ -11,9 +12,16 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from optics.edge import require_positive
 from optics.sensor import expose
 from optics.slm import require_grey
 from simulator.world import World
+
+
+def require_duration(name: str, milliseconds: float) -> None:
+    """Raise ValueError for a duration that is negative or not finite."""
+    if not 0 <= milliseconds < math.inf:
+        raise ValueError(f"{name} is {milliseconds}; it must be finite and not negative")
 
 
 class _Simulated:
@@ -97,6 +105,10 @@ class SimulatedFilter(_Simulated):
         settling_ms: float = 50.0,
     ) -> None:
         super().__init__(surroundings)
+        if not 0 < range_nm[0] < range_nm[1]:
+            raise ValueError(f"range_nm is {range_nm}; give a lowest and a higher wavelength")
+        require_positive("bandwidth_nm", bandwidth_nm, "nm")
+        require_duration("settling_ms", settling_ms)
         self._range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self._settling = settling_ms * 1e-3
         self._world.bandwidth = bandwidth_nm * 1e-9
@@ -140,6 +152,7 @@ class SimulatedCamera(_Simulated):
 
     def __init__(self, surroundings: Surroundings, readout_ms: float = 8.0) -> None:
         super().__init__(surroundings)
+        require_duration("readout_ms", readout_ms)
         self._readout = readout_ms * 1e-3
         self._exposure = 0.01
         self._number = 0
