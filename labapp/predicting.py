@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from labapp.console import out, print_json, table
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_grey, read_toml
-from labapp.record.writer import require_writable
+from labapp.files.writing import require_writable, write_whole
 from optics.accuracy import Account, describe
 from optics.axial import AxialPSF
 from optics.camera import Camera, Lens, Sensor
@@ -135,19 +136,16 @@ def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
     """A PSF by the file's ending; a picture shows five decades, brightest pixel white."""
-    draft = path.with_name(f".{path.stem}.new{path.suffix}")
-    try:
-        if path.suffix.lower() == ".npy":
-            np.save(draft, psf)
-        else:
-            values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
-            done, data = cv2.imencode(path.suffix, values)
-            if not done:
-                raise UserError(f"{path}: could not be encoded.")
-            draft.write_bytes(data.tobytes())
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    if path.suffix.lower() == ".npy":
+        buffer = io.BytesIO()
+        np.save(buffer, psf)
+        write_whole(path, buffer.getvalue())
+        return
+    values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
+    done, data = cv2.imencode(path.suffix, values)
+    if not done:
+        raise UserError(f"{path}: could not be encoded.")
+    write_whole(path, data.tobytes())
 
 
 def _decades(psf: NDArray[Any], decades: float = 5.0) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +14,7 @@ from labapp.accuracy.psf import Case, candidates
 from labapp.accuracy.rows import Row, measure
 from labapp.console import out, table, watched
 from labapp.figures import machine
-from labapp.record.writer import require_writable
+from labapp.files.writing import require_writable, write_whole
 
 
 def accuracy_psf(case: Case, *, data: Path | None, plot: Path | None, force: bool) -> None:
@@ -32,12 +33,13 @@ def accuracy_psf(case: Case, *, data: Path | None, plot: Path | None, force: boo
             torch.set_num_threads(before)
     _print(case, rows)
     if data is not None:
-        data.write_text(
-            json.dumps({"machine": machine(), "rows": [asdict(r) for r in rows]}, indent=2)
-        )
+        found = {"machine": machine(), "rows": [asdict(row) for row in rows]}
+        write_whole(data, json.dumps(found, indent=2).encode())
         out.print(f"wrote {data}")
     if plot is not None:
-        draw(case, rows).savefig(plot)
+        buffer = io.BytesIO()
+        draw(case, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+        write_whole(plot, buffer.getvalue())
         out.print(f"wrote {plot}")
 
 

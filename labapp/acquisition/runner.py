@@ -18,10 +18,11 @@ from labapp.acquisition.steps import Shot, check, shots
 from labapp.acquisition.taking import Taker
 from labapp.bench import Bench
 from labapp.files.plan_file import PlanFile
+from labapp.files.writing import require_writable
 from labapp.patterns import compute_patterns
 from labapp.record.logbook import logbook
 from labapp.record.reader import Record
-from labapp.record.writer import Contents, RecordWriter, mark, require_writable
+from labapp.record.writer import Contents, RecordWriter, mark
 from labapp.stopwatch import Stopwatch
 from optics.progress import Cancelled, Progress
 from simulator.world import World

@@ -71,10 +71,6 @@ def check(plan: PlanFile, bench: Bench, source: str) -> None:
                 )
 
 
-def frame_bytes(bench: Bench) -> int:
-    return 2 * bench.camera.shape[0] * bench.camera.shape[1]
-
-
 def expected_seconds(plan: PlanFile, bench: Bench) -> float:
     """Exposures and read-outs of a plan, in the bench's own time; settling comes on top."""
     return sum(shot.exposure + bench.camera.frame_time for shot in shots(plan))

@@ -24,6 +24,7 @@ from drivers.interfaces import Frame, Identity
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
+from labapp.files.writing import require_writable
 from labapp.record import layout, process
 
 _PACKAGES = ("numpy", "scipy", "torch", "h5py")
@@ -188,19 +189,6 @@ def mark(path: Path, state: State, message: str = "") -> None:
         file["entry/state"][0] = state.value.encode()
         file["entry/message"][0] = message.encode()[:400]
         file["entry/end_time"][0] = _now().encode()
-
-
-def require_writable(path: Path, *, force: bool) -> None:
-    """UserError if a file exists and may not be replaced, or its folder can't be written."""
-    folder = path.parent
-    if path.is_dir():
-        raise UserError(f"{path}: is a folder. Name a file in it.")
-    if path.exists() and not force:
-        raise UserError(f"{path}: exists already. Choose another name, or add --force.")
-    if not folder.is_dir():
-        raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
-    if not os.access(folder, os.W_OK):
-        raise UserError(f"{folder}: may not be written to. Choose another place.")
 
 
 def checksum(image: NDArray[np.uint16]) -> int:

@@ -9,7 +9,7 @@ from labapp.analysis import Analysis, analyse
 from labapp.console import out as console
 from labapp.console import print_json, watched
 from labapp.errors import UserError
-from labapp.record.writer import require_writable
+from labapp.files.writing import require_writable, write_whole
 from labapp.report.tables import as_data, print_tables
 from labapp.stopwatch import Stopwatch
 
@@ -49,18 +49,9 @@ def write_report(analysis: Analysis, folder: Path) -> None:
 
     watch = Stopwatch()
     with watch.stage("report"):
-        _write_whole(folder / "report.png", png(overview(analysis)))
-        _write_whole(folder / "report.html", page(analysis).encode())
+        write_whole(folder / "report.png", png(overview(analysis)))
+        write_whole(folder / "report.html", page(analysis).encode())
     analysis.seconds |= watch.seconds
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    draft = path.with_name(f".{path.name}.new")
-    try:
-        draft.write_bytes(data)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:

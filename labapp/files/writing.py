@@ -1,0 +1,31 @@
+"""Writing files that people asked for: nothing replaced without leave, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from labapp.errors import UserError
+
+
+def require_writable(path: Path, *, force: bool) -> None:
+    """UserError if a file exists and may not be replaced, or its folder can't be written."""
+    folder = path.parent
+    if path.is_dir():
+        raise UserError(f"{path}: is a folder. Name a file in it.")
+    if path.exists() and not force:
+        raise UserError(f"{path}: exists already. Choose another name, or add --force.")
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
+    if not os.access(folder, os.W_OK):
+        raise UserError(f"{folder}: may not be written to. Choose another place.")
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that takes its name only when it is whole."""
+    draft = path.with_name(f".{path.name}.new")
+    try:
+        draft.write_bytes(data)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
