@@ -20,13 +20,9 @@ from optics.accuracy import (
 )
 from optics.camera import Lens
 from optics.edge import require_finite, rounded_up, tensors_inside
-from optics.plane import Plane, centred_crop
-from optics.sensor import (
-    PIXEL_INTEGRATION_ERROR,
-    PIXEL_OVERSAMPLING,
-    integrate_pixels,
-    samples_for_pixels,
-)
+from optics.plane import Plane
+from optics.pupil import defocus_curvature, paraxial_error, require_light
+from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 
 _OVERSAMPLING = 2.0
 """Of the field along the radius, over its Nyquist rate."""
@@ -72,26 +68,22 @@ class AxialPSF:
     ) -> None:
         _require(distance, wavelength, obscuration, tol, integrate)
         asked = tol
-        self.pixels, self._factor = pixels, 0
-        plane = pixels
-        if integrate:
-            finest = wavelength * lens.image_distance / lens.stop_diameter
-            samples = PIXEL_OVERSAMPLING * 2 * max(pixels.pitch) / finest
-            self._factor = max(1, math.ceil(samples))
-            plane = samples_for_pixels(pixels, self._factor)
-            tol -= PIXEL_INTEGRATION_ERROR
         self._scale = wavelength * lens.image_distance
+        cutoff = lens.stop_diameter / self._scale
+        self._integral = PixelIntegration(pixels, cutoff) if integrate else None
+        plane = self._integral.plane if self._integral else pixels
+        tol -= PIXEL_INTEGRATION_ERROR if integrate else 0.0
         self._inner, self._outer = obscuration * lens.stop_diameter / 2, lens.stop_diameter / 2
-        self._curvature = math.pi / wavelength * (1 / distance - 1 / lens.focus_distance)
+        self._curvature = defocus_curvature(lens, distance, wavelength)
         y, x = plane.mesh()
         farthest = math.hypot(float(y.abs().max()), float(x.abs().max()))
-        panels, nodes = self._enough_nodes(farthest, tol)
+        rings, nodes = self._enough_nodes(farthest, tol)
         reach = _reach(tol)
         budget = budget or Budget()
 
         def cost(radii: int) -> HankelMethod:
             return HankelMethod(
-                panels * nodes,
+                rings * nodes,
                 radii,
                 farthest / self._spacing,
                 reach,
@@ -103,7 +95,7 @@ class AxialPSF:
         cheapest([cost(0)], budget, "a PSF by Hankel transform")
         radius, self._place = torch.unique(torch.hypot(y, x), return_inverse=True)
         method = cheapest([cost(radius.numel())], budget, "a PSF by Hankel transform")
-        self.radii, weights = self._rule(panels, nodes)
+        self.radii, weights = self._rule(rings, nodes)
         self._field = self._matrix(self.radii, weights, method.sums)
         self._taps, self._weights = self._interpolation(radius, reach)
         defocus = torch.from_numpy(self._curvature * self.radii.numpy() ** 2)
@@ -113,12 +105,12 @@ class AxialPSF:
         self._share = area / (math.pi * (self._outer**2 - self._inner**2) * self._scale**2)
         self.account = Account(
             method=method.name,
-            sampling=f"{panels * nodes} radii in the pupil, {method.sums} on the sensor",
+            sampling=f"{rings * nodes} radii in the pupil, {method.sums} on the sensor",
             precision="float64",
             tol=asked,
-            model=ErrorEstimate((self._outer / lens.image_distance) ** 2, "estimate: paraxial"),
+            model=paraxial_error(lens),
             sampling_error=ErrorEstimate(
-                self._probed_error(panels, nodes, radius, tol)
+                self._probed_error(rings, nodes, radius, tol)
                 + (PIXEL_INTEGRATION_ERROR if integrate else 0.0),
                 "measured",
             ),
@@ -140,18 +132,18 @@ class AxialPSF:
         """
         slope = 2 * abs(self._curvature) * self._outer + 2 * math.pi * farthest / self._scale
         turn = (self._outer - self._inner) / 2 * slope
-        panels = max(1, math.ceil(turn / _RADIANS_PER_RING))
-        turn /= panels
+        rings = max(1, math.ceil(turn / _RADIANS_PER_RING))
+        turn /= rings
         nodes = math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
-        return panels, nodes
+        return rings, nodes
 
-    def _rule(self, panels: int, nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def _rule(self, rings: int, nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Radii in the pupil, and the weights of an integral over the open area."""
         points, weights = np.polynomial.legendre.leggauss(nodes)
-        edges = np.linspace(self._inner, self._outer, panels + 1)
-        half = (self._outer - self._inner) / panels / 2
+        edges = np.linspace(self._inner, self._outer, rings + 1)
+        half = (self._outer - self._inner) / rings / 2
         radii = (edges[:-1, None] + half * (points + 1)).ravel()
-        area = 2 * np.pi * half * np.tile(weights, panels) * radii
+        area = 2 * np.pi * half * np.tile(weights, rings) * radii
         return torch.from_numpy(radii), torch.from_numpy(area)
 
     def _matrix(self, radii: torch.Tensor, weights: torch.Tensor, samples: int) -> torch.Tensor:
@@ -170,10 +162,10 @@ class AxialPSF:
         kernel = np.sinc(away) * np.i0(beta * window) / np.i0(beta)
         return torch.from_numpy(np.abs(taps)), torch.from_numpy(kernel)
 
-    def _probed_error(self, panels: int, nodes: int, radius: torch.Tensor, tol: float) -> float:
+    def _probed_error(self, rings: int, nodes: int, radius: torch.Tensor, tol: float) -> float:
         """The answer against more nodes and no interpolation, on some of its radii."""
         chosen = torch.linspace(0, radius.numel() - 1, min(_PROBES, radius.numel())).long()
-        radii, weights = self._rule(panels + 1, nodes + nodes // 2)
+        radii, weights = self._rule(rings + 1, nodes + nodes // 2)
         bessel = scipy.special.j0(
             2 * np.pi / self._scale * np.outer(radius[chosen].numpy(), radii.numpy())
         )
@@ -209,9 +201,7 @@ class AxialPSF:
             turn = phase.to(torch.float64)
             wave = wave * torch.polar(torch.ones_like(turn), turn)
         light = (self._intensity(wave) * self._share)[self._place]
-        if self._factor:
-            light = centred_crop(integrate_pixels(light, self._factor), self.pixels.shape)
-        return light.to(self.dtype)
+        return (self._integral(light) if self._integral else light).to(self.dtype)
 
 
 class HankelMethod:
@@ -257,10 +247,7 @@ def _reach(tol: float) -> int:
 def _require(
     distance: float, wavelength: float, obscuration: float, tol: float, integrate: bool
 ) -> None:
-    if not distance > 0:
-        raise ValueError(f"distance is {distance:g} m; the object must be in front of the lens")
-    if not 0 < wavelength < math.inf:
-        raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+    require_light(distance, wavelength)
     if not 0 <= obscuration < 1:
         raise ValueError(f"obscuration is {obscuration:g}; it must lie from 0 to below 1")
     floor = _FLOOR + (PIXEL_INTEGRATION_ERROR if integrate else 0.0)

@@ -21,14 +21,17 @@ from optics.camera import Camera
 from optics.edge import require_finite, rounded_up, tensors_inside
 from optics.fourier import Geometry, Transform, plan_transform
 from optics.pixels import CurvedPixelTransform
-from optics.plane import Plane, centred_crop
-from optics.pupil import defocus_curvature, defocus_phase, phase_step, pupil_amplitude
-from optics.sensor import (
-    PIXEL_INTEGRATION_ERROR,
-    PIXEL_OVERSAMPLING,
-    integrate_pixels,
-    samples_for_pixels,
+from optics.plane import Plane
+from optics.pupil import (
+    cutoff_frequency,
+    defocus_curvature,
+    defocus_phase,
+    paraxial_error,
+    phase_step,
+    pupil_amplitude,
+    require_light,
 )
+from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 
 _STEEPEST_DEFOCUS = 200.0
 """Radians across a panel pixel beyond which the blur is far larger than any sensor."""
@@ -70,12 +73,11 @@ class PSFOperator:
         self.unmodulated = camera.panel.unmodulated if unmodulated is None else unmodulated
         _require(distance, wavelength, oversample, integrate, self.unmodulated)
         budget = budget or Budget()
-        self.shape, self._integrate = shape, integrate
         pixel = camera.sensor.pitch / oversample
         wanted = Plane(shape, (pixel, pixel))
-        samples = PIXEL_OVERSAMPLING * nyquist_samples(camera, wavelength)
-        self._factor = max(1, math.ceil(samples)) if integrate else 1
-        self.image = samples_for_pixels(wanted, self._factor) if integrate else wanted
+        cutoff = cutoff_frequency(camera, wavelength)
+        self._integral = PixelIntegration(wanted, cutoff) if integrate else None
+        self.image = self._integral.plane if self._integral else wanted
         sampling, curved = _sampling_error(camera, distance, wavelength, wanted, integrate, tol)
         double = tol - sampling.value < FLOAT32_ARITHMETIC
         self.dtype = torch.complex128 if double else torch.complex64
@@ -84,7 +86,7 @@ class PSFOperator:
         pupil = _generalised_pupil(camera, scale, self.image)
         self._envelope: torch.Tensor | None = None
         if curved:
-            curvature = defocus_curvature(camera, distance, wavelength)
+            curvature = defocus_curvature(camera.lens, distance, wavelength)
             exact = CurvedPixelTransform(geometry, self.dtype, curvature, camera.panel.active_side)
             self.transform: Transform = cheapest([exact], budget, "a PSF far out of focus")
         else:
@@ -102,7 +104,7 @@ class PSFOperator:
             f"{self.image.pitch[1] * 1e6:.3g} µm",
             precision="float64" if double else "float32",
             tol=tol,
-            model=_paraxial_error(camera),
+            model=paraxial_error(camera.lens),
             sampling_error=sampling,
             arithmetic=ErrorEstimate(arithmetic, "measured"),
             cpu_predicted=self.transform.cpu_seconds(budget.speed),
@@ -114,10 +116,7 @@ class PSFOperator:
         intensity = field.real**2 + field.imag**2
         if self._envelope is not None:
             intensity = intensity * self._envelope.to(intensity)
-        if not self._integrate:
-            return intensity
-        light = integrate_pixels(intensity, self._factor)
-        return centred_crop(light, self.shape)
+        return self._integral(intensity) if self._integral else intensity
 
     def _unmodulated_light(self, device: torch.device) -> torch.Tensor:
         if self._straight is None or self._straight.device != device:
@@ -145,10 +144,7 @@ def _require(
     distance: float, wavelength: float, oversample: int, integrate: bool, unmodulated: float
 ) -> None:
     """Raise ValueError for an argument that makes no PSF."""
-    if not distance > 0:
-        raise ValueError(f"distance is {distance:g} m; the object must be in front of the panel")
-    if not 0 < wavelength < math.inf:
-        raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+    require_light(distance, wavelength)
     if oversample < 1:
         raise ValueError(f"oversample is {oversample}; it must be at least 1")
     if integrate and oversample != 1:
@@ -175,12 +171,6 @@ def _pixel_envelope(camera: Camera, scale: float, image: Plane) -> torch.Tensor:
     side = camera.panel.active_side
     y, x = image.mesh()
     return (torch.sinc(y * side / scale) * torch.sinc(x * side / scale)) ** 2
-
-
-def _paraxial_error(camera: Camera) -> ErrorEstimate:
-    """Of the order of the squared sine of the steepest ray's angle."""
-    sine = 0.5 * camera.lens.stop_diameter / camera.lens.image_distance
-    return ErrorEstimate(sine**2, "estimate: paraxial")
 
 
 def _sampling_error(
@@ -223,9 +213,7 @@ def _flat_pixel_error(camera: Camera, distance: float, wavelength: float, image:
 
 def nyquist_samples(camera: Camera, wavelength: float) -> float:
     """Samples per sensor pixel, along an axis, that just resolve the PSF's finest fringe."""
-    width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
-    finest = wavelength * camera.lens.image_distance / width
-    return 2 * camera.sensor.pitch / finest
+    return 2 * camera.sensor.pitch * cutoff_frequency(camera, wavelength)
 
 
 def psf(

@@ -6,7 +6,8 @@ import math
 
 import torch
 
-from optics.camera import Camera
+from optics.accuracy import ErrorEstimate
+from optics.camera import Camera, Lens
 
 _EDGE_SAMPLES = 16
 
@@ -46,9 +47,29 @@ def open_area(camera: Camera) -> float:
     return 4 * (low * flat + under_arc(min(wide, radius)) - under_arc(min(flat, radius)))
 
 
-def vergence_error(camera: Camera, distance: float) -> float:
+def require_light(distance: float, wavelength: float) -> None:
+    """Raise ValueError for an object or a wavelength that sends no light through a lens."""
+    if not distance > 0:
+        raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
+    if not 0 < wavelength < math.inf:
+        raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+
+
+def paraxial_error(lens: Lens) -> ErrorEstimate:
+    """What the paraxial model leaves out: of the order of the steepest ray's squared sine."""
+    sine = 0.5 * lens.stop_diameter / lens.image_distance
+    return ErrorEstimate(sine**2, "estimate: paraxial")
+
+
+def cutoff_frequency(camera: Camera, wavelength: float) -> float:
+    """The finest fringe of the light on the sensor, in cycles per metre."""
+    width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
+    return width / (wavelength * camera.lens.image_distance)
+
+
+def vergence_error(lens: Lens, distance: float) -> float:
     """1/d + 1/z - 1/f in dioptres: zero when an object at `distance` metres is in focus."""
-    return 1 / distance - 1 / camera.lens.focus_distance
+    return 1 / distance - 1 / lens.focus_distance
 
 
 def defocus_phase(camera: Camera, distance: float, wavelength: float) -> torch.Tensor:
@@ -58,12 +79,12 @@ def defocus_phase(camera: Camera, distance: float, wavelength: float) -> torch.T
     converges on the sensor, in the paraxial approximation; exactly zero in focus.
     """
     y, x = camera.panel.plane.mesh()
-    return defocus_curvature(camera, distance, wavelength) * (y**2 + x**2)
+    return defocus_curvature(camera.lens, distance, wavelength) * (y**2 + x**2)
 
 
-def defocus_curvature(camera: Camera, distance: float, wavelength: float) -> float:
+def defocus_curvature(lens: Lens, distance: float, wavelength: float) -> float:
     """Radians of defocus per square metre from the axis."""
-    return math.pi / wavelength * vergence_error(camera, distance)
+    return math.pi / wavelength * vergence_error(lens, distance)
 
 
 def _reach(camera: Camera) -> float:
@@ -74,10 +95,11 @@ def _reach(camera: Camera) -> float:
 
 def blur_radius(camera: Camera, distance: float) -> float:
     """Radius in metres on the sensor of a defocused point, by geometric optics."""
-    return _reach(camera) * abs(vergence_error(camera, distance)) * camera.lens.image_distance
+    lens = camera.lens
+    return _reach(camera) * abs(vergence_error(lens, distance)) * lens.image_distance
 
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of defocus phase across one panel pixel, in radians."""
-    slope = 2 * math.pi / wavelength * abs(vergence_error(camera, distance)) * _reach(camera)
-    return slope * camera.panel.pitch
+    curvature = abs(defocus_curvature(camera.lens, distance, wavelength))
+    return 2 * curvature * _reach(camera) * camera.panel.pitch

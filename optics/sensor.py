@@ -10,7 +10,7 @@ import torch
 
 from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
-from optics.plane import Plane
+from optics.plane import Plane, centred_crop
 
 PIXEL_OVERSAMPLING = 1.5
 """How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
@@ -55,13 +55,6 @@ def pixel_margin(factor: int) -> int:
     return math.ceil((_REACH + factor / 2) / factor)
 
 
-def samples_for_pixels(pixels: Plane, factor: int) -> Plane:
-    """Samples `factor` times finer than the pixels, as far as integrate_pixels() looks."""
-    margin = 2 * pixel_margin(factor)
-    window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
-    return Plane(window, pixels.pitch, pixels.centre).finer(factor)
-
-
 @functools.cache
 def _pixel_kernel(factor: int) -> torch.Tensor:
     """Weights of the samples around a pixel in its integral, origin in the middle, float64.
@@ -88,6 +81,26 @@ def integrate_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
     """
     kernel = _pixel_kernel(factor).to(light)
     return _pixels_across(_pixels_across(light, kernel, factor).mT, kernel, factor).mT
+
+
+class PixelIntegration:
+    """The light on whole pixels, and the samples that have to be known for it.
+
+    pixels: whose light is wanted. cutoff: cycles per metre of the light's finest fringe.
+    plane: of the samples, finer than the pixels and reaching beyond them. Call with the
+    light on it, (..., rows, columns) of plane; the answer is (..., *pixels.shape).
+    """
+
+    def __init__(self, pixels: Plane, cutoff: float) -> None:
+        self._shape = pixels.shape
+        nyquist = 2 * max(pixels.pitch) * cutoff
+        self._factor = max(1, math.ceil(PIXEL_OVERSAMPLING * nyquist))
+        margin = 2 * pixel_margin(self._factor)
+        window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
+        self.plane = Plane(window, pixels.pitch, pixels.centre).finer(self._factor)
+
+    def __call__(self, light: torch.Tensor) -> torch.Tensor:
+        return centred_crop(integrate_pixels(light, self._factor), self._shape)
 
 
 def _pixels_across(light: torch.Tensor, kernel: torch.Tensor, factor: int) -> torch.Tensor:

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from optics.camera import Camera
+from optics.pupil import cutoff_frequency
 
 _MOST_NODES = 5
 
@@ -107,8 +108,7 @@ def _bandwidth(s: Situation, tol: float) -> Decision:
     at least that of the first fringes beside the spot of a neutral pattern.
     """
     sigma = s.bandwidth / 2.3548
-    width = min(s.camera.lens.stop_diameter, max(s.camera.panel.shape) * s.camera.panel.pitch)
-    cutoff = width / (s.wavelength * s.camera.lens.image_distance)
+    cutoff = cutoff_frequency(s.camera, s.wavelength)
     radius = math.hypot(s.spread, 2 / cutoff)
     a = 2 * math.pi * (cutoff / 2) * radius * sigma / s.wavelength
 

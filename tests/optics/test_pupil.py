@@ -53,7 +53,7 @@ def test_defocus_is_the_spherical_wave_the_lens_does_not_focus(small_camera, dis
 
 
 def test_defocus_is_exactly_zero_in_focus(small_camera):
-    assert vergence_error(small_camera, 2.0) == 0
+    assert vergence_error(small_camera.lens, 2.0) == 0
     assert not defocus_phase(small_camera, 2.0, 500e-9).any()
 
 
