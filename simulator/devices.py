@@ -79,7 +79,7 @@ class SimulatedSLM(_Simulated):
             require_grey(self._world.camera.panel, grey)
         except (TypeError, ValueError) as error:
             raise self._refuse(f"show {identifier}", str(error), "Compute it again") from error
-        self._world.grey = grey.copy()
+        self._world.grey = grey
         self._shown = identifier
         ready = self._clock.now() + self._world.camera.panel.settling
         return Setting(identifier, identifier, ready)

@@ -58,6 +58,11 @@ class _Cache:
         return self._kept[causes]  # type: ignore[return-value]
 
 
+def _name(grey: NDArray[np.uint8]) -> str:
+    """Patterns with the same grey levels have the same name."""
+    return hashlib.sha256(grey.tobytes()).hexdigest()
+
+
 @dataclass(frozen=True)
 class _Grid:
     """Where light is rendered: a PSF `window` sensor pixels wide, `finer` samples a pixel."""
@@ -95,7 +100,6 @@ class World:
         self.camera, self.scene, self.tol = camera, scene, tol
         self.forced = dict(forced or {})
         self.clock = VirtualClock()
-        self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
         self.wavelength = 550e-9
         self.bandwidth = 7e-9
         self.target = next(iter(scene.targets))
@@ -103,31 +107,54 @@ class World:
         self._psfs = _Cache(8)
         self._spectra = _Cache(4)
         self._lights = _Cache(8)
+        self._spreads = _Cache(16)
+        self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
         # Wrong settings shall be heard of now, not at the first picture.
         self.effect_plan(self.grey, self.wavelength)
 
+    @property
+    def grey(self) -> NDArray[np.uint8]:
+        """What the panel shows, (rows, columns); another pattern is a new array."""
+        return self._grey
+
+    @grey.setter
+    def grey(self, grey: NDArray[np.uint8]) -> None:
+        # Named once, when it is shown, and not for every picture that is taken of it.
+        self._grey, self._name = grey.copy(), _name(grey)
+        self._grey.flags.writeable = False
+
     def effect_plan(self, grey: NDArray[np.uint8], wavelength: float) -> EffectPlan:
         """What a pattern at a wavelength calls for."""
-        phase = grey_to_phase(self.camera.panel, torch.from_numpy(grey), wavelength)
-        spread = phase_spread(self.camera, phase, wavelength)
+        return self._effect_plan(self._spread(_name(grey), grey, wavelength), wavelength)
+
+    def _effect_plan(self, spread: float, wavelength: float) -> EffectPlan:
         situation = Situation(self.camera, wavelength, self.bandwidth, spread)
         return decide(situation, self.tol, self.forced)
 
+    def _spread(self, name: str, grey: NDArray[np.uint8], wavelength: float) -> float:
+        """Radius in metres to which a pattern sends light."""
+
+        def compute() -> float:
+            phase = torch.from_numpy(grey_to_phase(self.camera.panel, grey, wavelength))
+            return phase_spread(self.camera, phase, wavelength)
+
+        return self._spreads.get((name, wavelength), compute)
+
     def light(self) -> tuple[torch.Tensor, EffectPlan]:
         """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan."""
-        digest = hashlib.sha256(self.grey.tobytes()).hexdigest()
-        causes = (digest, self.wavelength, self.bandwidth, self.target)
-        return self._lights.get(causes, lambda: self._form(digest))
+        causes = (self._name, self.wavelength, self.bandwidth, self.target)
+        return self._lights.get(causes, self._form)
 
-    def _form(self, digest: str) -> tuple[torch.Tensor, EffectPlan]:
-        plan = self.effect_plan(self.grey, self.wavelength)
+    def _form(self) -> tuple[torch.Tensor, EffectPlan]:
+        spread = self._spread(self._name, self.grey, self.wavelength)
+        plan = self._effect_plan(spread, self.wavelength)
         target = self.scene.targets[self.target]
         rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
         if rate == 0:
             return torch.zeros(self.camera.sensor.shape), plan
-        grid = self._grid(target.distance)
+        grid = self._grid(target.distance, spread)
         plane = grid.plane(self.camera.sensor)
-        causes = (digest, self.wavelength, self.bandwidth, target.distance)
+        causes = (self._name, self.wavelength, self.bandwidth, target.distance)
         psf = self._psfs.get(causes, lambda: self._psf(target.distance, grid, plan))
         spectrum = self._spectra.get(
             (self.target, self.wavelength, grid),
@@ -144,7 +171,7 @@ class World:
         per_sample = rate * plane.pitch[0] * plane.pitch[1]
         return (shares * per_sample).clamp(min=0).to(torch.float32), plan
 
-    def _grid(self, distance: float) -> _Grid:
+    def _grid(self, distance: float, spread: float) -> _Grid:
         """Fine enough for the finest fringe, and wide enough for the light of a point.
 
         Light that a wild pattern scatters beyond the largest window is lost. Raises
@@ -160,13 +187,11 @@ class World:
                 f"{_LARGEST_WINDOW} can be rendered; bring it closer to the plane in focus, "
                 f"{camera.lens.focus_distance:g} m"
             )
-        phase = grey_to_phase(camera.panel, torch.from_numpy(self.grey), wavelength)
-        wanted = blurred + 2 * phase_spread(camera, phase, wavelength) / pitch
-        window = min(max(wanted, _SMALLEST_WINDOW), _LARGEST_WINDOW)
+        window = min(max(blurred + 2 * spread / pitch, _SMALLEST_WINDOW), _LARGEST_WINDOW)
         return _Grid(_WINDOW_STEP * math.ceil(window / _WINDOW_STEP), finer)
 
     def _psf(self, distance: float, grid: _Grid, plan: EffectPlan) -> torch.Tensor:
-        grey = torch.from_numpy(self.grey)
+        grey = torch.from_numpy(self.grey.copy())
         psf = torch.zeros(grid.samples, grid.samples)
         for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
             phase = grey_to_phase(self.camera.panel, grey, wavelength)

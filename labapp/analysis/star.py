@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,24 +148,26 @@ def _predict(
     star = scene.targets.get(roles.star) if scene else None
     if not isinstance(star, StarTable):
         return None
-    pictures = {}
-    for name in (roles.neutral, roles.coded):
-        grey = torch.from_numpy(record.pattern(name))
-        pictures[name] = predict_star(
-            camera, grey, wavelength, star.diameter_um * 1e-6, star.distance_m, window
-        )
-    return (pictures[roles.coded] / pictures[roles.neutral].sum()).numpy()
+    greys = [torch.from_numpy(record.pattern(name)) for name in (roles.neutral, roles.coded)]
+    neutral, coded = predict_star(
+        camera, greys, wavelength, star.diameter_um * 1e-6, star.distance_m, window
+    )
+    return (coded / neutral.sum()).numpy()
 
 
 def predict_star(
     camera: Camera,
-    grey: torch.Tensor,
+    greys: Sequence[torch.Tensor],
     wavelength: float,
     diameter: float,
     distance: float,
     window: int,
-) -> torch.Tensor:
-    """Share of a star's light on each pixel of a square window, star and pixel included."""
+) -> list[torch.Tensor]:
+    """Share of a star's light on each pixel of a square window, a picture for each pattern.
+
+    greys: grey levels on the panel. diameter, distance: of the star, metres. Star and pixel
+    are included.
+    """
     finer = math.ceil(nyquist_samples(camera, wavelength))
     side = (window + 2 * _MARGIN) * finer
     pitch = camera.sensor.pitch / finer
@@ -172,7 +175,7 @@ def predict_star(
     operator = PSFOperator(
         camera, distance, wavelength, plane.shape, oversample=finer, integrate=False
     )
-    psf = operator(grey_to_phase(camera.panel, grey, wavelength))
     size = diameter * camera.lens.image_distance / distance
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
-    return form_image(disc, psf, plane, finer, (window, window))
+    psfs = [operator(grey_to_phase(camera.panel, grey, wavelength)) for grey in greys]
+    return [form_image(disc, psf, plane, finer, (window, window)) for psf in psfs]
