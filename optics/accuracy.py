@@ -69,12 +69,17 @@ class ToleranceError(ValueError):
 class MachineSpeed:
     """Seconds per operation on the machine at hand, one thread, float32.
 
-    gather: a value fetched from a place of its own. pixel_sample: a fine sample summed into
-    whole pixels. The defaults come from a 2-core server; who knows better passes its own.
+    gridding: a sample spread to one point of a regular grid, row by row; spread: a scattered
+    one, and point: what it costs besides. gather: a value fetched from a place of its own.
+    pixel_sample: a fine sample summed into whole pixels. The defaults come from a 2-core
+    server; who knows better passes its own.
     """
 
     multiply_add: float = 2.5e-11
-    fft: float = 1.6e-10
+    fft: float = 1.3e-10
+    gridding: float = 2.8e-10
+    spread: float = 5e-10
+    point: float = 4e-8
     gather: float = 7e-9
     pixel_sample: float = 1.1e-7
     double_factor: float = 2.0

@@ -36,16 +36,14 @@ class CurvedPixelTransform(MatrixTransform):
 
     def nodes(self, axis: int) -> int:
         """Quadrature nodes inside a pixel: enough for its largest change of phase."""
-        x, u = (
-            p.coordinates(axis).abs().max() for p in (self._geometry.pupil, self._geometry.image)
-        )
+        x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
-        tilt = 2 * math.pi * float(u) * half / self._geometry.scale
+        tilt = 2 * math.pi * float(u) * half / self.geometry.scale
         return math.ceil((bend + tilt) / 2) + _SPARE_NODES
 
     def _kernel(self, axis: int) -> torch.Tensor:
-        g = self._geometry
+        g = self.geometry
         u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
         points, weights = np.polynomial.legendre.leggauss(self.nodes(axis))
         d = torch.from_numpy(points) * self._side / 2
@@ -54,4 +52,4 @@ class CurvedPixelTransform(MatrixTransform):
         bent = unit_phasor(turns, torch.complex128) * weight
         tilted = unit_phasor(-torch.outer(u, d) / g.scale, torch.complex128)
         centres = unit_phasor(-torch.outer(u, x) / g.scale, torch.complex128)
-        return (centres * (tilted @ bent.mT)).to(self._dtype)
+        return (centres * (tilted @ bent.mT)).to(self.dtype)

@@ -1,0 +1,92 @@
+"""FFTs for planes whose pitches fit each other: pruned where they're long, folded where short."""
+
+from __future__ import annotations
+
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.fourier.fft import fft, fft_operations
+from optics.fourier.geometry import Geometry, unit_phasor
+from optics.fourier.separable import AxisRule, SeparableTransform
+
+
+def commensurate_length(geometry: Geometry, axis: int) -> int:
+    """The FFT length that fits the geometry along an axis: one over its step; 0 if none does."""
+    exact = 1 / geometry.step(axis)
+    length = max(round(exact), 1)
+    farthest = geometry.pupil.shape[axis] / 2 * geometry.image.shape[axis] / 2
+    # The phase between the outermost samples must be right to 1e-12 turns.
+    error = abs(1 / length - geometry.step(axis)) * farthest
+    return length if error < 1e-12 else 0
+
+
+class _CommensurateRule(AxisRule):
+    """An FFT of `length`: the samples are folded into it or padded to it, and the wanted
+    ones of its period are picked."""
+
+    def __init__(self, n: int, m: int, length: int, dtype: torch.dtype) -> None:
+        self.n, self.m, self.length = n, m, length
+        k = torch.arange(m, dtype=torch.float64) - m // 2
+        # The first sample stands at 0 instead of -(n // 2).
+        self.phase = unit_phasor(k * (n // 2) / length, dtype)[:, None]
+        self.index = (torch.arange(m) - m // 2) % length
+
+    def to(self, device: torch.device) -> None:
+        self.phase, self.index = self.phase.to(device), self.index.to(device)
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        spectrum = fft(self._folded(field), self.length, -2)
+        return spectrum.index_select(-2, self.index) * self.phase
+
+    def _folded(self, field: torch.Tensor) -> torch.Tensor:
+        """The sum over all samples that lie whole periods apart."""
+        if self.n <= self.length:
+            return field
+        periods = -(-self.n // self.length)
+        missing = periods * self.length - self.n
+        padded = torch.nn.functional.pad(field, (0, 0, 0, missing))
+        return padded.reshape(*field.shape[:-2], periods, self.length, field.shape[-1]).sum(-3)
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        shape = (*field.shape[:-2], self.length, field.shape[-1])
+        spectrum = field.new_zeros(shape).index_add(-2, self.index, field * self.phase.conj())
+        signal = fft(spectrum, self.length, -2, inverse=True) * self.length
+        periods = -(-self.n // self.length)
+        return signal.tile((periods, 1))[..., : self.n, :]
+
+
+class CommensurateTransform(SeparableTransform):
+    """One FFT along each axis, exact, where one over the step is a whole number.
+
+    A fine image needs long FFTs, of which only the wanted outputs are kept: a pruned FFT.
+    An image coarser than the pupil's finest fringe needs FFTs that are shorter than the
+    pupil: sampling there is folding here.
+    """
+
+    name = "folded or pruned FFT"
+
+    def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
+        super().__init__(geometry, dtype)
+        self._lengths = [commensurate_length(geometry, axis) for axis in (0, 1)]
+        if 0 in self._lengths:
+            raise ValueError(
+                "one over the step of this geometry isn't a whole number; use the chirp-Z transform"
+            )
+
+    @staticmethod
+    def fits(geometry: Geometry) -> bool:
+        return all(commensurate_length(geometry, axis) for axis in (0, 1))
+
+    def rule(self, axis: int) -> AxisRule:
+        n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
+        return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
+
+    @property
+    def bytes(self) -> int:
+        sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
+        return self.dtype.itemsize * 2 * max(sizes)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        each = zip(self._lengths, self.lines(), strict=True)
+        operations = sum(count * fft_operations(length) for length, count in each)
+        return operations * speed.fft * self.slowness(speed)

@@ -1,0 +1,59 @@
+"""The discrete Fourier transform by the fastest library for the case."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+
+_MANY_SAMPLES = 1 << 20
+
+
+def fft(x: torch.Tensor, length: int, dim: int, *, inverse: bool = False) -> torch.Tensor:
+    """One-dimensional FFT, zero-padded to `length`, by the fastest library for the case.
+
+    scipy is faster than torch on the CPU, and has no gradients.
+    """
+    if _needs_torch(x):
+        transform = torch.fft.ifft if inverse else torch.fft.fft
+        return transform(x, n=length, dim=dim)
+    function = scipy.fft.ifft if inverse else scipy.fft.fft
+    return torch.from_numpy(function(_array(x), n=length, axis=dim, workers=_workers(x)))
+
+
+def rfft2(x: torch.Tensor) -> torch.Tensor:
+    """Two-dimensional FFT of a real picture, origin in the corner, by the fastest library."""
+    if _needs_torch(x):
+        return torch.fft.rfft2(x)
+    return torch.from_numpy(scipy.fft.rfft2(_array(x), workers=_workers(x)))
+
+
+def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
+    """The real picture of `shape` whose rfft2 is x."""
+    if _needs_torch(x):
+        return torch.fft.irfft2(x, s=tuple(shape))
+    return torch.from_numpy(scipy.fft.irfft2(_array(x), s=tuple(shape), workers=_workers(x)))
+
+
+def _needs_torch(x: torch.Tensor) -> bool:
+    return x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled())
+
+
+def _array(x: torch.Tensor) -> NDArray[Any]:
+    return x.detach().resolve_conj().numpy()
+
+
+def _workers(x: torch.Tensor) -> int:
+    """Threads pay only for large transforms; for small ones they wait for each other."""
+    many = x.numel() > _MANY_SAMPLES and torch.get_num_threads() > 1
+    return (os.cpu_count() or 1) if many else 1
+
+
+def fft_operations(length: int) -> float:
+    """Floating-point operations of one complex FFT, by the usual count."""
+    return 5 * length * math.log2(max(length, 2))

@@ -1,0 +1,151 @@
+"""FFTs between planes whose pitches don't fit, by gridding: a tolerance instead of a detour."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy.fft
+import scipy.sparse
+import torch
+from numpy.typing import NDArray
+
+from optics.accuracy import MachineSpeed
+from optics.fourier.fft import fft, fft_operations
+from optics.fourier.geometry import Geometry
+from optics.fourier.separable import AxisRule, SeparableTransform
+
+_FINER = 2.0
+"""Of the grid that the samples are spread on, over the image samples."""
+
+FINEST_GRIDDING = 1e-13
+"""The smallest error that gridding reaches in double precision."""
+
+
+def spread_width(error: float) -> int:
+    """Grid points that a sample is spread over for a relative error.
+
+    That of a Kaiser-Bessel kernel is about exp(-pi w sqrt(1 - 1/finer)) (Barnett,
+    Magland and af Klinteberg 2019, 10.1137/18M120885X); one point is to spare.
+    """
+    return math.ceil(-math.log(error) / (math.pi * math.sqrt(1 - 1 / _FINER))) + 1
+
+
+class _GriddedRule(AxisRule):
+    """Spread, FFT, divide by the spectrum of what was spread (Jackson et al. 1991)."""
+
+    def __init__(self, n: int, m: int, step: float, error: float, dtype: torch.dtype) -> None:
+        self._m = m
+        self._length = grid_length(m)
+        width = spread_width(error)
+        half, beta = width / 2, math.pi * width * (1 - 0.5 / _FINER)
+        position = (np.arange(n) - n // 2) * step
+        place = (position - np.round(position)) * self._length
+        taps = np.ceil(place - half)[:, None] + np.arange(width)
+        away = (taps - place[:, None]) / half
+        weights = np.i0(beta * np.sqrt(np.clip(1 - away**2, 0, None)))
+        real = np.float32 if dtype == torch.complex64 else np.float64
+        index = (taps.ravel() % self._length).astype(np.int64)
+        source = np.repeat(np.arange(n), width)
+        shape = (self._length, n)
+        self._spread = scipy.sparse.csr_array(
+            (weights.ravel().astype(real), (index, source)), shape=shape
+        )
+        self._gather = scipy.sparse.csr_array(self._spread.T)
+        k = np.arange(m) - m // 2
+        root = np.sqrt(beta**2 - (2 * math.pi * half * k / self._length) ** 2)
+        spectrum = 2 * half * np.sinh(root) / root
+        self._wanted = torch.from_numpy(k % self._length)
+        self._level = torch.from_numpy((1 / spectrum).astype(real))[:, None]
+        self._on_device: dict[bool, torch.Tensor] = {}
+
+    def to(self, device: torch.device) -> None:
+        if self._level.device != device:
+            self._level, self._wanted = self._level.to(device), self._wanted.to(device)
+            self._on_device = {}
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        spectrum = fft(self._applied(field, spread=True), self._length, -2)
+        return spectrum.index_select(-2, self._wanted) * self._level
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        grid = field.new_zeros((*field.shape[:-2], self._length, field.shape[-1]))
+        grid.index_copy_(-2, self._wanted, field * (self._level * self._length))
+        return self._applied(fft(grid, self._length, -2, inverse=True), spread=False)
+
+    def _applied(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
+        """The real sparse matrix along the second last dimension, picture by picture."""
+        lines = torch.view_as_real(field.resolve_conj().contiguous()).flatten(-2)
+        pictures = lines.reshape(-1, *lines.shape[-2:])
+        parts = [self._product(picture, spread) for picture in pictures]
+        # A copy of a large picture would cost as much as its transform.
+        done = parts[0] if len(parts) == 1 else torch.stack(parts)
+        return torch.view_as_complex(done.reshape(*field.shape[:-2], -1, field.shape[-1], 2))
+
+    def _product(self, lines: torch.Tensor, spread: bool) -> torch.Tensor:
+        matrix = self._spread if spread else self._gather
+        if lines.device.type == "cpu":
+            product: NDArray[Any] = matrix @ lines.numpy()
+            return torch.from_numpy(product)
+        if spread not in self._on_device:
+            self._on_device[spread] = _sparse(matrix, lines.device)
+        return torch.sparse.mm(self._on_device[spread], lines)
+
+
+def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
+    """A scipy matrix as torch's, for devices that scipy doesn't know."""
+    coo = matrix.tocoo()
+    index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
+    values = torch.from_numpy(coo.data)
+    return (
+        torch.sparse_coo_tensor(index, values, coo.shape, check_invariants=False)
+        .coalesce()
+        .to(device)
+    )
+
+
+def grid_length(m: int) -> int:
+    """Of the FFT for m image samples."""
+    return scipy.fft.next_fast_len(math.ceil(_FINER * m) + 2)
+
+
+class GriddedTransform(SeparableTransform):
+    """Any pitch and window by FFTs no longer than twice the window, to a stated error.
+
+    Each axis is a non-uniform FFT (Dutt and Rokhlin 1993). The samples stand in rows
+    and columns, so spreading them is one sparse matrix an axis.
+
+    error: relative L2, of the light that the whole plane receives.
+    """
+
+    name = "gridded FFT"
+
+    def __init__(self, geometry: Geometry, dtype: torch.dtype, error: float = 1e-7) -> None:
+        super().__init__(geometry, dtype)
+        if not FINEST_GRIDDING <= error < 1:
+            raise ValueError(f"error is {error:g}; gridding reaches {FINEST_GRIDDING:g} to 1")
+        self.error = error
+
+    def rule(self, axis: int) -> AxisRule:
+        g = self.geometry
+        n, m = g.pupil.shape[axis], g.image.shape[axis]
+        return _GriddedRule(n, m, g.step(axis), self.error, self.dtype)
+
+    def _grids(self) -> list[int]:
+        return [grid_length(m) for m in self.geometry.image.shape]
+
+    @property
+    def bytes(self) -> int:
+        (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
+        grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
+        return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        width = spread_width(self.error)
+        spread = width * sum(
+            n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)
+        )
+        each = zip(self._grids(), self.lines(), strict=True)
+        operations = sum(count * fft_operations(length) for length, count in each)
+        return (spread * speed.gridding + operations * speed.fft) * self.slowness(speed)

@@ -1,0 +1,175 @@
+"""The contract of all Fourier transforms between two planes, and their derivatives."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.fourier.geometry import Geometry
+from optics.plane import Plane
+
+
+class Transform(ABC):
+    """A linear map from a field in the pupil to the field in the image plane,
+
+        F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale),
+
+    known by its name, its relative error beyond rounding, the bytes it takes, and its
+    predicted processor time. Call with a field (..., *pupil samples); the answer is
+    (..., rows, columns). Differentiable in the field.
+
+    stretch, shift: 0-d tensors that stand for numbers 1 and (0, 0); the derivatives with
+    respect to them are those of
+
+        F(u, v) = sum of f(y, x) exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale),
+
+    from which those of wavelength, distance, focal length and position follow.
+    """
+
+    name: str
+    error: float = 0.0
+    dtype: torch.dtype
+    image: Plane
+    scale: float
+
+    @abstractmethod
+    def _forward(self, field: torch.Tensor) -> torch.Tensor:
+        """The map itself, without derivatives."""
+
+    @abstractmethod
+    def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        """Its conjugate transpose, without derivatives."""
+
+    @abstractmethod
+    def _require_samples(self, field: torch.Tensor) -> None:
+        """Raise ValueError for a field whose samples aren't those of the pupil."""
+
+    @abstractmethod
+    def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Metres (y, x) of the pupil's samples; they broadcast against a field."""
+
+    @property
+    @abstractmethod
+    def bytes(self) -> int: ...
+
+    @abstractmethod
+    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
+
+    def __call__(
+        self,
+        field: torch.Tensor,
+        stretch: torch.Tensor | None = None,
+        shift: tuple[torch.Tensor, torch.Tensor] | None = None,
+    ) -> torch.Tensor:
+        self._require_samples(field)
+        field = field.to(self.dtype)
+        if stretch is None and shift is None and not _recorded(field):
+            return self._forward(field)
+        zero = torch.zeros((), dtype=torch.float64)
+        y, x = shift or (zero, zero)
+        answer: torch.Tensor = _Forward.apply(
+            self, field, torch.ones_like(zero) if stretch is None else stretch, y, x
+        )
+        return answer
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
+        _require_shape(self.image, field)
+        field = field.to(self.dtype)
+        if not _recorded(field):
+            return self._adjoint(field)
+        answer: torch.Tensor = _Adjoint.apply(self, field)
+        return answer
+
+
+def _recorded(field: torch.Tensor) -> bool:
+    return field.requires_grad and torch.is_grad_enabled()
+
+
+class _Forward(torch.autograd.Function):
+    """The derivative of a transform is its adjoint; no library's autograd is in the way."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        transform: Transform,
+        field: torch.Tensor,
+        stretch: torch.Tensor,
+        shift_y: torch.Tensor,
+        shift_x: torch.Tensor,
+    ) -> torch.Tensor:
+        ctx.transform = transform
+        ctx.save_for_backward(field, stretch, shift_y, shift_x)
+        return transform._forward(field)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        transform: Transform = ctx.transform
+        field, *numbers = ctx.saved_tensors
+        answers: list[torch.Tensor | None] = [None] * 4
+        if ctx.needs_input_grad[1]:
+            answers[0] = transform._adjoint(gradient)
+        if any(ctx.needs_input_grad[2:]):
+            y, x = (
+                _moved(transform, field, p.to(field.device), gradient)
+                for p in transform.positions()
+            )
+            u, v = (transform.image.coordinates(axis).to(y.device) for axis in (0, 1))
+            stretch = (y * u[:, None]).sum() + (x * v[None, :]).sum()
+            for place, number, value in zip(
+                (1, 2, 3), numbers, (stretch, y.sum(), x.sum()), strict=True
+            ):
+                answers[place] = value.to(number)
+        return (None, *answers)
+
+
+class _Adjoint(torch.autograd.Function):
+    """The derivative of the adjoint is the transform."""
+
+    @staticmethod
+    def forward(ctx: Any, transform: Transform, field: torch.Tensor) -> torch.Tensor:
+        ctx.transform = transform
+        return transform._adjoint(field)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        return None, ctx.transform._forward(gradient)
+
+
+def _moved(
+    transform: Transform, field: torch.Tensor, position: torch.Tensor, gradient: torch.Tensor
+) -> torch.Tensor:
+    """What a move of the image along an axis changes, weighed by the gradient, for each sample."""
+    moved = transform._forward((field * position).to(transform.dtype))
+    turned = (-2j * math.pi / transform.scale) * moved.to(torch.complex128)
+    change = (gradient.to(torch.complex128).conj() * turned).real
+    return change.reshape(-1, *change.shape[-2:]).sum(0)
+
+
+class PlaneTransform(Transform):
+    """A transform from a pupil that is sampled on a plane."""
+
+    def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
+        self.geometry, self.dtype = geometry, dtype
+        self.image, self.scale = geometry.image, geometry.scale
+
+    def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.geometry.pupil.mesh()
+
+    def _require_samples(self, field: torch.Tensor) -> None:
+        _require_shape(self.geometry.pupil, field)
+
+    def slowness(self, speed: MachineSpeed) -> float:
+        """How much longer than in single precision an operation takes."""
+        return speed.double_factor if self.dtype == torch.complex128 else 1.0
+
+
+def _require_shape(plane: Plane, field: torch.Tensor) -> None:
+    if field.shape[-2:] != plane.shape:
+        raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")
