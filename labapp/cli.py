@@ -133,6 +133,58 @@ Distance = Annotated[float, typer.Option(help="Of the object, in metres; inf is 
 Wavelength = Annotated[float, typer.Option(help="Wavelength in nanometres.")]
 Pitch = Annotated[float, typer.Option(help="Of the sensor's pixels, in micrometres.")]
 Size = Annotated[int, typer.Option(help="Side of the square window, in pixels.")]
+Centre = Annotated[
+    str, typer.Option(metavar="Y,X", help="Of the window, in micrometres from the axis.")
+]
+Blades = Annotated[int, typer.Option(help="Straight blades of the stop; 0: a round one.")]
+Rectangle = Annotated[
+    str | None, typer.Option(metavar="HxW", help="A rectangular stop, in stop diameters: 0.5x0.7.")
+]
+Obscuration = Annotated[
+    float, typer.Option(help="Radius of a central disc that hides the stop, in stop radii.")
+]
+Zernike = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="N,M,NM",
+        help="An aberration by its Zernike polynomial and its root mean square in nanometres; "
+        "repeat for more.",
+    ),
+]
+LensKind = Annotated[
+    str,
+    typer.Option(
+        "--lens",
+        help="thin: quadratic phase. stigmatic: corrected for its plane in focus, sine condition.",
+    ),
+]
+
+
+def _case(
+    focal_length: float,
+    f_number: float,
+    focus: float,
+    distance: float,
+    wavelength_nm: float,
+    pitch_um: float,
+    size: int,
+    centre: str,
+    blades: int,
+    rectangle: str | None,
+    obscuration: float,
+    zernike: list[str] | None,
+    lens: str,
+) -> Any:
+    """The options of a lens and a window, read."""
+    from labapp.asked import Case, read_aberrations, read_stop, read_window
+    from optics.camera import Lens
+
+    stop = read_stop(blades, obscuration, rectangle)
+    kind: Any = lens
+    described = Lens(focal_length, f_number, focus, stop, read_aberrations(zernike or []), kind)
+    return Case(
+        described, distance, wavelength_nm * 1e-9, read_window(size, pitch_um * 1e-6, centre)
+    )
 
 
 @app.command()
@@ -147,12 +199,23 @@ def psf(
     wavelength_nm: Wavelength = 550.0,
     pitch_um: Pitch = 3.45,
     size: Size = 256,
+    centre: Centre = "0,0",
+    blades: Blades = 0,
+    rectangle: Rectangle = None,
+    obscuration: Obscuration = 0.0,
+    zernike: Zernike = None,
+    lens: LensKind = "thin",
     tol: Annotated[
         float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
     ] = 1e-3,
     points: Annotated[
         bool, typer.Option("--points", help="Light at pixel centres, not on whole pixels.")
     ] = False,
+    method: Annotated[
+        str | None,
+        typer.Option(help="axial, scattered, sampled or panel; none: the cheapest that keeps tol."),
+    ] = None,
+    memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
     pattern: Annotated[
         Path | None, typer.Option(help="8-bit picture on the SLM before the lens; none: no SLM.")
     ] = None,
@@ -162,25 +225,28 @@ def psf(
 ) -> None:
     """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
 
-    Without a pattern: a lens with a circular stop. With one: the panel of the bench file
+    Without a pattern: a lens with its stop. With one: the panel of the bench file
     before the lens. Values are shares of the light, one a pixel; a picture of five decades
     is written beside the data.
     """
     from labapp.predicting import Asked, predict
 
-    asked = Asked(
-        focal_length=focal_length,
-        f_number=f_number,
-        focus=focus,
-        distance=distance,
-        wavelength=wavelength_nm * 1e-9,
-        pitch=pitch_um * 1e-6,
-        size=size,
-        tol=tol,
-        points=points,
-        pattern=pattern,
-        bench=bench,
+    case = _case(
+        focal_length,
+        f_number,
+        focus,
+        distance,
+        wavelength_nm,
+        pitch_um,
+        size,
+        centre,
+        blades,
+        rectangle,
+        obscuration,
+        zernike,
+        lens,
     )
+    asked = Asked(case, tol, points, method, memory_mb * 1_000_000, pattern, bench)
     predict(asked, out, force=force, as_json=json)
 
 
@@ -191,6 +257,13 @@ app.add_typer(accuracy, name="accuracy")
 @accuracy.callback()
 def accuracy_() -> None:
     """Show what accuracy costs in time, measured on your machine."""
+    _one_thread()
+
+
+def _one_thread() -> None:
+    """The libraries that multiply read this once, when they are loaded: it is early enough."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
 
 
 @accuracy.command("psf")
@@ -202,6 +275,24 @@ def accuracy_psf_(
     wavelength_nm: Wavelength = 520.0,
     pitch_um: Pitch = 3.45,
     size: Size = 256,
+    centre: Centre = "0,0",
+    blades: Blades = 0,
+    rectangle: Rectangle = None,
+    obscuration: Obscuration = 0.0,
+    zernike: Zernike = None,
+    lens: LensKind = "thin",
+    peers: Annotated[
+        bool,
+        typer.Option("--peers", help="Also prysm, poppy, hcipy and torchoptics, where installed."),
+    ] = False,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Rows stored with --json, or 'bundled': name points that became 20 % slower "
+            "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
+        ),
+    ] = None,
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
     ] = None,
@@ -210,19 +301,30 @@ def accuracy_psf_(
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Measure error and time of every method for the PSF of a round lens.
+    """Measure error and time of every method for the PSF of a lens.
 
     The default case is the one that wave-optics libraries are compared on: 38 waves of
     defocus. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
     from labapp.accuracy.command import accuracy_psf
-    from labapp.accuracy.psf import Case
-    from optics.camera import Lens
 
-    lens = Lens(focal_length, f_number, focus)
-    case = Case(lens, distance, wavelength_nm * 1e-9, pitch_um * 1e-6, size)
-    accuracy_psf(case, data=json, plot=plot, force=force)
+    case = _case(
+        focal_length,
+        f_number,
+        focus,
+        distance,
+        wavelength_nm,
+        pitch_um,
+        size,
+        centre,
+        blades,
+        rectangle,
+        obscuration,
+        zernike,
+        lens,
+    )
+    accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
 
 
 @app.command()
@@ -241,6 +343,7 @@ def figures(
     json: JsonOption = False,
 ) -> None:
     """Measure every figure that the README claims, and print it beside its goal."""
+    _one_thread()
     from labapp.figures import print_figures
 
     print_figures(only, as_json=json)

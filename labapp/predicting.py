@@ -6,6 +6,7 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labapp.asked import Case
 from labapp.bench import BenchFiles
 from labapp.console import out, print_json, table
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_grey, read_toml
 from labapp.files.writing import require_writable, write_whole
-from optics.accuracy import Account, describe
-from optics.axial import AxialPSF
-from optics.camera import Camera, Lens, Sensor
-from optics.plane import Plane
+from labapp.speed import machine_speed
+from optics.accuracy import Account, Budget, describe
+from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, require_grey
 
@@ -32,17 +33,17 @@ _SUFFIXES = (".npy", ".tiff", ".png")
 
 @dataclass(frozen=True)
 class Asked:
-    """What the command line asks for, in SI units. size: pixels of a square window."""
+    """What the command line asks for.
 
-    focal_length: float
-    f_number: float
-    focus: float
-    distance: float
-    wavelength: float
-    pitch: float
-    size: int
+    points: density at pixel centres, not light on whole pixels. pattern: a picture on the
+    panel of the bench file. memory: bytes that may be used.
+    """
+
+    case: Case
     tol: float
     points: bool
+    method: str | None
+    memory: int
     pattern: Path | None
     bench: Path | None
 
@@ -79,41 +80,37 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     out.print("\n".join(f"wrote {one}" for one in dict.fromkeys((path, picture))))
 
 
-def _plan(asked: Asked) -> tuple[AxialPSF | PSFOperator, Callable[[], NDArray[Any]]]:
+def _plan(asked: Asked) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
     """The operator for the question, planned, and the call that answers it."""
-    lens = Lens(asked.focal_length, asked.f_number, asked.focus)
-    if asked.size < 1:
-        raise UserError(f"--size {asked.size}: a window has at least 1 pixel.")
-    shape = (asked.size, asked.size)
+    case = asked.case
+    plan = partial(
+        PSFOperator,
+        distance=case.distance,
+        wavelength=case.wavelength,
+        pixels=case.pixels,
+        integrate=not asked.points,
+        tol=asked.tol,
+        method=asked.method,
+        budget=Budget(asked.memory, machine_speed()),
+    )
     if asked.pattern is None:
-        pixels = Plane(shape, (asked.pitch, asked.pitch))
-        axial = AxialPSF(
-            lens,
-            asked.distance,
-            asked.wavelength,
-            pixels,
-            integrate=not asked.points,
-            tol=asked.tol,
-        )
-        return axial, lambda: axial().numpy()
-    camera = _camera(asked, lens)
+        alone = plan(case.lens)
+        return alone, lambda: alone().numpy()
+    camera = _camera(asked)
     grey = read_grey(asked.pattern)
     try:
         require_grey(camera.panel, grey)
     except ValueError as error:
         raise UserError(f"{asked.pattern}: {error}.") from error
-    operator = PSFOperator(
-        camera, asked.distance, asked.wavelength, shape, integrate=not asked.points, tol=asked.tol
-    )
-    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), asked.wavelength)
+    operator = plan(camera)
+    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), case.wavelength)
     return operator, lambda: operator(phase).numpy()
 
 
-def _camera(asked: Asked, lens: Lens) -> Camera:
-    """The bench's panel behind which the asked lens and pixels stand."""
+def _camera(asked: Asked) -> Camera:
+    """The bench's panel behind which the asked lens stands."""
     bench = read_toml(BenchFiles.default(asked.bench).bench, BenchFile).build_camera()
-    sensor = Sensor(shape=(asked.size, asked.size), pitch=asked.pitch)
-    return replace(bench, lens=lens, sensor=sensor)
+    return replace(bench, lens=asked.case.lens)
 
 
 def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:

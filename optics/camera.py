@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
+from optics.aperture import Circle, Stop
 from optics.edge import require_positive
 from optics.plane import Plane
+from optics.zernike import require_zernike
 
 _FULL_WELL_NOISE = 5.0
 """Standard deviations of read noise by which a full well may read too low."""
@@ -69,15 +72,25 @@ class Panel:
 
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens close behind the panel, with a circular stop.
+    """A lens close behind the panel, with its stop.
 
     focal_length: metres. f_number: focal length over the stop's diameter.
     focus_distance: metres from the panel to the plane in focus; math.inf is allowed.
+    stop: the opening's shape, in units of the stop's radius; a clear circle by default.
+    aberrations: triples (n, m, metres of optical path, root mean square over the disc) of
+    Zernike polynomials. kind: "thin" for a paraxial lens with a quadratic phase (thesis
+    Eq. 2.14), or "stigmatic" for one that unites all rays of the point in focus and obeys
+    the sine condition, so that its pupil's coordinate is the sine of a ray's angle.
+
+    Lengths and aberrations may be 0-d tensors: a PSF is differentiable in them.
     """
 
     focal_length: float = 0.125
     f_number: float = 5.0
     focus_distance: float = 2.0
+    stop: Stop = Stop()  # noqa: RUF009 (frozen)
+    aberrations: tuple[tuple[int, int, float], ...] = ()
+    kind: Literal["thin", "stigmatic"] = "thin"
 
     def __post_init__(self) -> None:
         require_positive("focal_length", self.focal_length, "m")
@@ -86,6 +99,17 @@ class Lens:
             raise ValueError(
                 f"focus_distance is {self.focus_distance:g} m; it must be longer than the "
                 f"focal length, {self.focal_length:g} m (inf focuses at infinity)"
+            )
+        for n, m, path in self.aberrations:
+            require_zernike(n, m)
+            if not math.isfinite(path):
+                raise ValueError(f"the aberration ({n}, {m}) is {path:g} m; it must be finite")
+        if self.kind not in ("thin", "stigmatic"):
+            raise ValueError(f"kind is {self.kind!r}; choose thin or stigmatic")
+        if self.kind == "stigmatic" and self.sine >= 1:
+            raise ValueError(
+                f"f_number is {self.f_number:g}; no ray of a lens that obeys the sine condition "
+                "is that steep: give 0.5 or more"
             )
 
     @property
@@ -96,6 +120,17 @@ class Lens:
     def image_distance(self) -> float:
         """Metres from the lens to the sensor: the thin-lens equation at focus_distance."""
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
+
+    @property
+    def sine(self) -> float:
+        """Of the angle between the axis and the steepest ray behind the lens; a tangent where
+        the lens is thin, which is the same to the paraxial order."""
+        return 0.5 * self.stop_diameter / self.image_distance
+
+    @property
+    def clear(self) -> bool:
+        """Whether the stop is a whole circle."""
+        return self.stop == Stop(Circle())
 
 
 @dataclass(frozen=True)
@@ -141,6 +176,15 @@ class Sensor:
     @property
     def plane(self) -> Plane:
         return Plane(self.shape, (self.pitch, self.pitch))
+
+    def window(
+        self, shape: tuple[int, int], *, finer: int = 1, centre: tuple[float, float] = (0.0, 0.0)
+    ) -> Plane:
+        """Some of the sensor's pixels, (rows, columns) around a centre (y, x) in metres; or
+        samples `finer` times closer than pixels."""
+        if finer < 1:
+            raise ValueError(f"finer is {finer}; it must be at least 1")
+        return Plane(shape, (self.pitch / finer, self.pitch / finer), centre)
 
     @property
     def full_scale(self) -> int:

@@ -1,16 +1,19 @@
-"""From an object and a PSF to the light on the sensor: incoherent, Eq. 2.17 of the thesis.
+"""From an object and a PSF to the light on the sensor, incoherent and coherent.
 
-Objects are given as spectra on an rfft2 grid with the origin in the corner, so that a
-disc smaller than a sample is as exact as a photograph.
+Thesis Eq. 2.16 and 2.17. In incoherent imaging objects are given as spectra on an rfft2 grid
+with the origin in the corner, so that a disc smaller than a sample is as exact as a
+photograph; in coherent imaging as complex fields, sample by sample.
 """
 
 from __future__ import annotations
 
 import math
 
+import scipy.fft
 import torch
 
-from optics.fourier import irfft2, rfft2
+from optics.edge import require_finite, tensors_inside
+from optics.fourier import fft, irfft2, rfft2
 from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer, sample_pixels
 
@@ -66,3 +69,54 @@ def form_image(
     light = irfft2(spectrum.to(transfer) * transfer, plane.shape)
     pixels = sample_pixels(origin_to_centre(light), factor) * factor**2
     return centred_crop(pixels, shape)
+
+
+@tensors_inside
+def form_coherent_image(
+    field: torch.Tensor, spread: torch.Tensor, shape: tuple[int, int] | None = None
+) -> torch.Tensor:
+    """Intensity of coherent light, |p * U|² (thesis Eq. 2.16): (..., `shape`), real.
+
+    field: complex, (..., rows, columns), U, the object's geometric image; its squared modulus
+    is the light on a sample. spread: complex, (..., rows, columns) with the same pitch, p, the
+    field that a point makes; any size. Both have their origin at n // 2, and their leading
+    axes broadcast. A point's light reaches the picture by the share sum |p|²; fields add before
+    they are squared, so that a whole object's light may come to more or less. complex64, or
+    complex128 if one of the two is in double precision. Differentiable.
+
+    The convolution is linear: nothing wraps around, and beyond its edges the field is dark.
+    shape: of the middle that is answered, the field's by default. Give the field a margin of
+    half a spread around it, or the picture's rim lacks what shines in from there. The
+    intensity has fringes twice as fine as the field's: pixels are integrated by
+    optics.sensor.integrate_pixels() on samples that resolve them.
+
+    Raises ValueError for shapes that don't fit, and for numbers that aren't finite.
+    """
+    _require_pictures(field, spread)
+    dtype = torch.promote_types(torch.promote_types(field.dtype, spread.dtype), torch.complex64)
+    sides = [sum(pair) - 1 for pair in zip(field.shape[-2:], spread.shape[-2:], strict=True)]
+    rows, columns = (scipy.fft.next_fast_len(n) for n in sides)
+
+    def spectrum(wave: torch.Tensor) -> torch.Tensor:
+        return fft(fft(wave.to(dtype), columns, -1), rows, -2)
+
+    image = spectrum(field) * spectrum(spread)
+    # Only the rows that are looked at are transformed along x.
+    y, x = (n // 2 for n in spread.shape[-2:])
+    image = fft(image, rows, -2, inverse=True)[..., y : y + field.shape[-2], :]
+    image = fft(image, columns, -1, inverse=True)[..., x : x + field.shape[-1]]
+    return centred_crop(image.real**2 + image.imag**2, shape or field.shape[-2:])
+
+
+def _require_pictures(field: torch.Tensor, spread: torch.Tensor) -> None:
+    """Raise ValueError for what isn't two finite pictures whose leading axes broadcast."""
+    for name, wave in (("field", field), ("spread", spread)):
+        if wave.ndim < 2 or wave.numel() == 0:
+            raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")
+        require_finite(name, wave)
+    sizes = zip(field.shape[-3::-1], spread.shape[-3::-1], strict=False)
+    if not all(a == b or 1 in (a, b) for a, b in sizes):
+        raise ValueError(
+            f"field is {tuple(field.shape)} and spread is {tuple(spread.shape)}; their leading "
+            "axes must be alike, or 1"
+        )

@@ -48,6 +48,30 @@ class Plane:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Samples in rows and columns that needn't be evenly spaced.
+
+    y, x: metres, one-dimensional, float64.
+    """
+
+    y: torch.Tensor
+    x: torch.Tensor
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.y.numel(), self.x.numel()
+
+    def coordinates(self, axis: int) -> torch.Tensor:
+        """Positions in metres along axis 0 (y) or 1 (x), float64."""
+        return self.x if axis else self.y
+
+    def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Positions (y, x) in metres as a column and a row that broadcast, float64."""
+        return self.y[:, None], self.x[None, :]
+
+
 def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """The middle of the last two axes: the origin n // 2 stays the origin.
 

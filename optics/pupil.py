@@ -2,49 +2,40 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import torch
 
 from optics.accuracy import ErrorEstimate
 from optics.camera import Camera, Lens
+from optics.coverage import coverage
+from optics.quadrature import Steepness
+from optics.zernike import zernike
 
-_EDGE_SAMPLES = 16
+Scalar = Any
+"""A number or a 0-d tensor in which the answer is differentiable."""
+
+_SLOPE_TO_SPARE = 1.1
+"""Slopes are sampled, and might be steeper in between."""
 
 
+@functools.lru_cache(maxsize=8)
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
     """Share of each panel pixel that lies inside the lens stop, (rows, columns), float64.
 
-    Edge pixels get their covered area, from 16 x 16 points: a jagged edge would cost
-    four times the accuracy.
+    Edge pixels get their covered area: a jagged edge would cost four times the accuracy.
+    Don't write into it: it is kept.
     """
-    y, x = camera.panel.plane.mesh()
-    radius, half = camera.lens.stop_diameter / 2, camera.panel.pitch / 2
-    far = torch.hypot(y.abs() + half, x.abs() + half)
-    near = torch.hypot((y.abs() - half).clamp(min=0), (x.abs() - half).clamp(min=0))
-    amplitude = (far <= radius).to(torch.float64)
-    edge = (far > radius) & (near < radius)
-    if edge.any():
-        rows, columns = torch.nonzero(edge, as_tuple=True)
-        offset = ((torch.arange(_EDGE_SAMPLES) + 0.5) / _EDGE_SAMPLES - 0.5) * camera.panel.pitch
-        offset = offset.to(torch.float64)
-        dy = y[rows, 0][:, None, None] + offset[None, :, None]
-        dx = x[0, columns][:, None, None] + offset[None, None, :]
-        inside = (dy**2 + dx**2 <= radius**2).to(torch.float64)
-        amplitude[rows, columns] = inside.mean(dim=(1, 2))
-    return amplitude
+    return coverage(camera.lens.stop, float(camera.lens.stop_diameter) / 2, camera.panel.plane)
 
 
 def open_area(camera: Camera) -> float:
-    """Area in square metres that panel and stop both leave open: a circle in a rectangle."""
-    radius = camera.lens.stop_diameter / 2
-    low, wide = sorted(0.5 * n * camera.panel.pitch for n in camera.panel.shape)
-    flat = min(wide, math.sqrt(max(radius**2 - low**2, 0.0)))
-
-    def under_arc(x: float) -> float:
-        return 0.5 * (x * math.sqrt(radius**2 - x**2) + radius**2 * math.asin(x / radius))
-
-    return 4 * (low * flat + under_arc(min(wide, radius)) - under_arc(min(flat, radius)))
+    """Area in square metres that panel and stop both leave open."""
+    return float(pupil_amplitude(camera).sum()) * camera.panel.pitch**2
 
 
 def require_light(distance: float, wavelength: float) -> None:
@@ -55,51 +46,137 @@ def require_light(distance: float, wavelength: float) -> None:
         raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
 
 
-def paraxial_error(lens: Lens) -> ErrorEstimate:
-    """What the paraxial model leaves out: of the order of the steepest ray's squared sine."""
-    sine = 0.5 * lens.stop_diameter / lens.image_distance
-    return ErrorEstimate(sine**2, "estimate: paraxial")
+def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
+    """What the lens model leaves out of scalar diffraction by an ideal lens.
+
+    A thin, quadratic lens is short of the sphere by r⁴/8z³ of path. Both kinds are short of
+    the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
+    """
+    z = float(lens.image_distance)
+    sine = radius / z
+    if lens.kind == "stigmatic":
+        return ErrorEstimate(sine**2, "estimate: obliquity of the rays, a scalar wave")
+    waves = radius**4 / (8 * z**3) / wavelength
+    return ErrorEstimate(
+        min(1.0, sine**2 + waves / 4), "estimate: paraxial, a quadratic thin lens, a scalar wave"
+    )
 
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
     """The finest fringe of the light on the sensor, in cycles per metre."""
-    width = min(camera.lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
-    return width / (wavelength * camera.lens.image_distance)
+    lens = camera.lens
+    width = min(float(lens.stop_diameter), max(camera.panel.shape) * camera.panel.pitch)
+    return width / (float(wavelength) * float(lens.image_distance))
 
 
-def vergence_error(lens: Lens, distance: float) -> float:
+def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
     """1/d + 1/z - 1/f in dioptres: zero when an object at `distance` metres is in focus."""
     return 1 / distance - 1 / lens.focus_distance
 
 
-def defocus_phase(camera: Camera, distance: float, wavelength: float) -> torch.Tensor:
-    """Phase in radians over the panel of an object off the plane in focus, float64.
-
-    The spherical wave of the object, the thin lens (thesis Eq. 2.14) and the wave that
-    converges on the sensor, in the paraxial approximation; exactly zero in focus.
-    """
-    y, x = camera.panel.plane.mesh()
-    return defocus_curvature(camera.lens, distance, wavelength) * (y**2 + x**2)
-
-
-def defocus_curvature(lens: Lens, distance: float, wavelength: float) -> float:
-    """Radians of defocus per square metre from the axis."""
+def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scalar:
+    """Radians of defocus per square metre from the axis, in the paraxial approximation."""
     return math.pi / wavelength * vergence_error(lens, distance)
 
 
-def _reach(camera: Camera) -> float:
+def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
+    """Metres of optical path, at r2 square metres from the axis, of an object off the focus.
+
+    The object's spherical wave, the lens, and the wave that converges on the sensor:
+    quadratic for a thin lens (thesis Eq. 2.14), a difference of two spheres for a stigmatic
+    one, in a form that loses no digits; exactly zero in focus.
+    """
+    if lens.kind == "thin":
+        return vergence_error(lens, distance) / 2 * r2
+    return _sag(1 / distance, r2) - _sag(1 / lens.focus_distance, r2)
+
+
+def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
+    """sqrt(d² + r²) - d for d = 1 / vergence, infinity included."""
+    return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
+
+
+def wave_phase(
+    lens: Lens, distance: Scalar, wavelength: Scalar, y: torch.Tensor, x: torch.Tensor
+) -> torch.Tensor:
+    """Phase in radians of a point's light in the pupil (thesis Eq. 3.2), float64.
+
+    y, x: in units of the stop's radius; they broadcast. Defocus and aberrations.
+    """
+    r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
+    path = defocus_path(lens, distance, r2)
+    for n, m, strength in lens.aberrations:
+        values = zernike(n, m, y.numpy(), x.numpy())
+        path = path + strength * torch.from_numpy(values)
+    return 2 * math.pi / wavelength * path
+
+
+def panel_phase(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
+    """wave_phase() at the panel's pixel centres, (rows, columns)."""
+    radius = float(camera.lens.stop_diameter) / 2
+    y, x = camera.panel.plane.mesh()
+    return wave_phase(camera.lens, distance, wavelength, y / radius, x / radius)
+
+
+def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> Steepness:
+    """How fast a lens' wave turns over its stop; tilt: that of the farthest image sample.
+
+    Analytic for pure defocus; with aberrations from samples along rays and circles.
+    """
+    radius = lens.stop_diameter / 2
+    if not lens.aberrations:
+        edge = torch.tensor(radius**2, dtype=torch.float64)
+        slope = 4 * math.pi / wavelength * float(defocus_path(lens, distance, edge).abs())
+        # A stigmatic lens' defocus is no steeper than the parabola that ends where it ends
+        # by more than a fifth, at the numerical apertures that such a lens has.
+        spare = 1.0 if lens.kind == "thin" else 1.2
+        return Steepness(lambda r: spare * slope * r, lambda r: 0.0, tilt)
+    finest = max(n for n, _, _ in lens.aberrations)
+    r = torch.linspace(0, 1, 33 + 16 * finest, dtype=torch.float64)
+    angle = torch.linspace(0, 2 * math.pi, 33 + 16 * finest, dtype=torch.float64)
+    y, x = r[:, None] * torch.sin(angle), r[:, None] * torch.cos(angle)
+    phase = wave_phase(lens, distance, wavelength, y, x)
+    along = (torch.diff(phase, dim=0).abs().amax(1) / (r[1] - r[0])).numpy()
+    across = (torch.diff(phase, dim=1).abs().amax(1) / (angle[1] - angle[0])).numpy()
+    along = _SLOPE_TO_SPARE * np.maximum.accumulate(along)
+    across = _SLOPE_TO_SPARE * np.maximum.accumulate(across)
+    middles = ((r[1:] + r[:-1]) / 2).numpy()
+    # Harmonics of the angle that are too weak to be steep still need nodes of their own.
+    cycles = max(abs(m) for _, m, _ in lens.aberrations)
+    return Steepness(
+        lambda q: float(np.interp(q, middles, along)),
+        lambda q: float(np.interp(q, r.numpy(), across)) + 4 * cycles,
+        tilt,
+    )
+
+
+def open_radius(camera: Camera) -> float:
     """Metres from the axis to the edge of the open pupil, at the most."""
     corner = math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape))
-    return 0.5 * min(camera.lens.stop_diameter, corner)
+    return 0.5 * min(float(camera.lens.stop_diameter), corner)
 
 
 def blur_radius(camera: Camera, distance: float) -> float:
     """Radius in metres on the sensor of a defocused point, by geometric optics."""
     lens = camera.lens
-    return _reach(camera) * abs(vergence_error(lens, distance)) * lens.image_distance
+    return open_radius(camera) * abs(vergence_error(lens, distance)) * lens.image_distance
 
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """The largest change of defocus phase across one panel pixel, in radians."""
-    curvature = abs(defocus_curvature(camera.lens, distance, wavelength))
-    return 2 * curvature * _reach(camera) * camera.panel.pitch
+    """The largest change of the lens' wave across one panel pixel, in radians."""
+    lens = camera.lens
+    radius = float(lens.stop_diameter) / 2
+    reach = min(open_radius(camera) / radius, 1.0)
+    slope = steepness(numeric_lens(lens), float(distance), float(wavelength), 0.0).along(reach)
+    return slope / radius * camera.panel.pitch
+
+
+def numeric_lens(lens: Lens) -> Lens:
+    """A lens whose parameters are plain numbers."""
+    return replace(
+        lens,
+        focal_length=float(lens.focal_length),
+        f_number=float(lens.f_number),
+        focus_distance=float(lens.focus_distance),
+        aberrations=tuple((n, m, float(path)) for n, m, path in lens.aberrations),
+    )

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import torch
 
+from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
 from optics.plane import Plane, centred_crop
@@ -91,13 +92,32 @@ class PixelIntegration:
     light on it, (..., rows, columns) of plane; the answer is (..., *pixels.shape).
     """
 
-    def __init__(self, pixels: Plane, cutoff: float) -> None:
+    def __init__(self, pixels: Plane, cutoff: float, budget: Budget | None = None) -> None:
         self._shape = pixels.shape
         nyquist = 2 * max(pixels.pitch) * cutoff
         self._factor = max(1, math.ceil(PIXEL_OVERSAMPLING * nyquist))
         margin = 2 * pixel_margin(self._factor)
         window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
         self.plane = Plane(window, pixels.pitch, pixels.centre).finer(self._factor)
+        allowed = (budget or Budget()).memory
+        if self.bytes > allowed:
+            raise ToleranceError(
+                f"the light on whole pixels needs {self._factor}x{self._factor} samples in each "
+                f"and {self.bytes / 1e6:.0f} MB, and {allowed / 1e6:.0f} MB are allowed; allow "
+                "more memory, or ask for fewer pixels"
+            )
+
+    @property
+    def _samples(self) -> int:
+        return self.plane.shape[0] * self.plane.shape[1]
+
+    @property
+    def bytes(self) -> int:
+        """The fine samples, in single precision, before and after their padding."""
+        return 2 * 4 * self._samples
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        return self._samples * speed.pixel_sample
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
         return centred_crop(integrate_pixels(light, self._factor), self._shape)

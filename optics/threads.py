@@ -1,4 +1,4 @@
-"""How many threads torch may use where they cost more than they give."""
+"""How torch may compute: with how many threads, and in no less than single precision."""
 
 from __future__ import annotations
 
@@ -28,5 +28,17 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
         finally:
             torch.set_num_threads(before)
+
+    return wrapper
+
+
+def in_full_precision(function: Callable[P, R]) -> Callable[P, R]:
+    """Keep mixed precision out: under autocast torch would multiply in half precision, and
+    three digits are no optics."""
+
+    @functools.wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        with torch.autocast("cpu", enabled=False), torch.autocast("cuda", enabled=False):
+            return function(*args, **kwargs)
 
     return wrapper

@@ -77,7 +77,11 @@ class _Grid:
     def plane(self, sensor: Sensor) -> Plane:
         """The sensor with a margin of half a PSF around it."""
         rows, columns = (n + self.window for n in sensor.shape)
-        return Plane((rows, columns), (sensor.pitch, sensor.pitch)).finer(self.finer)
+        return sensor.window((rows, columns)).finer(self.finer)
+
+    def psf_plane(self, sensor: Sensor) -> Plane:
+        """Of a point's light, around its geometric image."""
+        return sensor.window((self.window, self.window)).finer(self.finer)
 
 
 class World:
@@ -215,8 +219,7 @@ class World:
                 self.camera,
                 distance,
                 wavelength,
-                (grid.samples, grid.samples),
-                oversample=grid.finer,
+                grid.psf_plane(self.camera.sensor),
                 integrate=False,
                 unmodulated=share,
                 tol=max(self.tol, 1e-5),

@@ -4,43 +4,102 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import asdict
+import re
+from dataclasses import asdict, replace
 from pathlib import Path
 
-import torch
 from matplotlib.figure import Figure
 
-from labapp.accuracy.psf import Case, candidates
-from labapp.accuracy.rows import Row, measure
+from labapp.accuracy.comparing import (
+    LESS_ACCURATE,
+    SLOWER,
+    Stored,
+    read_stored,
+    require_known,
+    slower,
+    verdicts,
+)
+from labapp.accuracy.peers import peer_candidates
+from labapp.accuracy.psf import candidates, exact
+from labapp.accuracy.rows import Measured, Row, measure, time_calls
+from labapp.asked import Case
 from labapp.console import out, table, watched
 from labapp.figures import machine
 from labapp.files.writing import require_writable, write_whole
+from labapp.speed import machine_speed
+from optics.accuracy import Budget
+from optics.progress import Progress
+from optics.threads import single_threaded
 
 
-def accuracy_psf(case: Case, *, data: Path | None, plot: Path | None, force: bool) -> None:
-    """Measure every method for a case, print the table, and write rows and plot if asked."""
+@single_threaded
+def accuracy_psf(
+    case: Case,
+    *,
+    peers: bool,
+    data: Path | None,
+    plot: Path | None,
+    compare: str | None,
+    force: bool,
+) -> None:
+    """Measure every method for a case, print the table, and write rows and plot if asked.
+
+    Ends with exit code 1 if a point is worse than the stored one that it is compared with.
+    """
     for path in (data, plot):
         if path is not None:
             require_writable(path, force=force)
+    stored = read_stored(compare) if compare else None
     with watched() as progress:
-        progress.report(0.0, "the exact integral")
-        truth = case.truth()
-        before = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            rows = measure(list(candidates(case)), truth, progress)
-        finally:
-            torch.set_num_threads(before)
-    _print(case, rows)
+        truth = exact(case, progress.part(0.0, 0.2))
+        found = list(candidates(case, Budget(speed=machine_speed())))
+        if peers:
+            found += peer_candidates(case)
+        measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
+        worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
+    _print(case, measured.rows)
     if data is not None:
-        found = {"machine": machine(), "rows": [asdict(row) for row in rows]}
-        write_whole(data, json.dumps(found, indent=2).encode())
+        rows = [asdict(row) for row in measured.rows]
+        told = {"machine": machine(), "calibration_s": measured.calibration_s, "rows": rows}
+        write_whole(data, json.dumps(told, indent=2).encode())
         out.print(f"wrote {data}")
     if plot is not None:
         buffer = io.BytesIO()
-        draw(case, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+        draw(case, measured.rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
         write_whole(plot, buffer.getvalue())
         out.print(f"wrote {plot}")
+    if stored is not None:
+        _tell(worse, require_known(measured.rows, stored), stored)
+
+
+def _compared(measured: Measured, stored: Stored, progress: Progress) -> list[str]:
+    """What became worse. Rows that look slower are timed twice more: a busy moment of the
+    machine is no news."""
+    require_known(measured.rows, stored)
+    rows, calibration_s = list(measured.rows), measured.calibration_s
+    for again in range(2):
+        suspects = slower(rows, calibration_s, stored)
+        calls = {number: measured.calls[number] for number in suspects}
+        times, calibration_s_now = time_calls(calls, progress.part(again / 2, (again + 1) / 2))
+        for number, (cpu, _) in times.items():
+            now = cpu / calibration_s_now * calibration_s
+            rows[number] = replace(rows[number], cpu_s=min(now, rows[number].cpu_s or now))
+    return verdicts(rows, calibration_s, stored)
+
+
+def _tell(worse: list[str], count: int, stored: Stored) -> None:
+    for line in worse:
+        out.print(f"worse than {stored.where}: {line}", markup=False)
+    if worse:
+        raise SystemExit(1)
+    out.print(
+        f"{count} points compared with {stored.where}: none became {SLOWER - 1:.0%} slower, "
+        f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
+    )
+
+
+_SETTING = re.compile(r"\d+² (grid|pupil)|gray edge")
+"""What names a point of a curve, and not the curve."""
 
 
 def _print(case: Case, rows: list[Row]) -> None:
@@ -93,4 +152,5 @@ def _family(row: Row) -> str:
     """A method without its setting."""
     if row.tol is not None:
         return row.method
-    return f"grid, {row.method.partition(', ')[2]}, {row.precision}"
+    words = [word for word in row.method.split(", ") if not _SETTING.search(word)]
+    return ", ".join([*words, row.precision])

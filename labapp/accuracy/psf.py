@@ -1,93 +1,93 @@
-"""`labapp accuracy psf`: every method for the PSF of a round lens, at every setting."""
+"""`labapp accuracy psf`: every method for the PSF of a lens, at every setting."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import torch
 
 from labapp.accuracy.rows import Candidate, Row
+from labapp.asked import Case
 from labapp.figures.quadrature import Picture, round_lens_picture
-from optics.axial import AxialPSF
-from optics.camera import Camera, Lens, Panel
-from optics.fourier import ChirpTransform, Geometry, MatrixTransform, plan_transform
+from labapp.figures.slices import lens_picture
+from optics.accuracy import Budget
+from optics.coverage import coverage
+from optics.fourier import Geometry, plan_transform, transforms
 from optics.plane import Plane
-from optics.pupil import defocus_phase, pupil_amplitude
+from optics.progress import Progress
+from optics.psf import PSFOperator
+from optics.pupil import wave_phase
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 _GRIDS = (64, 128, 256, 512, 1024, 2048)
 _PRECISIONS = {"float32": torch.complex64, "float64": torch.complex128}
+_METHODS = {"axial": "along the radius", "scattered": "quadrature and non-uniform FFT"}
 
 
-@dataclass(frozen=True)
-class Case:
-    """A round lens and a square window; SI units."""
-
-    lens: Lens
-    distance: float
-    wavelength: float
-    pitch: float
-    size: int
-
-    @property
-    def name(self) -> str:
-        lens = self.lens
-        object_, focus = (
-            "at infinity" if math.isinf(d) else f"at {d:g} m"
-            for d in (self.distance, lens.focus_distance)
-        )
-        return (
-            f"{lens.focal_length * 1e3:g} mm f/{lens.f_number:g}, {self.wavelength * 1e9:g} nm, "
-            f"object {object_}, focus {focus}, "
-            f"{self.size}² of {self.pitch * 1e6:g} µm"
-        )
-
-    def truth(self) -> Picture:
-        """The exact integral at every pixel's centre, by direct quadrature."""
-        return round_lens_picture(self.lens, self.distance, self.wavelength, self.pitch, self.size)
+def exact(case: Case, progress: Progress) -> Picture:
+    """The exact integral at every pixel's centre, by direct quadrature."""
+    if case.plain:
+        return round_lens_picture(case.lens, case.distance, case.wavelength, case.pitch, case.size)
+    return lens_picture(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
-def candidates(case: Case) -> Iterator[Candidate]:
-    """The Hankel transform by tolerance, and grids in the pupil by size and transform."""
-    for tol in _TOLERANCES:
-        row = Row("psf", case.name, "Hankel transform", "float64", tol)
-        yield Candidate(row, partial(_hankel, case, tol))
+def candidates(case: Case, budget: Budget) -> Iterator[Candidate]:
+    """Methods that take a tolerance, by tolerance; grids in the pupil by size and transform."""
+    for method, words in _METHODS.items():
+        for tol in _TOLERANCES:
+            row = Row("psf", case.name, words, "float64", tol)
+            yield Candidate(row, partial(_to_tolerance, case, method, tol, budget))
     for grid in _GRIDS:
-        for method in (MatrixTransform.name, ChirpTransform.name):
-            for precision in _PRECISIONS:
-                row = Row("psf", case.name, f"{grid}² grid, {method}", precision, None)
-                yield Candidate(row, partial(_on_grid, case, grid, method, precision))
+        for precision, dtype in _PRECISIONS.items():
+            geometry = _grid_geometry(case, grid)
+            for transform in transforms(geometry, dtype, 1e-6):
+                words = f"{grid}² grid, {transform.name}"
+                row = Row("psf", case.name, words, precision, None)
+                yield Candidate(row, partial(_on_grid, case, geometry, dtype, transform.name))
 
 
-def _hankel(case: Case, tol: float) -> tuple[Callable[[], Any], float, int]:
-    pixels = Plane((case.size, case.size), (case.pitch, case.pitch))
-    operator = AxialPSF(case.lens, case.distance, case.wavelength, pixels, integrate=False, tol=tol)
+def _to_tolerance(
+    case: Case, method: str, tol: float, budget: Budget
+) -> tuple[Callable[[], Any], float, int]:
+    operator = PSFOperator(
+        case.lens,
+        case.distance,
+        case.wavelength,
+        case.pixels,
+        integrate=False,
+        tol=tol,
+        method=method,
+        budget=budget,
+    )
     return operator, operator.account.error, operator.account.bytes
 
 
+def _grid_geometry(case: Case, grid: int) -> Geometry:
+    pitch = case.lens.stop_diameter / (grid - 2)
+    scale = case.wavelength * case.lens.image_distance
+    return Geometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
+
+
 def _on_grid(
-    case: Case, grid: int, method: str, precision: str
+    case: Case, geometry: Geometry, dtype: torch.dtype, method: str
 ) -> tuple[Callable[[], Any], None, int]:
     """What most programs do: the pupil sampled on a square grid, and a discrete transform.
 
     Cells at the edge of the stop are weighted by their open area. How far the sum is from
     the integral, the grid doesn't know: no error is predicted.
     """
-    pitch = case.lens.stop_diameter / (grid - 2)
-    camera = Camera(Panel(shape=(grid, grid), pitch=pitch, fill_factor=1.0), case.lens)
-    scale = case.wavelength * case.lens.image_distance
-    pixels = Plane((case.size, case.size), (case.pitch, case.pitch))
-    geometry = Geometry(camera.panel.plane, pixels, scale)
-    transform = plan_transform(geometry, _PRECISIONS[precision], method=method)
-    amplitude = pupil_amplitude(camera)
-    phase = defocus_phase(camera, case.distance, case.wavelength)
-    strength = pitch / scale * case.pitch / math.sqrt(float(amplitude.sum()))
-    pupil = torch.polar(strength * amplitude, phase.remainder(2 * math.pi))
-    pupil = pupil.to(_PRECISIONS[precision])
+    lens, plane, radius = case.lens, geometry.pupil, case.lens.stop_diameter / 2
+    assert isinstance(plane, Plane)
+    transform = plan_transform(geometry, dtype, method=method, error=1e-6)
+    amplitude = coverage(lens.stop, radius, plane)
+    y, x = plane.mesh()
+    phase = wave_phase(lens, case.distance, case.wavelength, y / radius, x / radius)
+    area = case.pixels.pitch[0] * case.pixels.pitch[1]
+    strength = plane.pitch[0] / geometry.scale * math.sqrt(area / float(amplitude.sum()))
+    pupil = torch.polar(strength * amplitude, phase.remainder(2 * math.pi)).to(dtype)
 
     def call() -> torch.Tensor:
         field = transform(pupil)

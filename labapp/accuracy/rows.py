@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from labapp.accuracy.calibration import Calibration
 from optics.progress import Progress
 
 _REPEATS = 5
@@ -50,13 +51,22 @@ class Candidate:
     plan: Callable[[], tuple[Callable[[], Any], float | None, int]]
 
 
-def measure(candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress) -> list[Row]:
-    """Every candidate, failures included, with the front marked.
+@dataclass
+class Measured:
+    """Rows with the front marked, the calls behind them, and the calibration kernel's time."""
+
+    rows: list[Row]
+    calls: dict[int, Callable[[], Any]]
+    calibration_s: float
+
+
+def measure(candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress) -> Measured:
+    """Every candidate, failures included.
 
     Calls are interleaved, so that a busy moment of the machine hits all of them alike.
     """
     rows: list[Row] = []
-    calls: list[tuple[int, Callable[[], Any]]] = []
+    calls: dict[int, Callable[[], Any]] = {}
     for number, candidate in enumerate(candidates):
         progress.report(0.5 * number / len(candidates), f"planning {candidate.row.method}")
         try:
@@ -66,21 +76,33 @@ def measure(candidates: Sequence[Candidate], truth: np.ndarray, progress: Progre
             rows.append(replace(candidate.row, failure=str(error)))
             continue
         achieved = float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
-        calls.append((len(rows), call))
+        calls[len(rows)] = call
         rows.append(
             replace(
                 candidate.row, error_achieved=achieved, error_predicted=predicted, peak_bytes=size
             )
         )
-    times: dict[int, list[tuple[float, float]]] = {index: [] for index, _ in calls}
+    times, calibration_s = time_calls(calls, progress.part(0.5, 1.0))
+    for index, (cpu, wall) in times.items():
+        rows[index] = replace(rows[index], cpu_s=cpu, wall_s=wall)
+    return Measured(mark_front(rows), calls, calibration_s)
+
+
+def time_calls(
+    calls: Mapping[int, Callable[[], Any]], progress: Progress
+) -> tuple[dict[int, tuple[float, float]], float]:
+    """Processor and wall-clock seconds of each call, and of the calibration kernel: medians."""
+    jobs: dict[int, Callable[[], Any]] = {-1: Calibration(), **calls}
+    times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
     for repeat in range(_REPEATS):
-        progress.report(0.5 + 0.5 * repeat / _REPEATS, f"timing, {repeat + 1} of {_REPEATS}")
-        for index, call in calls:
+        progress.report(repeat / _REPEATS, f"timing, {repeat + 1} of {_REPEATS}")
+        for index, call in jobs.items():
             times[index].append(_timed(call))
+    medians: dict[int, tuple[float, float]] = {}
     for index, measured in times.items():
         cpu, wall = (statistics.median(column) for column in zip(*measured, strict=True))
-        rows[index] = replace(rows[index], cpu_s=cpu, wall_s=wall)
-    return mark_front(rows)
+        medians[index] = (cpu, wall)
+    return medians, medians.pop(-1)[0]
 
 
 def _timed(call: Callable[[], Any]) -> tuple[float, float]:

@@ -169,12 +169,9 @@ def predict_star(
     are included.
     """
     finer = math.ceil(nyquist_samples(camera, wavelength))
-    side = (window + 2 * _MARGIN) * finer
-    pitch = camera.sensor.pitch / finer
-    plane = Plane((side, side), (pitch, pitch))
-    operator = PSFOperator(
-        camera, distance, wavelength, plane.shape, oversample=finer, integrate=False
-    )
+    side = window + 2 * _MARGIN
+    plane = camera.sensor.window((side, side)).finer(finer)
+    operator = PSFOperator(camera, distance, wavelength, plane, integrate=False)
     size = diameter * camera.lens.image_distance / distance
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
     psfs = [operator(grey_to_phase(camera.panel, grey, wavelength)) for grey in greys]

@@ -12,9 +12,9 @@ import torch
 
 from labapp.figures import Figure
 from labapp.figures.quadrature import round_lens_picture
-from optics.axial import AxialPSF
 from optics.camera import Lens
 from optics.plane import Plane
+from optics.psf import PSFOperator
 
 _LENS = Lens(focal_length=0.1, f_number=5.6, focus_distance=math.inf)
 _DISTANCE, _WAVELENGTH, _PITCH, _SIDE = 2.0, 520e-9, 3.45e-6, 256
@@ -38,7 +38,7 @@ def _measure() -> list[Figure]:
     pixels = Plane((_SIDE, _SIDE), (_PITCH, _PITCH))
     truth = round_lens_picture(_LENS, _DISTANCE, _WAVELENGTH, _PITCH, _SIDE)
     operators = {
-        tol: AxialPSF(_LENS, _DISTANCE, _WAVELENGTH, pixels, integrate=False, tol=tol)
+        tol: PSFOperator(_LENS, _DISTANCE, _WAVELENGTH, pixels, integrate=False, tol=tol)
         for tol in _GOALS
     }
     spent: dict[float, list[float]] = {tol: [] for tol in _GOALS}

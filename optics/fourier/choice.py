@@ -11,6 +11,7 @@ from optics.fourier.geometry import Geometry
 from optics.fourier.gridded import FINEST_GRIDDING, GriddedTransform
 from optics.fourier.matrix import MatrixTransform
 from optics.fourier.transform import PlaneTransform
+from optics.plane import Plane
 
 
 def transforms(geometry: Geometry, dtype: torch.dtype, error: float = 0.0) -> list[PlaneTransform]:
@@ -19,12 +20,11 @@ def transforms(geometry: Geometry, dtype: torch.dtype, error: float = 0.0) -> li
     error: what a transform may add beyond rounding, relative L2 of the field; none by
     default.
     """
-    found: list[PlaneTransform] = [
-        MatrixTransform(geometry, dtype),
-        ChirpTransform(geometry, dtype),
-    ]
-    if CommensurateTransform.fits(geometry):
-        found.append(CommensurateTransform(geometry, dtype))
+    found: list[PlaneTransform] = [MatrixTransform(geometry, dtype)]
+    if isinstance(geometry.pupil, Plane):
+        found.append(ChirpTransform(geometry, dtype))
+        if CommensurateTransform.fits(geometry):
+            found.append(CommensurateTransform(geometry, dtype))
     if error >= FINEST_GRIDDING:
         found.append(GriddedTransform(geometry, dtype, min(error, 0.1)))
     return found

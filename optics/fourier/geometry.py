@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.plane import Plane
+from optics.plane import Lattice, Plane
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
@@ -18,9 +18,13 @@ def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Two planes and the product wavelength times distance, in square metres."""
+    """Two planes and the product wavelength times distance, in square metres.
 
-    pupil: Plane
+    A pupil of unevenly spaced rows and columns has no step: matrix and gridded transforms
+    alone serve it.
+    """
+
+    pupil: Plane | Lattice
     image: Plane
     scale: float
 
@@ -32,16 +36,20 @@ class Geometry:
 
     def step(self, axis: int) -> float:
         """Turns of phase per pupil sample and image sample."""
+        if isinstance(self.pupil, Lattice):
+            raise ValueError("a pupil of uneven rows has no step; use the gridded transform")
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
+
+    def offsets(self, axis: int) -> torch.Tensor:
+        """Metres of the pupil's samples from its centre along an axis, float64."""
+        return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """The phase over the pupil that an off-centre image asks for; None if it's centred."""
         centre = self.image.centre[axis]
         if centre == 0:
             return None
-        index = torch.arange(self.pupil.shape[axis], dtype=torch.float64)
-        position = (index - self.pupil.shape[axis] // 2) * self.pupil.pitch[axis]
-        return unit_phasor(-position * centre / self.scale, dtype)
+        return unit_phasor(-self.offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """The phase over the image that an off-centre pupil leaves; None if it's centred."""

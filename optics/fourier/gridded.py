@@ -33,14 +33,18 @@ def spread_width(error: float) -> int:
 
 
 class _GriddedRule(AxisRule):
-    """Spread, FFT, divide by the spectrum of what was spread (Jackson et al. 1991)."""
+    """Spread, FFT, divide by the spectrum of what was spread (Jackson et al. 1991).
 
-    def __init__(self, n: int, m: int, step: float, error: float, dtype: torch.dtype) -> None:
-        self._m = m
+    position: of every sample, in turns from one image sample to the next.
+    """
+
+    def __init__(
+        self, position: NDArray[np.float64], m: int, error: float, dtype: torch.dtype
+    ) -> None:
+        n = position.size
         self._length = grid_length(m)
         width = spread_width(error)
         half, beta = width / 2, math.pi * width * (1 - 0.5 / _FINER)
-        position = (np.arange(n) - n // 2) * step
         place = (position - np.round(position)) * self._length
         taps = np.ceil(place - half)[:, None] + np.arange(width)
         away = (taps - place[:, None]) / half
@@ -48,11 +52,11 @@ class _GriddedRule(AxisRule):
         real = np.float32 if dtype == torch.complex64 else np.float64
         index = (taps.ravel() % self._length).astype(np.int64)
         source = np.repeat(np.arange(n), width)
-        shape = (self._length, n)
-        self._spread = scipy.sparse.csr_array(
-            (weights.ravel().astype(real), (index, source)), shape=shape
+        values: Any = weights.ravel().astype(real)
+        self._spread: Any = scipy.sparse.csr_array(
+            (values, (index, source)), shape=(self._length, n)
         )
-        self._gather = scipy.sparse.csr_array(self._spread.T)
+        self._gather: Any = scipy.sparse.csr_array(self._spread.T)
         k = np.arange(m) - m // 2
         root = np.sqrt(beta**2 - (2 * math.pi * half * k / self._length) ** 2)
         spectrum = 2 * half * np.sinh(root) / root
@@ -129,8 +133,8 @@ class GriddedTransform(SeparableTransform):
 
     def rule(self, axis: int) -> AxisRule:
         g = self.geometry
-        n, m = g.pupil.shape[axis], g.image.shape[axis]
-        return _GriddedRule(n, m, g.step(axis), self.error, self.dtype)
+        turns = g.offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
+        return _GriddedRule(turns, g.image.shape[axis], self.error, self.dtype)
 
     def _grids(self) -> list[int]:
         return [grid_length(m) for m in self.geometry.image.shape]

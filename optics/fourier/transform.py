@@ -10,7 +10,7 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.geometry import Geometry
-from optics.plane import Plane
+from optics.plane import Lattice, Plane
 
 
 class Transform(ABC):
@@ -71,10 +71,8 @@ class Transform(ABC):
             return self._forward(field)
         zero = torch.zeros((), dtype=torch.float64)
         y, x = shift or (zero, zero)
-        answer: torch.Tensor = _Forward.apply(
-            self, field, torch.ones_like(zero) if stretch is None else stretch, y, x
-        )
-        return answer
+        one = torch.ones_like(zero) if stretch is None else stretch
+        return _applied(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
@@ -82,12 +80,17 @@ class Transform(ABC):
         field = field.to(self.dtype)
         if not _recorded(field):
             return self._adjoint(field)
-        answer: torch.Tensor = _Adjoint.apply(self, field)
-        return answer
+        return _applied(_Adjoint, self, field)
 
 
 def _recorded(field: torch.Tensor) -> bool:
     return field.requires_grad and torch.is_grad_enabled()
+
+
+def _applied(function: Any, *arguments: Any) -> torch.Tensor:
+    """A torch function of one answer, whose `apply` has no types."""
+    answer: torch.Tensor = function.apply(*arguments)
+    return answer
 
 
 class _Forward(torch.autograd.Function):
@@ -170,6 +173,6 @@ class PlaneTransform(Transform):
         return speed.double_factor if self.dtype == torch.complex128 else 1.0
 
 
-def _require_shape(plane: Plane, field: torch.Tensor) -> None:
+def _require_shape(plane: Plane | Lattice, field: torch.Tensor) -> None:
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

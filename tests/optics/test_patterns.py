@@ -39,8 +39,10 @@ def test_a_fresnel_lens_brings_a_nearer_object_into_focus():
     panel = Panel(shape=(60, 60), pitch=20e-6, unmodulated=0.0)
     camera = Camera(panel, Lens(), Sensor(pitch=8e-6))
     lens = fresnel_lens(panel, 1.0, WAVELENGTH)
-    near = PSFOperator(camera, 2 / 3, WAVELENGTH, (15, 15), integrate=False, tol=0.1)
-    sharp = PSFOperator(camera, 2.0, WAVELENGTH, (15, 15), integrate=False)
+    near = PSFOperator(
+        camera, 2 / 3, WAVELENGTH, camera.sensor.window((15, 15)), integrate=False, tol=0.1
+    )
+    sharp = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((15, 15)), integrate=False)
     ideal = float(sharp(torch.zeros(panel.shape)).max())
     assert float(near(lens).max()) == pytest.approx(ideal, rel=0.01)
     assert float(near(torch.zeros(panel.shape)).max()) < 0.6 * ideal
@@ -79,7 +81,9 @@ def test_an_axicon_sends_light_to_a_ring_of_its_radius():
     panel = Panel(shape=(128, 128), pitch=20e-6, unmodulated=0.0)
     camera = Camera(panel, Lens(), Sensor(pitch=10e-6))
     phase = axicon(panel, 300e-6, camera.lens.image_distance, WAVELENGTH)
-    light = PSFOperator(camera, 2.0, WAVELENGTH, (91, 91), integrate=False)(phase).numpy()
+    light = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((91, 91)), integrate=False)(
+        phase
+    ).numpy()
     r = np.hypot(positions(91, 10e-6)[:, None], positions(91, 10e-6)[None, :])
     profile, edges = np.histogram(r, bins=np.arange(0, 450e-6, 10e-6), weights=light)
     assert edges[profile.argmax()] + 5e-6 == pytest.approx(300e-6, abs=25e-6)

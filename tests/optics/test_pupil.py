@@ -7,7 +7,7 @@ import torch
 from judges import positions
 
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import defocus_phase, phase_step, pupil_amplitude, vergence_error
+from optics.pupil import panel_phase, phase_step, pupil_amplitude, vergence_error
 
 
 def camera_with_stop(shape, pitch, diameter) -> Camera:
@@ -34,10 +34,7 @@ def test_edge_pixels_count_the_share_inside_the_stop():
 
 
 def test_a_stop_larger_than_the_panel_leaves_it_open():
-    assert torch.equal(
-        pupil_amplitude(camera_with_stop((8, 12), 10e-6, 1e-3)),
-        torch.ones(8, 12, dtype=torch.float64),
-    )
+    assert np.allclose(pupil_amplitude(camera_with_stop((8, 12), 10e-6, 1e-3)), 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("distance", [0.5, 3.0, math.inf])
@@ -49,12 +46,12 @@ def test_defocus_is_the_spherical_wave_the_lens_does_not_focus(small_camera, dis
     x = positions(32, 40e-6)[None, :]
     excess = 1 / distance + 1 / z - 1 / lens.focal_length
     truth = np.pi / 500e-9 * excess * (y**2 + x**2)
-    assert np.allclose(defocus_phase(small_camera, distance, 500e-9).numpy(), truth, atol=1e-9)
+    assert np.allclose(panel_phase(small_camera, distance, 500e-9).numpy(), truth, atol=1e-9)
 
 
 def test_defocus_is_exactly_zero_in_focus(small_camera):
     assert vergence_error(small_camera.lens, 2.0) == 0
-    assert not defocus_phase(small_camera, 2.0, 500e-9).any()
+    assert not panel_phase(small_camera, 2.0, 500e-9).any()
 
 
 def test_the_phase_step_is_the_steepest_inside_the_stop(small_camera):

@@ -67,7 +67,7 @@ class Designer:
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
         """Of an object in focus; what falls beyond the window isn't shown."""
         camera = self._camera
-        shape = (_PSF_WINDOW, _PSF_WINDOW)
-        operator = PSFOperator(camera, camera.lens.focus_distance, wavelength, shape)
+        pixels = camera.sensor.window((_PSF_WINDOW, _PSF_WINDOW))
+        operator = PSFOperator(camera, camera.lens.focus_distance, wavelength, pixels)
         phase = grey_to_phase(camera.panel, torch.from_numpy(grey), wavelength)
         return operator(phase).to(torch.float32).numpy()

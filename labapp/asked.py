@@ -1,0 +1,120 @@
+"""What a command line asks of a lens, turned from an option's words into SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from labapp.errors import UserError
+from optics.aperture import Circle, Shape, Stop, rectangle, regular_polygon
+from optics.camera import Lens
+from optics.plane import Plane
+
+
+@dataclass(frozen=True)
+class Case:
+    """A point behind a lens, and the samples its light is wanted on; SI units."""
+
+    lens: Lens
+    distance: float
+    wavelength: float
+    pixels: Plane
+
+    @property
+    def pitch(self) -> float:
+        """Of the columns; of both axes, where `plain`."""
+        return self.pixels.pitch[1]
+
+    @property
+    def size(self) -> int:
+        return self.pixels.shape[1]
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is a clear, thin lens, and a square window of square pixels on its axis."""
+        (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
+        square = rows == columns and py == px and not any(self.pixels.centre)
+        return self.lens.clear and self.lens.kind == "thin" and not self.lens.aberrations and square
+
+    @property
+    def name(self) -> str:
+        lens, pixels = self.lens, self.pixels
+        object_, focus = (
+            "at infinity" if d == float("inf") else f"at {d:g} m"
+            for d in (self.distance, lens.focus_distance)
+        )
+        rows, columns = pixels.shape
+        window = f"{rows}²" if rows == columns else f"{columns}x{rows}"
+        words = [
+            f"{lens.focal_length * 1e3:g} mm f/{lens.f_number:g}",
+            f"{self.wavelength * 1e9:g} nm",
+            f"object {object_}",
+            f"focus {focus}",
+            f"{window} of {pixels.pitch[1] * 1e6:g} µm",
+            *_special(lens),
+        ]
+        if any(pixels.centre):
+            words.append("centre {:g}, {:g} µm".format(*(1e6 * c for c in pixels.centre)))
+        return ", ".join(words)
+
+
+def _special(lens: Lens) -> list[str]:
+    words: list[str] = []
+    if lens.kind != "thin":
+        words.append(lens.kind)
+    if not isinstance(lens.stop.opening, Circle):
+        words.append(f"{len(lens.stop.opening.corners)} blades")
+    if lens.stop.obscurations:
+        words.append("obscured")
+    words += [f"Z({n}, {m}) {path * 1e9:g} nm" for n, m, path in lens.aberrations]
+    return words
+
+
+def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
+    """A stop of straight blades (0 for a round one), or a rectangle "HEIGHTxWIDTH" in stop
+    diameters, with a central disc that hides a share of the stop's radius."""
+    opening: Shape = Circle()
+    if blades and rectangular:
+        raise UserError("--blades and --rectangle: a stop is one or the other.")
+    if blades:
+        opening = regular_polygon(blades)
+    if rectangular:
+        height, width = _numbers("--rectangle", rectangular, "x", 2)
+        opening = rectangle(2 * height, 2 * width)
+    if not 0 <= obscuration < 1:
+        raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
+    return Stop(opening, (Circle(obscuration),) if obscuration else ())
+
+
+def read_aberrations(given: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
+    """Each "N,M,NANOMETRES": a Zernike polynomial and its root mean square."""
+    found = []
+    for text in given:
+        n, m, nanometres = _numbers("--zernike", text, ",", 3)
+        if n != int(n) or m != int(m):
+            raise UserError(f"--zernike {text}: N and M are whole numbers, as in 4,0,25.")
+        found.append((int(n), int(m), nanometres * 1e-9))
+    return tuple(found)
+
+
+def read_centre(text: str) -> tuple[float, float]:
+    """ "Y,X" in micrometres, to metres."""
+    y, x = _numbers("--centre", text, ",", 2)
+    return y * 1e-6, x * 1e-6
+
+
+def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise UserError(f"{option} {text}: give {count} numbers with '{separator}' between them.")
+    return numbers
+
+
+def read_window(size: int, pitch: float, centre: str) -> Plane:
+    """A square of pixels around a point of the sensor."""
+    if size < 1:
+        raise UserError(f"--size {size}: a window has at least 1 pixel.")
+    return Plane((size, size), (pitch, pitch), read_centre(centre))

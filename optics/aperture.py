@@ -1,0 +1,448 @@
+"""The open area of a stop: circles and polygons, less what stands in their way.
+
+Lengths are in units of the stop's radius, which is that of the circle around it. Every
+open area is described by its boundary alone, and everything that is asked of it (its area,
+its share of each cell of a grid, the nodes of an integral over it) follows from the boundary
+by Green's theorem, so that nothing is drawn or approximated on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Point = tuple[float, float]
+Array = NDArray[np.float64]
+
+_NOTHING = 1e-12
+"""Areas and lengths below this are rounding errors."""
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A disc. radius and centre (y, x) in stop radii."""
+
+    radius: float = 1.0
+    centre: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius < math.inf:
+            raise ValueError(f"radius is {self.radius:g}; it must be positive and finite")
+        if not np.isfinite(self.centre).all():
+            raise ValueError(f"centre is {self.centre}; it must be finite")
+
+    def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
+        return np.hypot(y - self.centre[0], x - self.centre[1]) <= self.radius
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A simple polygon by its corners (y, x) in stop radii, in either sense of rotation."""
+
+    corners: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.corners) < 3:
+            raise ValueError(f"a polygon has {len(self.corners)} corners; give three or more")
+        if not np.isfinite(self.corners).all():
+            raise ValueError("a polygon's corners must be finite numbers")
+        if _crosses_itself(self.corners):
+            raise ValueError("a polygon crosses itself; give its corners in order")
+        if abs(_shoelace(self.corners)) < _NOTHING:
+            raise ValueError("a polygon's corners lie in a line; it has no area")
+        if _shoelace(self.corners) < 0:
+            object.__setattr__(self, "corners", tuple(reversed(self.corners)))
+
+    @property
+    def edges(self) -> list[tuple[Point, Point]]:
+        return list(zip(self.corners, self.corners[1:] + self.corners[:1], strict=True))
+
+    @property
+    def convex(self) -> bool:
+        return all(
+            _cross(a, b, c) >= -_NOTHING
+            for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
+        )
+
+    def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
+        inside = np.zeros(np.broadcast_shapes(np.shape(y), np.shape(x)), dtype=bool)
+        for (y0, x0), (y1, x1) in self.edges:
+            crosses = (y0 > y) != (y1 > y)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                inside ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return inside
+
+
+Shape = Circle | Polygon
+
+
+def rectangle(height: float, width: float, centre: Point = (0.0, 0.0)) -> Polygon:
+    """An upright rectangle; lengths in stop radii."""
+    (y, x), v, u = centre, height / 2, width / 2
+    return Polygon(((y - v, x - u), (y - v, x + u), (y + v, x + u), (y + v, x - u)))
+
+
+def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polygon:
+    """The opening that `sides` straight blades leave; turn in radians, corners on the circle."""
+    if sides < 3:
+        raise ValueError(f"sides is {sides}; an opening has three or more")
+    angles = turn + 2 * math.pi / sides * np.arange(sides)
+    return Polygon(tuple((radius * math.sin(a), radius * math.cos(a)) for a in angles))
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A straight piece of a boundary."""
+
+    start: Point
+    end: Point
+
+    def points(self, t: Array) -> tuple[Array, Array]:
+        """(y, x) at t from 0 to 1."""
+        (y0, x0), (y1, x1) = self.start, self.end
+        return y0 + t * (y1 - y0), x0 + t * (x1 - x0)
+
+    def velocity(self, t: Array) -> tuple[Array, Array]:
+        (y0, x0), (y1, x1) = self.start, self.end
+        return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
+
+    @property
+    def length(self) -> float:
+        return math.dist(self.start, self.end)
+
+    def crossings(self, axis: int, level: Array) -> Array:
+        """Parameters t at which the coordinate of an axis takes any of the levels."""
+        low, high = self.start[axis], self.end[axis]
+        if low == high:
+            return np.empty(0)
+        t = (level - low) / (high - low)
+        return np.asarray(t[(t > 0) & (t < 1)])
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A piece of a circle, from one angle to another, in radians from x towards y."""
+
+    centre: Point
+    radius: float
+    first: float
+    last: float
+
+    def points(self, t: Array) -> tuple[Array, Array]:
+        angle = self.first + t * (self.last - self.first)
+        y, x = self.centre
+        return y + self.radius * np.sin(angle), x + self.radius * np.cos(angle)
+
+    def velocity(self, t: Array) -> tuple[Array, Array]:
+        angle, turn = self.first + t * (self.last - self.first), self.last - self.first
+        return self.radius * turn * np.cos(angle), -self.radius * turn * np.sin(angle)
+
+    @property
+    def length(self) -> float:
+        return self.radius * abs(self.last - self.first)
+
+    @property
+    def whole(self) -> bool:
+        return abs(self.last - self.first) >= 2 * math.pi - _NOTHING
+
+    def crossings(self, axis: int, level: Array) -> Array:
+        share = (level - self.centre[axis]) / self.radius
+        share = share[np.abs(share) < 1]
+        if axis == 0:
+            angles = np.concatenate([np.arcsin(share), math.pi - np.arcsin(share)])
+        else:
+            angles = np.concatenate([np.arccos(share), -np.arccos(share)])
+        low, turn = min(self.first, self.last), abs(self.last - self.first)
+        away = np.mod(angles - low, 2 * math.pi)
+        away = away[(away > 0) & (away < turn)] / turn
+        return away if self.last > self.first else 1 - away
+
+
+Piece = Segment | Arc
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed boundary around an area that counts `sign` times, seen from `centre`."""
+
+    pieces: tuple[Piece, ...]
+    centre: Point
+    sign: int = 1
+
+    @property
+    def area(self) -> float:
+        """Half the turn of the radius vector; 24 nodes are exact for arcs and segments."""
+        nodes, weights = np.polynomial.legendre.leggauss(24)
+        t, total = (nodes + 1) / 2, 0.0
+        for piece in self.pieces:
+            (y, x), (dy, dx) = piece.points(t), piece.velocity(t)
+            total += float(np.sum(weights / 2 * (x * dy - y * dx)) / 2)
+        return self.sign * total
+
+
+@dataclass(frozen=True)
+class Stop:
+    """An opening, and what obscures part of it; lengths in stop radii.
+
+    Obscurations may reach beyond the opening's edge and overlap in pairs, as the vanes of a
+    spider do. Raises ValueError where three overlap, or nothing stays open.
+    """
+
+    opening: Shape = Circle()
+    obscurations: tuple[Shape, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (
+            isinstance(self.opening, Polygon)
+            and np.hypot(*np.transpose(self.opening.corners)).max() > 1 + 1e-9
+        ):
+            raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
+        if isinstance(self.opening, Circle):
+            reach = math.hypot(*self.opening.centre) + self.opening.radius
+            if reach > 1 + 1e-9:
+                raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
+        if any(self._have_common(*three) for three in combinations(self.obscurations, 3)):
+            raise ValueError(
+                "three obscurations overlap; end vanes where others begin, or draw them as one"
+            )
+        if self.area <= _NOTHING:
+            raise ValueError("the obscurations close the stop: no light passes")
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The boundary: the opening, less each obscuration, plus what was taken off twice."""
+        found: list[Loop | None] = [_boundary(self.opening, 1)]
+        found += [_common(self.opening, shape, -1) for shape in self.obscurations]
+        for a, b in combinations(self.obscurations, 2):
+            found.append(self._common_of_pair(a, b))
+        return tuple(_seen_from_inside(loop) for loop in found if loop is not None)
+
+    def _have_common(self, a: Shape, b: Shape, c: Shape) -> bool:
+        """Whether three obscurations cover a part of the opening together.
+
+        Touching doesn't count: vanes that end where others begin have corners in common.
+        """
+        a, b, c = sorted((a, b, c), key=lambda shape: isinstance(shape, Circle))
+        if isinstance(a, Polygon) and isinstance(b, Polygon):
+            both = _clipped(a, b)
+            if both is not None and isinstance(c, Polygon):
+                both, c = _clipped(both, c), self.opening
+            if both is None:
+                return False
+            if c == self.opening or _within(c, self.opening):
+                return _area(_common(c, both, 1)) > _NOTHING
+        # Two circles, or one that the edge cuts: their common parts are found by sampling.
+        grid = (np.arange(800) + 0.5) / 400 - 1
+        y, x = grid[:, None], grid[None, :]
+        inside = (shape.contains(y, x) for shape in (self.opening, a, b, c))
+        return bool(np.logical_and.reduce(list(inside)).any())
+
+    def _common_of_pair(self, a: Shape, b: Shape) -> Loop | None:
+        if _common(a, b, 1) is None:
+            return None
+        if _within(a, self.opening) or _within(b, self.opening):
+            return _common(a, b, 1)
+        if isinstance(a, Polygon) and isinstance(b, Polygon):
+            both = _clipped(a, b)
+            return _common(self.opening, both, 1) if both else None
+        raise ValueError("two obscurations overlap beyond the opening; draw them as one polygon")
+
+    @property
+    def area(self) -> float:
+        """In square stop radii."""
+        return sum(loop.area for loop in self.loops)
+
+    @property
+    def rings(self) -> tuple[float, float] | None:
+        """Inner and outer radius if the stop looks the same in all directions, else None."""
+        if not isinstance(self.opening, Circle) or any(self.opening.centre):
+            return None
+        if not self.obscurations:
+            return 0.0, self.opening.radius
+        first = self.obscurations[0]
+        if len(self.obscurations) > 1 or not isinstance(first, Circle) or any(first.centre):
+            return None
+        return first.radius, self.opening.radius
+
+    @property
+    def sides(self) -> tuple[float, float, float, float] | None:
+        """(lowest y, highest y, lowest x, highest x) of an upright, clear rectangle, else None."""
+        if self.obscurations or not isinstance(self.opening, Polygon):
+            return None
+        if len(self.opening.corners) != 4:
+            return None
+        if any(a[0] != b[0] and a[1] != b[1] for a, b in self.opening.edges):
+            return None
+        y, x = zip(*self.opening.corners, strict=True)
+        return min(y), max(y), min(x), max(x)
+
+
+def _shoelace(corners: Sequence[Point]) -> float:
+    turned = (*corners[1:], corners[0])
+    return 0.5 * sum(x0 * y1 - x1 * y0 for (y0, x0), (y1, x1) in zip(corners, turned, strict=True))
+
+
+def _cross(a: Point, b: Point, c: Point) -> float:
+    """Positive if a, b, c turn from x towards y."""
+    return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
+
+
+def _crosses_itself(corners: Sequence[Point]) -> bool:
+    edges = list(zip(corners, (*corners[1:], corners[0]), strict=True))
+    for (i, (a, b)), (j, (c, d)) in combinations(enumerate(edges), 2):
+        if j - i in (1, len(edges) - 1):
+            continue
+        if _on_both_sides(a, b, c, d) and _on_both_sides(c, d, a, b):
+            return True
+    return False
+
+
+def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
+    """Whether a line has c and d on different sides; what is rounding off it is on it."""
+    low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
+    return low < -_NOTHING and high > _NOTHING
+
+
+def _seen_from_inside(loop: Loop) -> Loop:
+    """Seen from outside the stop, rays would take a wave where it may be steeper than inside."""
+    return replace(loop, centre=(0.0, 0.0)) if math.hypot(*loop.centre) > 1 else loop
+
+
+def _boundary(shape: Shape, sign: int) -> Loop:
+    if isinstance(shape, Circle):
+        return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),), shape.centre, sign)
+    middle = np.mean(shape.corners, axis=0)
+    centre = (float(middle[0]), float(middle[1]))
+    return Loop(tuple(Segment(a, b) for a, b in shape.edges), centre, sign)
+
+
+def _within(inner: Shape, outer: Shape) -> bool:
+    """Whether one shape lies inside another; a polygon's own corners decide, if it is convex."""
+    if isinstance(outer, Circle) and isinstance(inner, Circle):
+        return math.dist(inner.centre, outer.centre) + inner.radius <= outer.radius
+    if isinstance(outer, Circle):
+        y, x = np.transpose(inner.corners)  # type: ignore[union-attr]
+        return bool(outer.contains(y, x).all())
+    if isinstance(inner, Circle):
+        y, x = (np.array([c]) for c in inner.centre)
+        return bool(outer.contains(y, x)[0]) and all(
+            _distance(inner.centre, a, b) >= inner.radius for a, b in outer.edges
+        )
+    return abs(_area(_common(outer, inner, 1)) - _shoelace(inner.corners)) < _NOTHING
+
+
+def _distance(p: Point, a: Point, b: Point) -> float:
+    """From a point to a segment."""
+    along = np.subtract(b, a)
+    t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
+    return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
+
+
+def _area(loop: Loop | None) -> float:
+    return loop.area if loop else 0.0
+
+
+def _common(a: Shape, b: Shape, sign: int) -> Loop | None:
+    """The boundary of what two shapes have in common; None for nothing."""
+    if isinstance(a, Circle) and isinstance(b, Circle):
+        return _two_circles(a, b, sign)
+    if isinstance(a, Circle):
+        return _circle_and_polygon(a, b, sign)  # type: ignore[arg-type]
+    if isinstance(b, Circle):
+        return _circle_and_polygon(b, a, sign)
+    both = _clipped(a, b)
+    return _boundary(both, sign) if both else None
+
+
+def _two_circles(a: Circle, b: Circle, sign: int) -> Loop | None:
+    distance = math.dist(a.centre, b.centre)
+    if distance >= a.radius + b.radius:
+        return None
+    if distance <= abs(a.radius - b.radius):
+        return _boundary(min(a, b, key=lambda c: c.radius), sign)
+    arcs = []
+    for one, other in ((a, b), (b, a)):
+        towards = math.atan2(other.centre[0] - one.centre[0], other.centre[1] - one.centre[1])
+        reach = math.acos(
+            (distance**2 + one.radius**2 - other.radius**2) / (2 * distance * one.radius)
+        )
+        arcs.append(Arc(one.centre, one.radius, towards - reach, towards + reach))
+    return Loop(tuple(arcs), a.centre, sign)
+
+
+def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
+    """Edges inside the circle stay; edges outside become the arc that they hide.
+
+    Seen from the circle's centre every edge sweeps a signed area, and so does what it is
+    replaced by: the sum is right for every simple polygon.
+    """
+    pieces: list[Piece] = []
+    for a, b in polygon.edges:
+        edge = Segment(a, b)
+        cuts = [0.0, *_entries(circle, edge), 1.0]
+        for low, high in pairwise(cuts):
+            middle = [c[0] for c in edge.points(np.array([(low + high) / 2]))]
+            p, q = (tuple(float(c[0]) for c in edge.points(np.array([t]))) for t in (low, high))
+            if math.dist(middle, circle.centre) <= circle.radius:
+                pieces.append(Segment(p, q))  # type: ignore[arg-type]
+            else:
+                pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]
+    loop = Loop(tuple(pieces), circle.centre, sign)
+    return loop if abs(loop.area) > _NOTHING else None
+
+
+def _entries(circle: Circle, edge: Segment) -> list[float]:
+    """Parameters at which an edge crosses a circle, in order."""
+    start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
+    a, b = float(along @ along), float(start @ along)
+    root = b * b - a * (float(start @ start) - circle.radius**2)
+    if root <= 0:
+        return []
+    found = [(-b - math.sqrt(root)) / a, (-b + math.sqrt(root)) / a]
+    return [t for t in found if 0 < t < 1]
+
+
+def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
+    y, x = circle.centre
+    first = math.atan2(p[0] - y, p[1] - x)
+    turn = math.remainder(math.atan2(q[0] - y, q[1] - x) - first, 2 * math.pi)
+    return Arc(circle.centre, circle.radius, first, first + turn)
+
+
+def _clipped(a: Polygon, b: Polygon) -> Polygon | None:
+    """What two polygons have in common, one of them convex (Sutherland and Hodgman 1974)."""
+    if not a.convex:
+        a, b = b, a
+    if not a.convex:
+        raise ValueError("neither the opening nor the obscuration is convex; draw them as one")
+    corners: list[Point] = list(b.corners)
+    for start, end in a.edges:
+        corners = _clipped_by_line(corners, start, end)
+    if len(corners) < 3 or abs(_shoelace(corners)) < _NOTHING:
+        return None
+    return Polygon(tuple(corners))
+
+
+def _clipped_by_line(corners: Sequence[Point], start: Point, end: Point) -> list[Point]:
+    kept: list[Point] = []
+    for p, q in zip(corners, (*corners[1:], *corners[:1]), strict=True):
+        at_p, at_q = _cross(start, end, p), _cross(start, end, q)
+        if at_p >= 0:
+            kept.append(p)
+        if (at_p > 0 > at_q) or (at_p < 0 < at_q):
+            t = at_p / (at_p - at_q)
+            kept.append((p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])))
+    return _without_repeats(kept)
+
+
+def _without_repeats(corners: Iterable[Point]) -> list[Point]:
+    kept: list[Point] = []
+    for corner in corners:
+        if not kept or math.dist(corner, kept[-1]) > _NOTHING:
+            kept.append(corner)
+    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= _NOTHING else kept

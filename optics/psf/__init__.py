@@ -1,0 +1,11 @@
+"""The point spread function: what the light of a point becomes on the sensor.
+
+A PSFOperator takes the cheapest engine that keeps its tolerance: `axial` for round lenses,
+`scattered` for any smooth wave in any stop, `sampled` where a percent will do, and `panel`
+behind a modulator.
+"""
+
+from optics.psf.operator import PSFOperator as PSFOperator
+from optics.psf.operator import nyquist_samples as nyquist_samples
+from optics.psf.operator import psf as psf
+from optics.psf.polychromatic import PolychromaticPSF as PolychromaticPSF

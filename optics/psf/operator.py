@@ -1,0 +1,229 @@
+"""From lens or camera, object distance and wavelength to the PSF on the sensor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import torch
+
+from optics.accuracy import (
+    FLOAT64_ARITHMETIC,
+    Account,
+    Budget,
+    ErrorEstimate,
+    Result,
+    ToleranceError,
+)
+from optics.camera import Camera, Lens
+from optics.edge import rounded_up, tensors_inside
+from optics.plane import Plane
+from optics.psf.axial import AxialEngine
+from optics.psf.engine import Engine
+from optics.psf.panel import PanelEngine
+from optics.psf.question import Question
+from optics.psf.sampled import SampledEngine
+from optics.psf.scattered import ScatteredEngine
+from optics.psf.truth import Probe
+from optics.pupil import Scalar, cutoff_frequency, model_error, open_radius, require_light
+from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
+from optics.threads import in_full_precision
+
+METHODS = ("axial", "scattered", "sampled", "panel")
+
+
+class PSFOperator:
+    """The incoherent PSF of a lens or a camera, planned once and called many times.
+
+    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1). In a
+    Camera, each panel pixel is a square of one modulation, and the unmodulated share is
+    added in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
+    A Lens stands alone.
+
+    optics: Camera or Lens. distance: metres from the object to the panel or the lens,
+    math.inf allowed. wavelength: metres. pixels: whose light is wanted, on the axis or off
+    it (Sensor.window() makes them). integrate: whether the answer is the light on whole
+    pixels, or the density of light at their centres times their area. unmodulated: share
+    of unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
+    arithmetic. method: one of METHODS; the cheapest that keeps tol if None. budget: memory
+    allowed, and the machine's speed.
+
+    Call with phase (radians) and amplitude, both optional, (..., rows, columns) of the
+    panel, or (..., points) of `points` for a lens; tensors or arrays. The answer is
+    (..., *pixels.shape), the share of the light leaving the pupil that each pixel receives.
+
+    Differentiable in phase, amplitude, and in every length that is a 0-d tensor: distance,
+    wavelength, the lens' focal length, f-number, focus distance and aberrations, and the
+    pixels' centre (a panel's stop keeps its edges). Mixed precision (autocast) is kept out.
+
+    Raises ToleranceError if tol can't be kept, with the floor and the remedy.
+    """
+
+    def __init__(
+        self,
+        optics: Camera | Lens,
+        distance: Scalar,
+        wavelength: Scalar,
+        pixels: Plane,
+        *,
+        integrate: bool = True,
+        unmodulated: float | None = None,
+        tol: float = 1e-3,
+        method: str | None = None,
+        budget: Budget | None = None,
+    ) -> None:
+        self._camera = camera = optics if isinstance(optics, Camera) else None
+        lens = optics.lens if isinstance(optics, Camera) else optics
+        self.unmodulated = _unmodulated(camera, unmodulated)
+        require_light(float(distance), float(wavelength))
+        _require_method(method, camera)
+        self.pixels = pixels
+        self._integral = (
+            PixelIntegration(pixels, _cutoff(optics, float(wavelength)), budget)
+            if integrate
+            else None
+        )
+        samples = self._integral.plane if self._integral else pixels
+        rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
+        floor = rest + 20 * FLOAT64_ARITHMETIC
+        if not floor <= tol:
+            raise ToleranceError(
+                f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
+            )
+        question = Question(lens, distance, wavelength, samples, tol - rest, budget or Budget())
+        self._engine = _prepared(question, camera, method)
+        self.account = self._accounted(question, tol, rest)
+
+    def _accounted(self, question: Question, tol: float, rest: float) -> Account:
+        engine, speed = self._engine, question.budget.speed
+        rows, columns = question.samples.shape
+        integral = self._integral.cpu_seconds(speed) if self._integral else 0.0
+        sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
+        return Account(
+            method=engine.name,
+            sampling=f"{engine.sampling} to {columns}x{rows} samples of "
+            f"{question.samples.pitch[1] * 1e6:.3g} µm",
+            precision=engine.precision,
+            tol=tol,
+            model=self._model_error(question),
+            sampling_error=sampling,
+            arithmetic=ErrorEstimate(engine.arithmetic, "bound, from tests"),
+            cpu_predicted=engine.cpu_seconds(speed) + integral,
+            bytes=engine.bytes + (self._integral.bytes if self._integral else 0),
+        )
+
+    def _model_error(self, question: Question) -> ErrorEstimate:
+        n = question.numeric
+        reach = n.radius if self._camera is None else open_radius(self._camera)
+        return model_error(n.lens, n.wavelength, min(n.radius, reach))
+
+    @property
+    def points(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Metres (y, x) in the pupil where phases and amplitudes are wanted; they broadcast."""
+        return self._engine.points()
+
+    @tensors_inside
+    @in_full_precision
+    def __call__(
+        self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        light = self._light(phase, amplitude)
+        if not self.unmodulated:
+            return light
+        straight = self._light(None, amplitude).to(light.device)
+        return (1 - self.unmodulated) * light + self.unmodulated * straight
+
+    def _light(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        light = self._engine.intensity(phase, amplitude)
+        return self._integral(light) if self._integral else light
+
+
+def _unmodulated(camera: Camera | None, share: float | None) -> float:
+    if camera is None:
+        if share:
+            raise ValueError(f"unmodulated is {share:g}; a lens without a panel modulates nothing")
+        return 0.0
+    share = camera.panel.unmodulated if share is None else share
+    if not 0 <= share <= 1:
+        raise ValueError(f"unmodulated is {share:g}; it is a share and must lie between 0 and 1")
+    return share
+
+
+def _require_method(method: str | None, camera: Camera | None) -> None:
+    allowed = ("panel",) if camera else METHODS[:-1]
+    if method is not None and method not in allowed:
+        what = "a camera with a panel" if camera else "a lens"
+        raise ValueError(f"method is {method!r}; for {what} choose one of {', '.join(allowed)}")
+
+
+def _cutoff(optics: Camera | Lens, wavelength: float) -> float:
+    """The finest fringe of the light, in cycles per metre."""
+    if isinstance(optics, Camera):
+        return cutoff_frequency(optics, wavelength)
+    return float(optics.stop_diameter) / (wavelength * float(optics.image_distance))
+
+
+def _offers(question: Question, camera: Camera | None, method: str | None) -> Iterator[Engine]:
+    """Every engine that serves a question, not yet prepared."""
+    if camera is not None:
+        yield PanelEngine(question, camera)
+        return
+    probe = Probe(question)
+    if method in (None, "axial") and AxialEngine.serves(question):
+        yield AxialEngine(question)
+    if method in (None, "scattered"):
+        yield ScatteredEngine(question, probe)
+    if method in (None, "sampled") and (method or question.tol >= SampledEngine.FINEST):
+        yield SampledEngine(question, probe)
+
+
+def _prepared(question: Question, camera: Camera | None, method: str | None) -> Engine:
+    """The cheapest engine that fits the memory and keeps the tolerance, prepared.
+
+    Raises ToleranceError: the one of the engine that came closest.
+    """
+    budget = question.budget
+    offers = sorted(
+        _offers(question, camera, method), key=lambda engine: engine.cpu_seconds(budget.speed)
+    )
+    if not offers:
+        raise ValueError(f"method is {method!r}; it serves round stops and aberrations only")
+    fitting = [engine for engine in offers if engine.bytes <= budget.memory]
+    if not fitting:
+        least = min(offers, key=lambda engine: engine.bytes)
+        raise ToleranceError(
+            f"a PSF by {least.name} needs {least.bytes / 1e6:.0f} MB at least and "
+            f"{budget.memory / 1e6:.0f} MB are allowed; allow more memory, ask for fewer pixels, "
+            "or bring the object closer to the plane in focus"
+        )
+    refusal: ToleranceError | None = None
+    for engine in fitting:
+        try:
+            engine.prepare()
+        except ToleranceError as error:
+            refusal = refusal or error
+            continue
+        return engine
+    assert refusal is not None
+    raise refusal
+
+
+def psf(
+    optics: Camera | Lens,
+    phase: torch.Tensor | None,
+    distance: Scalar,
+    wavelength: Scalar,
+    pixels: Plane,
+    *,
+    tol: float = 1e-3,
+) -> Result[torch.Tensor]:
+    """The PSF on sensor pixels, with its account; plans a PSFOperator and calls it once."""
+    started = time.process_time()
+    operator = PSFOperator(optics, distance, wavelength, pixels, tol=tol)
+    value = operator(phase)
+    return Result(value, operator.account.spent(time.process_time() - started))
+
+
+def nyquist_samples(camera: Camera, wavelength: float) -> float:
+    """Samples per sensor pixel, along an axis, that just resolve the PSF's finest fringe."""
+    return 2 * camera.sensor.pitch * cutoff_frequency(camera, wavelength)

@@ -1,0 +1,68 @@
+"""The PSF of light of several wavelengths: a weighted sum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from optics.camera import Camera, Lens
+from optics.edge import tensors_inside
+from optics.plane import Plane
+from optics.psf.operator import PSFOperator
+
+
+class PolychromaticPSF:
+    """Incoherent light of several wavelengths adds in intensity.
+
+    wavelengths: metres. weights: of each, not negative; they are normalised to a sum of
+    one. Everything else is as in PSFOperator, whose tolerance each wavelength keeps, and
+    so does their sum.
+
+    Call with phases (wavelengths, ..., rows, columns), because a panel's phase differs with
+    the wavelength, or with nothing.
+    """
+
+    def __init__(
+        self,
+        optics: Camera | Lens,
+        distance: Any,
+        wavelengths: Sequence[float],
+        weights: Sequence[float],
+        pixels: Plane,
+        **settings: Any,
+    ) -> None:
+        _require_spectrum(wavelengths, weights)
+        total = math.fsum(weights)
+        self.weights = tuple(weight / total for weight in weights)
+        self.operators = tuple(
+            PSFOperator(optics, distance, wavelength, pixels, **settings)
+            for wavelength in wavelengths
+        )
+
+    @tensors_inside
+    def __call__(self, phases: torch.Tensor | None = None) -> torch.Tensor:
+        if phases is not None and phases.shape[0] != len(self.operators):
+            raise ValueError(
+                f"phases are {tuple(phases.shape)}; give one for each of the "
+                f"{len(self.operators)} wavelengths"
+            )
+        parts = (
+            weight * operator(None if phases is None else phases[number])
+            for number, (weight, operator) in enumerate(
+                zip(self.weights, self.operators, strict=True)
+            )
+        )
+        return sum(parts, torch.zeros(()))
+
+
+def _require_spectrum(wavelengths: Sequence[float], weights: Sequence[float]) -> None:
+    if not len(wavelengths) == len(weights) >= 1:
+        raise ValueError(
+            f"there are {len(wavelengths)} wavelengths and {len(weights)} weights; "
+            "give one weight for each, and one wavelength at least"
+        )
+    if not all(0 <= weight < math.inf for weight in weights) or not sum(weights) > 0:
+        raise ValueError("weights must be finite and not negative, and one of them positive")

@@ -1,0 +1,99 @@
+"""What is asked of a PSF: a lens, a point, a wavelength, samples, a tolerance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from optics.accuracy import Budget
+from optics.camera import Lens
+from optics.plane import Plane
+from optics.pupil import Scalar, numeric_lens, require_light, steepness
+from optics.quadrature import Steepness
+
+
+@dataclass(frozen=True)
+class Question:
+    """A point's light behind a lens, sampled on a plane at the sensor.
+
+    lens, distance, wavelength: SI; numbers, or 0-d tensors in which the answer shall be
+    differentiable. samples: the plane; its centre may hold tensors. tol: relative L2 error
+    of the intensity on the samples.
+    """
+
+    lens: Lens
+    distance: Scalar
+    wavelength: Scalar
+    samples: Plane
+    tol: float
+    budget: Budget
+
+    def __post_init__(self) -> None:
+        require_light(float(self.distance), float(self.wavelength))
+
+    @cached_property
+    def numeric(self) -> Question:
+        """The same in plain numbers."""
+        centre = (float(self.samples.centre[0]), float(self.samples.centre[1]))
+        return Question(
+            numeric_lens(self.lens),
+            float(self.distance),
+            float(self.wavelength),
+            Plane(self.samples.shape, self.samples.pitch, centre),
+            self.tol,
+            self.budget,
+        )
+
+    @property
+    def scale(self) -> Scalar:
+        """Wavelength times image distance, m²."""
+        return self.wavelength * self.lens.image_distance
+
+    @property
+    def radius(self) -> Scalar:
+        """Of the stop, metres."""
+        return self.lens.stop_diameter / 2
+
+    @cached_property
+    def farthest(self) -> float:
+        """Metres from the axis to the farthest sample."""
+        y, x = self.numeric.samples.mesh()
+        return math.hypot(float(y.abs().max()), float(x.abs().max()))
+
+    @cached_property
+    def steepness(self) -> Steepness:
+        """Of the wave in the stop and of the kernel towards the farthest sample."""
+        n = self.numeric
+        tilt = 2 * math.pi * n.radius * self.farthest / n.scale
+        return steepness(n.lens, n.distance, n.wavelength, tilt)
+
+    def derivatives(self, reference_radius: float, reference_scale: float) -> Derivatives:
+        """How the pupil stretches and the image shifts with what is differentiable."""
+        stretch = (self.radius / reference_radius) * (reference_scale / self.scale)
+        centre = self.samples.centre
+        shift = None
+        if any(recorded(c) for c in centre):
+            shift = tuple(torch.as_tensor(c, dtype=torch.float64) - float(c) for c in centre)
+        return Derivatives(stretch if recorded(stretch) else None, shift)  # type: ignore[arg-type]
+
+    @property
+    def stretches(self) -> bool:
+        """Whether derivatives are wanted that move the light on the samples."""
+        moving = (self.scale, self.radius, *self.samples.centre)
+        return any(recorded(value) for value in moving)
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """The numbers 1 and (0, 0) of optics.fourier.Transform, with what they depend on."""
+
+    stretch: torch.Tensor | None
+    shift: tuple[torch.Tensor, torch.Tensor] | None
+
+
+def recorded(value: object) -> bool:
+    """Whether a number is a tensor whose derivative is wanted."""
+    return isinstance(value, torch.Tensor) and value.requires_grad

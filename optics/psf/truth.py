@@ -1,0 +1,100 @@
+"""The exact integral at a few samples, to measure what a method's error really is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.accuracy import ErrorEstimate
+from optics.psf.question import Question
+from optics.pupil import wave_phase
+from optics.quadrature import Nodes, stop_rule
+
+Array = NDArray[np.float64]
+
+_FINER = 1.3
+"""Of the judge's rule over a rule that should do."""
+
+_TERMS = 5_000_000
+"""Nodes times probes that a measurement may cost."""
+
+_MOST, _FEWEST = 48, 4
+_CHUNK = 1 << 21
+
+MARGIN = 2.0
+"""An error is known from few samples: it counts twice."""
+
+
+class Probe:
+    """Some of a question's samples, with the exact light on them.
+
+    The judge is a sum term by term, over a finer quadrature than the methods' own.
+    """
+
+    def __init__(self, question: Question) -> None:
+        self._question = question.numeric
+        self._rule: Nodes | None = None
+
+    def measure(self, light: torch.Tensor) -> ErrorEstimate:
+        """Relative L2 error of light (rows, columns), shares of a point's light."""
+        nodes = self._nodes()
+        count = int(min(_MOST, max(_FEWEST, _TERMS // nodes.count)))
+        values = light.detach().to(torch.float64).numpy()
+        where, weight = _drawn(values, count)
+        truth = self._light(nodes, where)
+        error = values.ravel()[where] - truth
+        size = float((weight * truth**2).sum())
+        if not size > 0:
+            return ErrorEstimate(math.inf, "measured")
+        return ErrorEstimate(
+            MARGIN * math.sqrt(float((weight * error**2).sum()) / size),
+            f"measured on {where.size} samples against exact quadrature",
+        )
+
+    def _nodes(self) -> Nodes:
+        if self._rule is None:
+            q = self._question
+            steep = q.steepness
+            finer = replace(
+                steep,
+                radial=lambda r: _FINER * steep.radial(r),
+                around=lambda r: _FINER * steep.around(r),
+                tilt=_FINER * steep.tilt,
+            )
+            self._rule = stop_rule(q.lens.stop, finer, 1e-2 * q.tol)
+        return self._rule
+
+    def _light(self, nodes: Nodes, where: NDArray[np.int64]) -> Array:
+        q = self._question
+        rows, columns = np.divmod(where, q.samples.shape[1])
+        y = q.samples.coordinates(0).numpy()[rows]
+        x = q.samples.coordinates(1).numpy()[columns]
+        field = np.zeros(where.size, dtype=np.complex128)
+        factor = 2 * math.pi * q.radius / q.scale
+        for start in range(0, nodes.count, _CHUNK // where.size + 1):
+            part = slice(start, start + _CHUNK // where.size + 1)
+            ny, nx = nodes.y[part], nodes.x[part]
+            phase = wave_phase(q.lens, q.distance, q.wavelength, ny, nx).numpy()
+            angle = phase - factor * (np.outer(y, ny.numpy()) + np.outer(x, nx.numpy()))
+            field += np.exp(1j * angle) @ nodes.weight[part].numpy()
+        area = q.lens.stop.area
+        share = q.radius**2 * q.samples.pitch[0] * q.samples.pitch[1] / (q.scale**2 * area)
+        return np.asarray(share * np.abs(field) ** 2)
+
+
+def _drawn(light: Array, count: int) -> tuple[NDArray[np.int64], Array]:
+    """Samples, drawn half by their light, where errors weigh most, and half evenly; and one
+    over the probability of each. The draw is always the same."""
+    rng = np.random.default_rng(0)
+    flat = np.abs(light).ravel()
+    total = float(flat.sum())
+    even = np.full(flat.size, 1 / flat.size)
+    chance = even if not 0 < total < math.inf else 0.5 * even + 0.5 * flat / total
+    if flat.size <= count:
+        return np.arange(flat.size), np.ones(flat.size)
+    where = rng.choice(flat.size, size=count, p=chance)
+    return where, 1 / chance[where]
