@@ -1,9 +1,197 @@
-"""How fast this machine is."""
+"""How fast this machine is: fitted to the methods themselves, once, and kept."""
 
 from __future__ import annotations
 
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import finufft
+import numpy as np
+import scipy
+import scipy.optimize
+import torch
+
 from optics.accuracy import MachineSpeed
+from optics.camera import Lens
+from optics.fourier import Geometry, NonuniformTransform, transforms
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.psf import PSFOperator
+from optics.sensor import PixelIntegration
+from optics.threads import single_threaded
+
+_REPEATS = 5
+_SLOWNESS = np.linspace(1.2, 3.0, 19)
 
 
-def machine_speed() -> MachineSpeed:
-    return MachineSpeed()
+class _Priced(Protocol):
+    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
+
+
+@dataclass(frozen=True)
+class Job:
+    """A piece of work whose price is a sum over the speeds, and the call that does it."""
+
+    name: str
+    price: Callable[[MachineSpeed], float]
+    call: Callable[[], Any]
+
+
+def machine_speed(progress: Progress | None = None) -> MachineSpeed:
+    """This machine's speed: as kept, or else measured in a few seconds, and kept."""
+    kept = _read()
+    if kept is not None:
+        return kept
+    speed = fitted(timed(jobs(), progress or Progress()))
+    _keep(speed)
+    return speed
+
+
+def kept_in() -> Path:
+    """The file that the speed is kept in; $XDG_CACHE_HOME moves it."""
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(cache) / "labapp" / "speed.json"
+
+
+def _circumstances() -> dict[str, str]:
+    """What makes kept speeds worthless when it changes."""
+    return {
+        "machine": platform.processor() or platform.machine(),
+        "node": platform.node(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "torch": torch.__version__,
+        "finufft": finufft.__version__,
+    }
+
+
+def _read() -> MachineSpeed | None:
+    try:
+        found = json.loads(kept_in().read_text())
+        names = {field.name for field in fields(MachineSpeed)}
+        if found["circumstances"] != _circumstances() or set(found["seconds"]) != names:
+            return None
+        return MachineSpeed(**{name: float(value) for name, value in found["seconds"].items()})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _keep(speed: MachineSpeed) -> None:
+    """Where the folder can't be written, the speed is measured anew the next time."""
+    text = json.dumps({"circumstances": _circumstances(), "seconds": asdict(speed)}, indent=2)
+    try:
+        kept_in().parent.mkdir(parents=True, exist_ok=True)
+        kept_in().write_text(text)
+    except OSError:
+        return
+
+
+def jobs() -> list[Job]:
+    """Every method at two sizes or more, some milliseconds each."""
+    found: list[Job] = []
+    rng = np.random.default_rng(0)
+    for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
+        geometry = Geometry(
+            Plane((side, side), (8e-6, 8e-6)), Plane((window,) * 2, (pitch,) * 2), 6e-8
+        )
+        for dtype in (torch.complex64, torch.complex128):
+            field = torch.from_numpy(rng.normal(size=(side, side))).to(dtype)
+            for transform in transforms(geometry, dtype, 1e-4):
+                name = f"{transform.name}, {side}² to {window}², {dtype}"
+                found.append(_job(name, transform, partial(transform, field)))
+    # 8 µm x 3 µm / 1024: one over the step is a whole number.
+    geometry = Geometry(
+        Plane((700, 700), (8e-6, 8e-6)), Plane((200, 200), (3e-6, 3e-6)), 1024 * 2.4e-11
+    )
+    field = torch.ones(700, 700, dtype=torch.complex64)
+    for transform in transforms(geometry, torch.complex64)[2:]:
+        found.append(_job(transform.name, transform, partial(transform, field)))
+    found += _scattered_jobs(rng)
+    found += _axial_jobs()
+    for cutoff in (1e6, 2e5):
+        integral = PixelIntegration(Plane((200, 200), (3e-6, 3e-6)), cutoff)
+        light = torch.ones(integral.plane.shape)
+        found.append(_job("whole pixels", integral, partial(integral, light)))
+    return found
+
+
+def _job(name: str, method: _Priced, call: Callable[[], Any]) -> Job:
+    return Job(name, method.cpu_seconds, call)
+
+
+def _scattered_jobs(rng: np.random.Generator) -> list[Job]:
+    found = []
+    for points, window in ((100_000, 200), (20_000, 400), (200_000, 64)):
+        angle, r = rng.uniform(0, 2 * np.pi, points), np.sqrt(rng.uniform(0, 1, points))
+        order = np.lexsort((angle, np.round(100 * r)))
+        y, x = (torch.from_numpy((5e-3 * r * f(angle))[order]) for f in (np.sin, np.cos))
+        field = torch.ones(points, dtype=torch.complex128)
+        for error in (1e-3, 1e-8):
+            image = Plane((window, window), (3e-6, 3e-6))
+            transform = NonuniformTransform(y, x, image, 6e-8, error)
+            name = f"non-uniform FFT of {points}, {window}², {error:g}"
+            found.append(_job(name, transform, partial(transform, field)))
+    return found
+
+
+def _axial_jobs() -> list[Job]:
+    found = []
+    for size, distance, f_number in (
+        (256, 2.0, 5.6),
+        (400, 0.5, 5.6),
+        (16, 1e3, 8.0),
+        (150, 0.3, 2.0),
+    ):
+        pixels = Plane((size, size), (3.45e-6, 3.45e-6))
+        lens = Lens(0.1, f_number, 2.0)
+        operator = PSFOperator(
+            lens, distance, 520e-9, pixels, integrate=False, tol=1e-6, method="axial"
+        )
+        found.append(Job(f"along the radius, {size}²", operator.cpu_seconds, operator))
+    return found
+
+
+@single_threaded
+def timed(chosen: list[Job], progress: Progress) -> list[tuple[Job, float]]:
+    """Each job with its processor time: the median of interleaved calls."""
+    seconds: dict[int, list[float]] = {number: [] for number in range(len(chosen))}
+    for repeat in range(_REPEATS + 1):
+        for number, job in enumerate(chosen):
+            done = (repeat + number / len(chosen)) / (_REPEATS + 1)
+            progress.report(done, "measuring how fast this machine is")
+            started = time.process_time()
+            job.call()
+            # The first call makes what the others reuse.
+            if repeat:
+                seconds[number].append(time.process_time() - started)
+    return [(job, statistics.median(seconds[number])) for number, job in enumerate(chosen)]
+
+
+def fitted(measured: list[tuple[Job, float]]) -> MachineSpeed:
+    """The speeds, none negative, whose prices come closest to the times, relatively."""
+    names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
+    nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
+    best, least = MachineSpeed(), float("inf")
+    for slowness in _SLOWNESS:
+        prices = np.array(
+            [
+                [job.price(replace(nothing, double=slowness, **{name: 1.0})) for name in names]
+                for job, _ in measured
+            ]
+        )
+        relative = prices / np.array([[seconds] for _, seconds in measured])
+        scale = np.maximum(relative.max(axis=0), 1e-300)
+        answer, residual = scipy.optimize.nnls(relative / scale, np.ones(len(measured)))
+        if residual < least:
+            least = residual
+            values = dict(zip(names, (answer / scale).tolist(), strict=True))
+            best = MachineSpeed(**values, double=float(slowness))
+    return best

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -220,7 +220,7 @@ class Stop:
         found += [_common(self.opening, shape, -1) for shape in self.obscurations]
         for a, b in combinations(self.obscurations, 2):
             found.append(self._common_of_pair(a, b))
-        return tuple(_seen_from_inside(loop) for loop in found if loop is not None)
+        return tuple(loop for loop in found if loop is not None)
 
     def _have_common(self, a: Shape, b: Shape, c: Shape) -> bool:
         """Whether three obscurations cover a part of the opening together.
@@ -308,11 +308,6 @@ def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
     return low < -_NOTHING and high > _NOTHING
 
 
-def _seen_from_inside(loop: Loop) -> Loop:
-    """Seen from outside the stop, rays would take a wave where it may be steeper than inside."""
-    return replace(loop, centre=(0.0, 0.0)) if math.hypot(*loop.centre) > 1 else loop
-
-
 def _boundary(shape: Shape, sign: int) -> Loop:
     if isinstance(shape, Circle):
         return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),), shape.centre, sign)
@@ -388,7 +383,8 @@ def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | N
         for low, high in pairwise(cuts):
             middle = [c[0] for c in edge.points(np.array([(low + high) / 2]))]
             p, q = (tuple(float(c[0]) for c in edge.points(np.array([t]))) for t in (low, high))
-            if math.dist(middle, circle.centre) <= circle.radius:
+            # An edge that touches the circle in its middle is outside.
+            if math.dist(middle, circle.centre) < circle.radius - _NOTHING:
                 pieces.append(Segment(p, q))  # type: ignore[arg-type]
             else:
                 pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]

@@ -50,13 +50,13 @@ def _walk(
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
     t = np.unique(np.concatenate([[0.0], *cuts, [1.0]]))
     half, middle = np.diff(t) / 2, (t[:-1] + t[1:]) / 2
-    y, x = piece.points(middle)
-    row = np.searchsorted(lines[0], y) - 1
-    column = np.searchsorted(lines[1], x) - 1
-    on = (row >= 0) & (row < rows) & (column >= 0)
-    row, column, half, middle = row[on], column[on], half[on], middle[on]
     at = middle[:, None] + half[:, None] * _NODES
-    _, x = piece.points(at)
+    y, x = piece.points(at)
+    # A point in the middle could lie on a line that an arc touches; the mean doesn't.
+    row = np.searchsorted(lines[0], y.mean(axis=1)) - 1
+    column = np.searchsorted(lines[1], x.mean(axis=1)) - 1
+    on = (row >= 0) & (row < rows) & (column >= 0)
+    row, column, half, at, x = row[on], column[on], half[on], at[on], x[on]
     dy, _ = piece.velocity(at)
     step = sign * half * (dy @ _WEIGHTS)
     right_of_all = column >= columns

@@ -141,12 +141,11 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
     along = _SLOPE_TO_SPARE * np.maximum.accumulate(along)
     across = _SLOPE_TO_SPARE * np.maximum.accumulate(across)
     middles = ((r[1:] + r[:-1]) / 2).numpy()
-    # Harmonics of the angle that are too weak to be steep still need nodes of their own.
-    cycles = max(abs(m) for _, m, _ in lens.aberrations)
     return Steepness(
         lambda q: float(np.interp(q, middles, along)),
-        lambda q: float(np.interp(q, r.numpy(), across)) + 4 * cycles,
+        lambda q: float(np.interp(q, r.numpy(), across)),
         tilt,
+        max(1, *(abs(m) for _, m, _ in lens.aberrations)),
     )
 
 

@@ -11,14 +11,28 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from optics.aperture import Arc, Array, Loop, Piece, Stop
+from optics.aperture import Array, Stop
+from optics.arcs import break_radii, open_arcs
 
 _RADIANS_A_PANEL = 200.0
 """Longer lines are cut into panels: rules of thousands of nodes are slow to find."""
+
+_PART = 1 << 20
+"""Nodes that are made at once."""
+
+_Part = tuple[Array, Array, Array]
+"""Positions (y, x) in stop radii, and weights."""
+
+_SOME = 16
+"""Radii at which arcs are counted, and their ends followed."""
+
+_END_TO_SPARE = 1.2
 
 
 @dataclass(frozen=True)
@@ -27,11 +41,13 @@ class Steepness:
 
     radial(r): outwards, at radius r and the largest of all below; around(r): along the
     circle, radians per radian of angle. tilt: of the kernel, towards the farthest sample.
+    cycles: the most that the wave makes around the axis.
     """
 
     radial: Callable[[float], float]
     around: Callable[[float], float]
     tilt: float
+    cycles: int = 1
 
     def along(self, r: float) -> float:
         """In any direction at a radius, kernel included."""
@@ -76,7 +92,7 @@ def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
 
 
 def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
-    """How many nodes stop_rule() makes, within a few percent, without making them."""
+    """How many nodes stop_rule() makes, within some percent, without making them."""
     if stop.rings is not None:
         inner, outer = stop.rings
         along = _radial_count(inner, outer, steepness, tol)
@@ -86,18 +102,39 @@ def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
         y0, y1, x0, x1 = stop.sides
         slope = steepness.along(1.0)
         return nodes_in(y1 - y0, slope, tol) * nodes_in(x1 - x0, slope, tol)
-    fans = (_fan_counts(loop, piece, steepness, tol) for loop, piece in _pieces(stop))
-    return sum(rays * nodes_in(reach, slope, tol) for reach, slope, rays in fans)
+    total = 0.0
+    for low, high in pairwise(break_radii(stop)):
+        some, _ = _bent(low, high, math.pi * ((np.arange(_SOME) + 0.5) / _SOME - 0.5))
+        arcs = ((r, arc) for r in some.tolist() for arc in open_arcs(stop, r))
+        across = sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs)
+        total += nodes_in(math.pi, _bent_slope(stop, low, high, steepness), tol) * across / _SOME
+    return int(total)
 
 
 def stop_rule(stop: Stop, steepness: Steepness, tol: float) -> Nodes:
     """Nodes and weights of an integral over a stop."""
+    return _joined(list(_parts(stop, steepness, tol)))
+
+
+def stop_blocks(stop: Stop, steepness: Steepness, tol: float, most: int) -> Iterator[Nodes]:
+    """stop_rule() piece by piece, each of about `most` nodes, for rules that fit no memory."""
+    gathered: list[_Part] = []
+    count = 0
+    for part in _parts(stop, steepness, tol):
+        if gathered and count + part[2].size > most:
+            yield _joined(gathered)
+            gathered, count = [], 0
+        gathered.append(part)
+        count += part[2].size
+    yield _joined(gathered)
+
+
+def _parts(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
     if stop.rings is not None:
         return _rings(*stop.rings, steepness, tol)
     if stop.sides is not None:
-        (y, wy), (x, wx) = product_rule(stop, steepness, tol)
-        return _joined([(np.repeat(y, x.size), np.tile(x, y.size), (wy[:, None] * wx).ravel())])
-    return _joined([_fan(loop, piece, steepness, tol) for loop, piece in _pieces(stop)])
+        return _rows(stop, steepness, tol)
+    return _arcs(stop, steepness, tol)
 
 
 def product_rule(
@@ -111,13 +148,17 @@ def product_rule(
     return (y0 + (y1 - y0) * ty, (y1 - y0) * wy), (x0 + (x1 - x0) * tx, (x1 - x0) * wx)
 
 
-def _joined(parts: list[tuple[Array, Array, Array]]) -> Nodes:
+def _rows(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
+    (y, wy), (x, wx) = product_rule(stop, steepness, tol)
+    rows = max(1, _PART // x.size)
+    for start in range(0, y.size, rows):
+        part, weight = y[start : start + rows], wy[start : start + rows]
+        yield np.repeat(part, x.size), np.tile(x, part.size), (weight[:, None] * wx).ravel()
+
+
+def _joined(parts: list[_Part]) -> Nodes:
     y, x, weight = (torch.from_numpy(np.concatenate(c)) for c in zip(*parts, strict=True))
     return Nodes(y, x, weight)
-
-
-def _pieces(stop: Stop) -> Iterator[tuple[Loop, Piece]]:
-    return ((loop, piece) for loop in stop.loops for piece in loop.pieces)
 
 
 def nodes_in(length: float, slope: float, tol: float) -> int:
@@ -132,51 +173,111 @@ def _radial_count(inner: float, outer: float, steepness: Steepness, tol: float) 
 
 def _around_count(r: float, steepness: Steepness, tol: float) -> int:
     """Evenly spaced nodes around a circle: more than the cycles of the fastest harmonic."""
-    turn = steepness.tilt * r + steepness.around(r)
+    kernel = _harmonics(steepness.tilt * r, tol)
+    if not steepness.around(r):
+        return kernel
+    # A wave of so many cycles has only their multiples as harmonics.
+    return kernel + steepness.cycles * _harmonics(steepness.around(r) / steepness.cycles, tol)
+
+
+def _harmonics(turn: float, tol: float) -> int:
+    """Of exp(i turn sin(angle)), down to a tolerance: those of Bessel functions."""
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
 
-def _rings(inner: float, outer: float, steepness: Steepness, tol: float) -> Nodes:
-    slope = steepness.radial(outer) + steepness.tilt
-    t, along = line_rule(outer - inner, slope, tol)
+def _rings(inner: float, outer: float, steepness: Steepness, tol: float) -> Iterator[_Part]:
+    t, along = line_rule(outer - inner, _outwards(outer, steepness), tol)
     radii, along = inner + (outer - inner) * t, (outer - inner) * along
     counts = np.array([_around_count(r, steepness, tol) for r in radii])
+    most = max(1, _PART // int(counts.max()))
+    for start in range(0, radii.size, most):
+        part = slice(start, start + most)
+        yield _circles(radii[part], along[part], counts[part])
+
+
+def _circles(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Part:
+    """Evenly spaced nodes on whole circles."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
     angle = 2 * math.pi * number / np.repeat(counts, counts)
     r = np.repeat(radii, counts)
     weight = np.repeat(2 * math.pi * radii * along / counts, counts)
-    return _joined([(r * np.sin(angle), r * np.cos(angle), weight)])
+    return r * np.sin(angle), r * np.cos(angle), weight
 
 
-def _fan_counts(
-    loop: Loop, piece: Piece, steepness: Steepness, tol: float
-) -> tuple[float, float, int]:
-    """The longest ray of a fan, the slope along it, and the number of rays."""
-    y, x = piece.points(np.linspace(0, 1, 33))
-    reach = float(np.hypot(y - loop.centre[0], x - loop.centre[1]).max())
-    slope = steepness.along(1.0)
-    if isinstance(piece, Arc) and piece.whole:
-        rays = _around_count(piece.radius, steepness, tol)
-        rays += math.ceil(math.hypot(*loop.centre) * slope)
-    else:
-        rays = nodes_in(piece.length, slope, tol)
-    return reach, slope, rays
+def _arcs(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
+    """Circles around the axis, as far as they are open: the kernel alone turns along them,
+    and defocus does not."""
+    for low, high in pairwise(break_radii(stop)):
+        t, along = line_rule(math.pi, _bent_slope(stop, low, high, steepness), tol)
+        radii, steps = _bent(low, high, math.pi * (t - 0.5))
+        for r, step in zip(radii.tolist(), (math.pi * along * steps).tolist(), strict=True):
+            for arc in open_arcs(stop, r):
+                around, weight = _arc_rule(r, arc, steepness, tol)
+                yield r * np.sin(around), r * np.cos(around), step * r * weight
 
 
-def _fan(loop: Loop, piece: Piece, steepness: Steepness, tol: float) -> tuple[Array, Array, Array]:
-    """The area that rays from the loop's centre to a piece of its boundary sweep."""
-    reach, slope, count = _fan_counts(loop, piece, steepness, tol)
-    s, along = line_rule(reach, slope, tol)
-    if isinstance(piece, Arc) and piece.whole:
-        t, across = np.arange(count) / count, np.full(count, 1 / count)
-    else:
-        t, across = line_rule(piece.length, slope, tol)
-    (y, x), (dy, dx) = piece.points(t), piece.velocity(t)
-    y, x = y - loop.centre[0], x - loop.centre[1]
-    weight = loop.sign * np.outer(s * along, across * (x * dy - y * dx))
-    return (
-        (loop.centre[0] + np.outer(s, y)).ravel(),
-        (loop.centre[1] + np.outer(s, x)).ravel(),
-        weight.ravel(),
-    )
+def _bent(low: float, high: float, angle: Array) -> tuple[Array, Array]:
+    """Radii that crowd at both ends of a stretch, and dr / d angle, from -pi/2 to pi/2: smooth
+    also where an edge is tangent to a circle."""
+    middle, half = (low + high) / 2, (high - low) / 2
+    return middle + half * np.sin(angle), half * np.cos(angle)
+
+
+def _bent_slope(stop: Stop, low: float, high: float, steepness: Steepness) -> float:
+    """Radians by which the integral along the arcs turns per radian of _bent()'s angle.
+
+    The ends of the arcs may run along the stop's edge much faster than outwards.
+    """
+    angle = np.linspace(-math.pi / 2, math.pi / 2, _SOME + 1)[1:-1]
+    radii, _ = _bent(low, high, angle)
+    ends = [
+        np.array([r * np.exp(1j * end) for arc in open_arcs(stop, r) for end in arc])
+        for r in radii.tolist()
+    ]
+    half = (high - low) / 2
+    moved = [
+        float(np.abs(b[:, None] - a).min(axis=1).max())
+        for a, b in pairwise(ends)
+        if a.size and b.size
+    ]
+    speed = max([half, *(_END_TO_SPARE * m / (angle[1] - angle[0]) for m in moved)])
+    turned = steepness.around(high) / max(high, 1e-3)
+    return steepness.radial(high) * half + (steepness.tilt + turned) * speed
+
+
+def _outwards(r: float, steepness: Steepness) -> float:
+    return steepness.radial(r) + steepness.tilt
+
+
+def _sideways(r: float, steepness: Steepness) -> float:
+    return steepness.tilt * r + steepness.around(r)
+
+
+def _arc_rule(
+    r: float, arc: tuple[float, float], steepness: Steepness, tol: float
+) -> tuple[Array, Array]:
+    """Angles along an open arc, and weights whose sum is its angle."""
+    first, last = arc
+    if last - first >= 2 * math.pi:
+        count = _around_count(r, steepness, tol)
+        step = 2 * math.pi / count
+        return step * np.arange(count, dtype=np.float64), np.full(count, step)
+    pieces = _pieces(arc)
+    angle: float = (last - first) / pieces
+    t, weight = line_rule(angle, _sideways(r, steepness), tol)
+    starts = first + angle * np.arange(pieces, dtype=np.float64)[:, None]
+    return (starts + angle * t).ravel(), np.tile(np.multiply(angle, weight), pieces)
+
+
+def _arc_count(r: float, arc: tuple[float, float], steepness: Steepness, tol: float) -> int:
+    if arc[1] - arc[0] >= 2 * math.pi:
+        return _around_count(r, steepness, tol)
+    pieces = _pieces(arc)
+    return pieces * nodes_in((arc[1] - arc[0]) / pieces, _sideways(r, steepness), tol)
+
+
+def _pieces(arc: tuple[float, float]) -> int:
+    """Half a turn at the most: a tilt's slope changes too much along a longer piece for the
+    nodes that nodes_on_line() has to spare."""
+    return math.ceil((arc[1] - arc[0]) / math.pi)

@@ -117,7 +117,8 @@ class PixelIntegration:
         return 2 * 4 * self._samples
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return self._samples * speed.pixel_sample
+        taps = _pixel_kernel(self._factor).numel() / self._factor * (1 + 1 / self._factor)
+        return speed.call + self._samples * taps * speed.tap
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
         return centred_crop(integrate_pixels(light, self._factor), self._shape)

@@ -67,5 +67,8 @@ class ChirpTransform(SeparableTransform):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         each = zip(self._lengths(), self.lines(), strict=True)
-        operations = sum(2 * count * fft_operations(length) for length, count in each)
-        return operations * speed.fft * self.slowness(speed)
+        sizes = [(length, count) for length, count in each]
+        operations = sum(2 * count * fft_operations(length) for length, count in sizes)
+        touched = 3 * sum(count * length for length, count in sizes)
+        seconds = operations * speed.fft + touched * speed.touch
+        return speed.call + seconds * self.slowness(speed) + self.taking(speed)

@@ -89,4 +89,7 @@ class CommensurateTransform(SeparableTransform):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
-        return operations * speed.fft * self.slowness(speed)
+        (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        touched = 2 * ny * (nx + mx)
+        seconds = operations * speed.fft + touched * speed.touch
+        return speed.call + seconds * self.slowness(speed) + self.taking(speed)

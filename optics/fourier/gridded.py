@@ -152,4 +152,6 @@ class GriddedTransform(SeparableTransform):
         )
         each = zip(self._grids(), self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
-        return (spread * speed.gridding + operations * speed.fft) * self.slowness(speed)
+        touched = sum(grid * count for grid, count in zip(self._grids(), self.lines(), strict=True))
+        seconds = spread * speed.gridding + operations * speed.fft + 2 * touched * speed.touch
+        return speed.call + seconds * self.slowness(speed) + self.taking(speed)

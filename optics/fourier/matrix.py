@@ -54,4 +54,6 @@ class MatrixTransform(PlaneTransform):
         return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return 4 * self._products() * speed.multiply_add * self.slowness(speed)
+        touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
+        products = 4 * self._products() * speed.multiply_add + touched * speed.touch
+        return speed.call + products * self.slowness(speed)

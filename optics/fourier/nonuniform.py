@@ -118,4 +118,5 @@ def nonuniform_seconds(points: int, image: Plane, error: float, speed: MachineSp
     rows, columns = (math.ceil(_FINER * n) for n in image.shape)
     transform = rows * fft_operations(columns) + columns * fft_operations(rows)
     spread = points * (speed.point + width**2 * speed.spread)
-    return spread + transform * speed.fft * speed.double_factor
+    seconds = transform * speed.fft + _FINER * rows * image.shape[1] * speed.touch
+    return speed.call + spread + seconds * speed.double

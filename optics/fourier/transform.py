@@ -12,6 +12,9 @@ from optics.accuracy import MachineSpeed
 from optics.fourier.geometry import Geometry
 from optics.plane import Lattice, Plane
 
+_KEPT_BYTES = 32 << 20
+"""What allocators keep for the next call, and caches hold."""
+
 
 class Transform(ABC):
     """A linear map from a field in the pupil to the field in the image plane,
@@ -168,9 +171,13 @@ class PlaneTransform(Transform):
     def _require_samples(self, field: torch.Tensor) -> None:
         _require_shape(self.geometry.pupil, field)
 
+    def taking(self, speed: MachineSpeed) -> float:
+        """Seconds for memory that is taken anew at every call."""
+        return max(self.bytes - _KEPT_BYTES, 0) * speed.fresh
+
     def slowness(self, speed: MachineSpeed) -> float:
         """How much longer than in single precision an operation takes."""
-        return speed.double_factor if self.dtype == torch.complex128 else 1.0
+        return speed.double if self.dtype == torch.complex128 else 1.0
 
 
 def _require_shape(plane: Plane | Lattice, field: torch.Tensor) -> None:

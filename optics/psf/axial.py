@@ -224,9 +224,9 @@ class _Size:
         return 8 * (rest + (2 * self.sums if along_rim else self.sums * self.nodes))
 
     def cpu_seconds(self, speed: MachineSpeed, along_rim: bool) -> float:
-        sums = 0.0 if along_rim else 2 * self.sums * self.nodes * speed.multiply_add
-        gathered = 2 * self.radii * self.reach + self.samples
-        return sums * speed.double_factor + gathered * speed.gather
+        sums = 0.0 if along_rim else self.sums * self.nodes * speed.stream
+        gathered = 2 * self.radii * self.reach + self.samples / 4
+        return speed.call + sums + gathered * speed.gather
 
 
 def _prefers_rim(q: Question, size: _Size) -> bool:

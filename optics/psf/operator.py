@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import torch
 
@@ -12,6 +12,7 @@ from optics.accuracy import (
     Account,
     Budget,
     ErrorEstimate,
+    MachineSpeed,
     Result,
     ToleranceError,
 )
@@ -97,7 +98,6 @@ class PSFOperator:
     def _accounted(self, question: Question, tol: float, rest: float) -> Account:
         engine, speed = self._engine, question.budget.speed
         rows, columns = question.samples.shape
-        integral = self._integral.cpu_seconds(speed) if self._integral else 0.0
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
         return Account(
             method=engine.name,
@@ -108,7 +108,7 @@ class PSFOperator:
             model=self._model_error(question),
             sampling_error=sampling,
             arithmetic=ErrorEstimate(engine.arithmetic, "bound, from tests"),
-            cpu_predicted=engine.cpu_seconds(speed) + integral,
+            cpu_predicted=self.cpu_seconds(speed),
             bytes=engine.bytes + (self._integral.bytes if self._integral else 0),
         )
 
@@ -116,6 +116,11 @@ class PSFOperator:
         n = question.numeric
         reach = n.radius if self._camera is None else open_radius(self._camera)
         return model_error(n.lens, n.wavelength, min(n.radius, reach))
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predicted processor time of one call, on a machine of such a speed."""
+        integral = self._integral.cpu_seconds(speed) if self._integral else 0.0
+        return self._engine.cpu_seconds(speed) + integral
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -163,49 +168,58 @@ def _cutoff(optics: Camera | Lens, wavelength: float) -> float:
     return float(optics.stop_diameter) / (wavelength * float(optics.image_distance))
 
 
-def _offers(question: Question, camera: Camera | None, method: str | None) -> Iterator[Engine]:
-    """Every engine that serves a question, not yet prepared."""
+def _offers(
+    question: Question, camera: Camera | None, method: str | None
+) -> list[Callable[[], Engine]]:
+    """Makers of every engine that serves a question; one that can't serve raises."""
     if camera is not None:
-        yield PanelEngine(question, camera)
-        return
+        return [lambda: PanelEngine(question, camera)]
     probe = Probe(question)
+    offers: list[Callable[[], Engine]] = []
     if method in (None, "axial") and AxialEngine.serves(question):
-        yield AxialEngine(question)
+        offers.append(lambda: AxialEngine(question))
     if method in (None, "scattered"):
-        yield ScatteredEngine(question, probe)
+        offers.append(lambda: ScatteredEngine(question, probe))
     if method in (None, "sampled") and (method or question.tol >= SampledEngine.FINEST):
-        yield SampledEngine(question, probe)
+        offers.append(lambda: SampledEngine(question, probe))
+    return offers
 
 
 def _prepared(question: Question, camera: Camera | None, method: str | None) -> Engine:
     """The cheapest engine that fits the memory and keeps the tolerance, prepared.
 
-    Raises ToleranceError: the one of the engine that came closest.
+    Raises the ToleranceError of the one that came closest.
     """
     budget = question.budget
-    offers = sorted(
-        _offers(question, camera, method), key=lambda engine: engine.cpu_seconds(budget.speed)
-    )
+    offers = _offers(question, camera, method)
     if not offers:
         raise ValueError(f"method is {method!r}; it serves round stops and aberrations only")
-    fitting = [engine for engine in offers if engine.bytes <= budget.memory]
-    if not fitting:
-        least = min(offers, key=lambda engine: engine.bytes)
-        raise ToleranceError(
-            f"a PSF by {least.name} needs {least.bytes / 1e6:.0f} MB at least and "
-            f"{budget.memory / 1e6:.0f} MB are allowed; allow more memory, ask for fewer pixels, "
-            "or bring the object closer to the plane in focus"
-        )
-    refusal: ToleranceError | None = None
-    for engine in fitting:
+    refusals: list[ToleranceError] = []
+    engines: list[Engine] = []
+    for offer in offers:
+        try:
+            engine = offer()
+            _require_memory(engine, budget)
+            engines.append(engine)
+        except ToleranceError as error:
+            refusals.append(error)
+    for engine in sorted(engines, key=lambda engine: engine.cpu_seconds(budget.speed)):
         try:
             engine.prepare()
         except ToleranceError as error:
-            refusal = refusal or error
+            refusals.insert(0, error)
             continue
         return engine
-    assert refusal is not None
-    raise refusal
+    raise refusals[0]
+
+
+def _require_memory(engine: Engine, budget: Budget) -> None:
+    if engine.bytes > budget.memory:
+        raise ToleranceError(
+            f"a PSF by {engine.name} needs {engine.bytes / 1e6:.0f} MB at least and "
+            f"{budget.memory / 1e6:.0f} MB are allowed; allow more memory, ask for fewer pixels, "
+            "or bring the object closer to the plane in focus"
+        )
 
 
 def psf(

@@ -80,6 +80,14 @@ class Question:
         return Derivatives(stretch if recorded(stretch) else None, shift)  # type: ignore[arg-type]
 
     @property
+    def differentiable(self) -> bool:
+        """Whether any derivative is wanted."""
+        lens = self.lens
+        lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
+        aberrations = (path for _, _, path in lens.aberrations)
+        return any(map(recorded, (*lengths, lens.focus_distance, *aberrations))) or self.stretches
+
+    @property
     def stretches(self) -> bool:
         """Whether derivatives are wanted that move the light on the samples."""
         moving = (self.scale, self.radius, *self.samples.centre)

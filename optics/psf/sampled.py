@@ -22,9 +22,13 @@ from optics.psf.scattered import lens_share
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
 
-_EDGE = 0.35
-"""The error of a grid with covered edges is about this times the radians from one of its
-samples to the next, squared; fitted to exact integrals."""
+_EDGE = 3e-3
+"""The error of a grid with covered edges is about this times the radians, at the stop's edge
+and towards the light, from one of its samples to the next, squared: fitted to exact integrals
+for 40 lenses, where it lay between 1e-3 and 7e-3. A grid that turns out too coarse is refined."""
+
+_STEEPEST = 0.8 * math.pi
+"""Radians from sample to sample in the whole window, below Nyquist's."""
 
 _FEWEST = 16
 _GROWTH = 1.5
@@ -45,10 +49,11 @@ class SampledEngine(Engine):
     def __init__(self, question: Question, probe: Probe) -> None:
         self._question, self._probe = question, probe
         q = question.numeric
-        slope = q.steepness.along(1.0)
-        # Radians from sample to sample for the tolerance, and never beyond Nyquist's.
-        turn = min(math.sqrt(q.tol / _EDGE), 0.8 * math.pi)
-        self._size = max(_FEWEST, math.ceil(2 * slope / turn))
+        outwards, whole = q.steepness.along(1.0) - q.steepness.tilt, q.steepness.along(1.0)
+        # A wave of such a slope sends its light to where the kernel's is the same, at most.
+        lit = outwards + min(outwards + math.pi, q.steepness.tilt)
+        needed = max(2 * lit * math.sqrt(_EDGE / q.tol), 2 * whole / _STEEPEST)
+        self._size = max(_FEWEST, math.ceil(needed))
         self._kept: torch.Tensor | None = None
         self._plan()
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cached_property
+
 import torch
 
 from optics.accuracy import MachineSpeed, ToleranceError
@@ -16,20 +19,27 @@ from optics.psf.engine import Engine, double_arithmetic
 from optics.psf.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
-from optics.quadrature import Nodes, count_nodes, stop_rule
+from optics.quadrature import Nodes, count_nodes, stop_blocks, stop_rule
 
 _SHARE = 0.1
 """Of the tolerance that quadrature and transform may each use, in the field."""
 
 _TRIES = 4
 
+_BYTES_A_NODE = 200
+"""Its position and weight, its wave, and what its transform keeps of it."""
+
+_LEAST_BLOCK = 1 << 20
+_MOST_NODES = 1_000_000_000
+"""Minutes of work."""
+
 
 class ScatteredEngine(Engine):
     """Nodes that follow the stop's boundary, and finufft from them to the samples.
 
-    Polar quadrature for round stops, Gauss-Legendre products for rectangles, and fans for
-    whatever has straight edges. The error is spectral in the nodes: two digits cost a few
-    percent.
+    Whole circles of nodes in round stops, rows and columns in rectangles, and arcs in all
+    others. The error is spectral in the nodes: two digits cost a few percent. Where the
+    nodes fit no memory they are made anew at every call, block by block.
     """
 
     name = "quadrature and non-uniform FFT"
@@ -41,23 +51,34 @@ class ScatteredEngine(Engine):
         self.arithmetic = double_arithmetic(q)
         self._error = max(_SHARE * q.tol, FINEST_NUFFT)
         self._count = count_nodes(q.lens.stop, q.steepness, _SHARE * q.tol)
-        self._nodes: Nodes | None = None
-        self._kept: torch.Tensor | None = None
+        self._window = nonuniform_bytes(0, q.samples)
+        allowed = (q.budget.memory - self._window) // _BYTES_A_NODE
+        self._most = max(allowed, _LEAST_BLOCK)
+        if self._count > _MOST_NODES:
+            raise ToleranceError(
+                f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
+                f"{self._count:.1e} nodes in the stop; bring the object closer to the plane in "
+                "focus, or ask for a smaller window"
+            )
+
+    @property
+    def _held(self) -> bool:
+        """Whether all nodes are kept; derivatives need all of them at once."""
+        return self._count <= self._most or self._question.differentiable
 
     @property
     def bytes(self) -> int:
-        return nonuniform_bytes(self._count, self._question.samples)
+        nodes = self._count if self._held else min(self._count, self._most)
+        return self._window + _BYTES_A_NODE * nodes
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return nonuniform_seconds(self._count, self._question.samples, self._error, speed)
+        seconds = nonuniform_seconds(self._count, self._question.samples, self._error, speed)
+        return seconds if self._held else 3 * seconds
 
     def prepare(self) -> None:
         q = self._question.numeric
-        self._nodes = stop_rule(q.lens.stop, q.steepness, _SHARE * q.tol)
-        self._count = self._nodes.count
-        self.sampling = f"{self._count} nodes in the stop"
         for _ in range(_TRIES):
-            self._transform = self._transform_of(self._error)
+            self._blocks_held = list(self._blocks_made()) if self._held else None
             with torch.no_grad():
                 self.error = self._probe.measure(self.intensity(None, None))
             wanted = q.tol - self.arithmetic
@@ -70,38 +91,79 @@ class ScatteredEngine(Engine):
         floor = rounded_up(1.5 * self.error.value + self.arithmetic)
         raise ToleranceError(f"tol {q.tol:g} can't be kept; ask for tol {floor} or more")
 
-    def _transform_of(self, error: float) -> NonuniformTransform:
-        q, nodes = self._question.numeric, self._nodes
-        assert nodes is not None
-        return NonuniformTransform(
+    def _blocks_made(self) -> Iterator[_Block]:
+        q = self._question.numeric
+        if self._held:
+            yield _Block(self._nodes, self._question, self._error)
+            return
+        rule = stop_blocks(q.lens.stop, q.steepness, _SHARE * q.tol, self._most)
+        for nodes in rule:
+            yield _Block(nodes, self._question, self._error)
+
+    @cached_property
+    def _nodes(self) -> Nodes:
+        q = self._question.numeric
+        nodes = stop_rule(q.lens.stop, q.steepness, _SHARE * q.tol)
+        self._count = nodes.count
+        return nodes
+
+    @property
+    def sampling(self) -> str:  # type: ignore[override]
+        return f"{self._count} nodes in the stop"
+
+    def points(self) -> tuple[torch.Tensor, torch.Tensor]:
+        if self._blocks_held is None:
+            empty = torch.zeros(0, dtype=torch.float64)
+            return empty, empty
+        return self._blocks_held[0].transform.positions()
+
+    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        blocks = self._blocks_held
+        if blocks is not None:
+            factor = self.modulation(phase, amplitude, (self._count,))
+            field = blocks[0].field(factor)
+        else:
+            self._require_plain(phase, amplitude)
+            field = sum((block.field(None) for block in self._blocks_made()), torch.zeros(()))
+        return (field.real**2 + field.imag**2) * lens_share(self._question)
+
+    def _require_plain(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> None:
+        if phase is not None or amplitude is not None:
+            raise ValueError(
+                f"a pupil of {self._count} nodes takes no extra phase or amplitude; give the lens "
+                "aberrations, or bring the object closer to the plane in focus"
+            )
+
+
+class _Block:
+    """Some nodes, the light of a point on them, and the transform to the samples."""
+
+    def __init__(self, nodes: Nodes, question: Question, error: float) -> None:
+        q = question.numeric
+        self._nodes, self._question = nodes, question
+        self._kept: torch.Tensor | None = None
+        self.transform = NonuniformTransform(
             nodes.y * q.radius, nodes.x * q.radius, q.samples, q.scale, error
         )
 
-    def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        return self._transform.positions()
+    def field(self, factor: torch.Tensor | None) -> torch.Tensor:
+        """On the samples, in square stop radii; factor: of the modulation, on the nodes."""
+        q, wave = self._question, self._wave()
+        if factor is not None:
+            wave = wave.to(factor.device) * factor
+        moved = q.derivatives(q.numeric.radius, q.numeric.scale)
+        return self.transform(wave, moved.stretch, moved.shift)
 
     def _wave(self) -> torch.Tensor:
-        """Weights and phases of a point's light; kept unless somebody asks for derivatives."""
+        """Weights and phases; kept unless somebody asks for derivatives."""
         if self._kept is not None:
             return self._kept
         q, nodes = self._question, self._nodes
-        assert nodes is not None
         phase = wave_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
         wave = torch.polar(torch.ones_like(phase), phase) * nodes.weight
         if not wave.requires_grad:
             self._kept = wave
         return wave
-
-    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        q = self._question
-        wave = self._wave()
-        factor = self.modulation(phase, amplitude, (self._count,))
-        if factor is not None:
-            wave = wave.to(factor.device) * factor
-        n = q.numeric
-        moved = q.derivatives(n.radius, n.scale)
-        field = self._transform(wave, moved.stretch, moved.shift)
-        return (field.real**2 + field.imag**2) * lens_share(q)
 
 
 def lens_share(question: Question) -> torch.Tensor | float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from optics.accuracy import ErrorEstimate
 from optics.psf.question import Question
 from optics.pupil import wave_phase
-from optics.quadrature import Nodes, stop_rule
+from optics.quadrature import Nodes, Steepness, count_nodes, stop_blocks
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,7 @@ _TERMS = 5_000_000
 
 _MOST, _FEWEST = 48, 4
 _CHUNK = 1 << 21
+_MOST_KEPT = 1 << 24
 
 MARGIN = 2.0
 """An error is known from few samples: it counts twice."""
@@ -37,15 +40,14 @@ class Probe:
 
     def __init__(self, question: Question) -> None:
         self._question = question.numeric
-        self._rule: Nodes | None = None
+        self._rule: list[Nodes] | None = None
 
     def measure(self, light: torch.Tensor) -> ErrorEstimate:
         """Relative L2 error of light (rows, columns), shares of a point's light."""
-        nodes = self._nodes()
-        count = int(min(_MOST, max(_FEWEST, _TERMS // nodes.count)))
+        count = int(min(_MOST, max(_FEWEST, _TERMS // self._count)))
         values = light.detach().to(torch.float64).numpy()
         where, weight = _drawn(values, count)
-        truth = self._light(nodes, where)
+        truth = self._light(where)
         error = values.ravel()[where] - truth
         size = float((weight * truth**2).sum())
         if not size > 0:
@@ -55,32 +57,47 @@ class Probe:
             f"measured on {where.size} samples against exact quadrature",
         )
 
-    def _nodes(self) -> Nodes:
-        if self._rule is None:
-            q = self._question
-            steep = q.steepness
-            finer = replace(
-                steep,
-                radial=lambda r: _FINER * steep.radial(r),
-                around=lambda r: _FINER * steep.around(r),
-                tilt=_FINER * steep.tilt,
-            )
-            self._rule = stop_rule(q.lens.stop, finer, 1e-2 * q.tol)
+    @cached_property
+    def _finer(self) -> Steepness:
+        steep = self._question.steepness
+        return replace(
+            steep,
+            radial=lambda r: _FINER * steep.radial(r),
+            around=lambda r: _FINER * steep.around(r),
+            tilt=_FINER * steep.tilt,
+        )
+
+    @cached_property
+    def _count(self) -> int:
+        q = self._question
+        return count_nodes(q.lens.stop, self._finer, 1e-2 * q.tol)
+
+    def _blocks(self) -> Iterable[Nodes]:
+        """The judge's nodes; kept where they are few."""
+        if self._rule is not None:
+            return self._rule
+        q = self._question
+        blocks = stop_blocks(q.lens.stop, self._finer, 1e-2 * q.tol, _CHUNK)
+        if self._count > _MOST_KEPT:
+            return blocks
+        self._rule = list(blocks)
         return self._rule
 
-    def _light(self, nodes: Nodes, where: NDArray[np.int64]) -> Array:
+    def _light(self, where: NDArray[np.int64]) -> Array:
         q = self._question
         rows, columns = np.divmod(where, q.samples.shape[1])
         y = q.samples.coordinates(0).numpy()[rows]
         x = q.samples.coordinates(1).numpy()[columns]
         field = np.zeros(where.size, dtype=np.complex128)
         factor = 2 * math.pi * q.radius / q.scale
-        for start in range(0, nodes.count, _CHUNK // where.size + 1):
-            part = slice(start, start + _CHUNK // where.size + 1)
-            ny, nx = nodes.y[part], nodes.x[part]
-            phase = wave_phase(q.lens, q.distance, q.wavelength, ny, nx).numpy()
-            angle = phase - factor * (np.outer(y, ny.numpy()) + np.outer(x, nx.numpy()))
-            field += np.exp(1j * angle) @ nodes.weight[part].numpy()
+        for nodes in self._blocks():
+            phase = wave_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x).numpy()
+            ny, nx, weight = nodes.y.numpy(), nodes.x.numpy(), nodes.weight.numpy()
+            step = _CHUNK // where.size + 1
+            for start in range(0, nodes.count, step):
+                part = slice(start, start + step)
+                angle = phase[part] - factor * (np.outer(y, ny[part]) + np.outer(x, nx[part]))
+                field += np.exp(1j * angle) @ weight[part]
         area = q.lens.stop.area
         share = q.radius**2 * q.samples.pitch[0] * q.samples.pitch[1] / (q.scale**2 * area)
         return np.asarray(share * np.abs(field) ** 2)

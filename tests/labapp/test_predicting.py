@@ -33,7 +33,9 @@ def test_a_psf_is_written_with_a_picture_and_keeps_its_tolerance(labapp, tmp_pat
 
 
 def test_the_account_is_printed_for_people(labapp, tmp_path):
-    code, printed, _ = labapp("psf", "--size", "32", "--out", tmp_path / "psf.tiff")
+    code, printed, _ = labapp(
+        "psf", "--size", "32", "--method", "axial", "--out", tmp_path / "psf.tiff"
+    )
     assert code == 0
     for words in ("Hankel transform", "error of the model", "light in the window"):
         assert words in printed

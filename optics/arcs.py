@@ -1,0 +1,160 @@
+"""Where a circle around the axis runs in the open part of a stop."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from optics.aperture import Circle, Point, Polygon, Shape, Stop
+
+Interval = tuple[float, float]
+"""Of angles in radians from x towards y, the first from 0 to below 2 pi."""
+
+_WHOLE: Interval = (0.0, 2 * math.pi)
+_SAME = 1e-12
+
+
+def open_arcs(stop: Stop, r: float) -> list[Interval]:
+    """The open parts of the circle of radius r, in stop radii."""
+    found = _inside(stop.opening, r)
+    for shape in stop.obscurations:
+        for low, high in _inside(shape, r):
+            found = [
+                part
+                for first, last in found
+                for part in ((first, min(last, low)), (max(first, high), last))
+                if part[1] - part[0] > _SAME
+            ]
+    return _joined_at_zero(found)
+
+
+def _joined_at_zero(arcs: list[Interval]) -> list[Interval]:
+    """One arc for two that meet at the angle 0."""
+    if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _WHOLE[1]:
+        return arcs
+    return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
+
+
+def _inside(shape: Shape, r: float) -> list[Interval]:
+    if isinstance(shape, Circle):
+        return _inside_circle(shape, r)
+    cuts = [a for p, q in shape.edges for a in _angles_of_crossings(p, q, r)]
+    ends = [0.0, *sorted(cuts), 2 * math.pi]
+    middles = (np.array(ends[:-1]) + np.array(ends[1:])) / 2
+    within = shape.contains(r * np.sin(middles), r * np.cos(middles))
+    return _merged([(a, b) for a, b, yes in zip(ends[:-1], ends[1:], within, strict=True) if yes])
+
+
+def _merged(arcs: list[Interval]) -> list[Interval]:
+    """Arcs that touch become one."""
+    kept: list[Interval] = []
+    for first, last in arcs:
+        if kept and first - kept[-1][1] <= 0:
+            kept[-1] = (kept[-1][0], last)
+        elif last > first:
+            kept.append((first, last))
+    return kept
+
+
+def _inside_circle(circle: Circle, r: float) -> list[Interval]:
+    away = math.hypot(*circle.centre)
+    if r + away <= circle.radius:
+        return [_WHOLE]
+    if abs(r - away) >= circle.radius:
+        return []
+    towards = math.atan2(*circle.centre)
+    half = math.acos((r * r + away * away - circle.radius**2) / (2 * r * away))
+    first = (towards - half) % (2 * math.pi)
+    last = first + 2 * half
+    if last <= 2 * math.pi:
+        return [(first, last)]
+    return [(0.0, last - 2 * math.pi), (first, 2 * math.pi)]
+
+
+def _angles_of_crossings(p: Point, q: Point, r: float) -> list[float]:
+    """Where an edge crosses the circle of radius r around the axis."""
+    dy, dx = q[0] - p[0], q[1] - p[1]
+    a, b = dy * dy + dx * dx, p[0] * dy + p[1] * dx
+    root = b * b - a * (p[0] * p[0] + p[1] * p[1] - r * r)
+    if root <= 0:
+        return []
+    parameters = ((-b - math.sqrt(root)) / a, (-b + math.sqrt(root)) / a)
+    return [
+        math.atan2(p[0] + t * dy, p[1] + t * dx) % (2 * math.pi) for t in parameters if 0 <= t <= 1
+    ]
+
+
+def break_radii(stop: Stop) -> list[float]:
+    """Radii between which open_arcs() changes smoothly, from the smallest to the largest."""
+    shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
+    found = [r for shape in shapes for r in _turning_radii(shape)]
+    found += [math.hypot(y, x) for a, b in combinations(shapes, 2) for y, x in _meetings(a, b)]
+    farthest = max(_turning_radii(stop.opening))
+    kept = [0.0]
+    for r in sorted(r for r in found if r < farthest - _SAME):
+        if r > kept[-1] + _SAME:
+            kept.append(r)
+    return [*kept, farthest]
+
+
+def _turning_radii(shape: Shape) -> list[float]:
+    """Of corners, and of points where an edge runs along a circle around the axis."""
+    if isinstance(shape, Circle):
+        away = math.hypot(*shape.centre)
+        return [abs(shape.radius - away), shape.radius + away]
+    found = [math.hypot(*corner) for corner in shape.corners]
+    for p, q in shape.edges:
+        dy, dx = q[0] - p[0], q[1] - p[1]
+        t = -(p[0] * dy + p[1] * dx) / (dy * dy + dx * dx)
+        if 0 < t < 1:
+            found.append(math.hypot(p[0] + t * dy, p[1] + t * dx))
+    return found
+
+
+def _meetings(a: Shape, b: Shape) -> list[Point]:
+    """Points where two outlines cross."""
+    if isinstance(a, Circle) and isinstance(b, Circle):
+        return _circles_meet(a, b)
+    if isinstance(a, Polygon) and isinstance(b, Polygon):
+        return [m for p, q in a.edges for r, s in b.edges for m in _edges_meet(p, q, r, s)]
+    circle, polygon = (a, b) if isinstance(a, Circle) else (b, a)
+    assert isinstance(circle, Circle)
+    assert isinstance(polygon, Polygon)
+    return [m for p, q in polygon.edges for m in _edge_meets(circle, p, q)]
+
+
+def _circles_meet(a: Circle, b: Circle) -> list[Point]:
+    dy, dx = b.centre[0] - a.centre[0], b.centre[1] - a.centre[1]
+    distance = math.hypot(dy, dx)
+    if not abs(a.radius - b.radius) < distance < a.radius + b.radius:
+        return []
+    along = (distance**2 + a.radius**2 - b.radius**2) / (2 * distance)
+    across = math.sqrt(max(a.radius**2 - along**2, 0.0))
+    y, x = dy / distance, dx / distance
+    return [
+        (a.centre[0] + along * y + side * x, a.centre[1] + along * x - side * y)
+        for side in (across, -across)
+    ]
+
+
+def _edge_meets(circle: Circle, p: Point, q: Point) -> list[Point]:
+    (cy, cx), dy, dx = circle.centre, q[0] - p[0], q[1] - p[1]
+    y, x = p[0] - cy, p[1] - cx
+    a, b = dy * dy + dx * dx, y * dy + x * dx
+    root = b * b - a * (y * y + x * x - circle.radius**2)
+    if root <= 0:
+        return []
+    parameters = ((-b - math.sqrt(root)) / a, (-b + math.sqrt(root)) / a)
+    return [(p[0] + t * dy, p[1] + t * dx) for t in parameters if 0 <= t <= 1]
+
+
+def _edges_meet(p: Point, q: Point, r: Point, s: Point) -> list[Point]:
+    dy, dx, ey, ex = q[0] - p[0], q[1] - p[1], s[0] - r[0], s[1] - r[1]
+    turn = dx * ey - dy * ex
+    if turn == 0:
+        return []
+    t = ((r[1] - p[1]) * ey - (r[0] - p[0]) * ex) / turn
+    u = ((r[1] - p[1]) * dy - (r[0] - p[0]) * dx) / turn
+    return [(p[0] + t * dy, p[1] + t * dx)] if 0 <= t <= 1 and 0 <= u <= 1 else []
