@@ -213,7 +213,7 @@ def psf(
     ] = False,
     method: Annotated[
         str | None,
-        typer.Option(help="axial, scattered, sampled or panel; none: the cheapest that keeps tol."),
+        typer.Option(help="axial, scattered or sampled; none: the cheapest that keeps tol."),
     ] = None,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
     pattern: Annotated[

@@ -95,20 +95,25 @@ def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
     """How many nodes stop_rule() makes, within some percent, without making them."""
     if stop.rings is not None:
         inner, outer = stop.rings
-        along = _radial_count(inner, outer, steepness, tol)
-        sides = [_around_count(r, steepness, tol) for r in np.linspace(inner, outer, 9)]
-        return int(along * np.trapezoid(sides) / 8)
+        t, _ = line_rule(outer - inner, _outwards(outer, steepness), tol)
+        radii = inner + (outer - inner) * _some_of(t)
+        return int(t.size * np.mean([_around_count(r, steepness, tol) for r in radii.tolist()]))
     if stop.sides is not None:
         y0, y1, x0, x1 = stop.sides
         slope = steepness.along(1.0)
         return nodes_in(y1 - y0, slope, tol) * nodes_in(x1 - x0, slope, tol)
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
-        some, _ = _bent(low, high, math.pi * ((np.arange(_SOME) + 0.5) / _SOME - 0.5))
+        t, _ = line_rule(math.pi, _bent_slope(stop, low, high, steepness), tol)
+        some, _ = _bent(low, high, math.pi * (_some_of(t) - 0.5))
         arcs = ((r, arc) for r in some.tolist() for arc in open_arcs(stop, r))
-        across = sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs)
-        total += nodes_in(math.pi, _bent_slope(stop, low, high, steepness), tol) * across / _SOME
+        total += t.size * sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs) / _SOME
     return int(total)
+
+
+def _some_of(nodes: Array) -> Array:
+    """A few of many, as dense as all of them."""
+    return nodes[((np.arange(_SOME) + 0.5) / _SOME * nodes.size).astype(np.int64)]
 
 
 def stop_rule(stop: Stop, steepness: Steepness, tol: float) -> Nodes:
@@ -165,10 +170,6 @@ def nodes_in(length: float, slope: float, tol: float) -> int:
     """How many nodes line_rule() makes."""
     panels = max(1, math.ceil(length * slope / 2 / _RADIANS_A_PANEL))
     return panels * nodes_on_line(length / panels, slope, tol)
-
-
-def _radial_count(inner: float, outer: float, steepness: Steepness, tol: float) -> int:
-    return nodes_in(outer - inner, steepness.radial(outer) + steepness.tilt, tol)
 
 
 def _around_count(r: float, steepness: Steepness, tol: float) -> int:
@@ -250,7 +251,14 @@ def _outwards(r: float, steepness: Steepness) -> float:
     return steepness.radial(r) + steepness.tilt
 
 
-def _sideways(r: float, steepness: Steepness) -> float:
+def _sideways(angle: float, r: float, steepness: Steepness, tol: float) -> float:
+    """Radians per radian that line_rule() has to follow along an open arc.
+
+    Over more than half a cycle the slope changes too much for the few nodes that a line has
+    to spare; the fastest harmonic is as fast everywhere.
+    """
+    if angle * steepness.cycles > math.pi * (1 + 1e-9):
+        return _around_count(r, steepness, tol)
     return steepness.tilt * r + steepness.around(r)
 
 
@@ -265,7 +273,7 @@ def _arc_rule(
         return step * np.arange(count, dtype=np.float64), np.full(count, step)
     pieces = _pieces(arc)
     angle: float = (last - first) / pieces
-    t, weight = line_rule(angle, _sideways(r, steepness), tol)
+    t, weight = line_rule(angle, _sideways(angle, r, steepness, tol), tol)
     starts = first + angle * np.arange(pieces, dtype=np.float64)[:, None]
     return (starts + angle * t).ravel(), np.tile(np.multiply(angle, weight), pieces)
 
@@ -274,7 +282,8 @@ def _arc_count(r: float, arc: tuple[float, float], steepness: Steepness, tol: fl
     if arc[1] - arc[0] >= 2 * math.pi:
         return _around_count(r, steepness, tol)
     pieces = _pieces(arc)
-    return pieces * nodes_in((arc[1] - arc[0]) / pieces, _sideways(r, steepness), tol)
+    angle = (arc[1] - arc[0]) / pieces
+    return pieces * nodes_in(angle, _sideways(angle, r, steepness, tol), tol)
 
 
 def _pieces(arc: tuple[float, float]) -> int:

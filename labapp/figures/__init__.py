@@ -31,7 +31,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
-    from labapp.figures import durability, first_light, psf, startup
+    from labapp.figures import durability, first_light, problems, psf, startup
 
     return {
         "help": startup.help_time,
@@ -39,6 +39,8 @@ def measurements() -> dict[str, Measurement]:
         "demo": first_light.demo_figures,
         "quadrature": first_light.prediction_figure,
         "psf": psf.psf_cost,
+        "tolerance": problems.tolerance_figure,
+        "regret": problems.regret_figure,
         "seed": durability.same_seed,
         "kill": durability.after_a_kill,
     }

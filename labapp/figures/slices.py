@@ -41,31 +41,52 @@ class Slices:
 def lens_picture(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Share of a point's light on each sample of a plane, density times area.
+    """Share of a point's light on each sample of a plane, density times area."""
+    y, x = (positions(pixels, axis) for axis in (0, 1))
+    density = lens_density(lens, distance, wavelength, y, x, progress)
+    return density * pixels.pitch[0] * pixels.pitch[1]
+
+
+def lens_density(
+    lens: Lens,
+    distance: float,
+    wavelength: float,
+    y: Array,
+    x: Array,
+    progress: Progress | None = None,
+) -> Array:
+    """Share of a point's light per square metre at all heights y and all x, metres.
 
     The Fraunhofer integral of the stop (thesis Eq. 3.1), summed term by term along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
-    y, x = (_positions(pixels, axis) for axis in (0, 1))
     tilt = 2 * np.pi * radius / scale
     slope = _MARGIN * (_steepest(lens, distance, wavelength) + tilt * _farthest(y, x))
     slices = slices_of(lens.stop, slope)
-    field = np.zeros(pixels.shape, dtype=np.complex128)
+    field = np.zeros((y.size, x.size), dtype=np.complex128)
     area = 0.0
     for number, (height, nodes, weights) in enumerate(
         zip(slices.heights, slices.nodes, slices.weights, strict=True)
     ):
         if progress is not None and number % 64 == 0:
             progress.report(number / slices.heights.size, "the exact integral")
-        wave = weights * np.exp(1j * _phase(lens, distance, wavelength, height, nodes))
+        wave = weights * np.exp(1j * phase_at(lens, distance, wavelength, height, nodes))
         row = wave @ np.exp(-1j * tilt * np.outer(nodes, x))
         field += np.outer(np.exp(-1j * tilt * y * height), row)
         area += float(weights.sum())
-    share = radius**2 * pixels.pitch[0] * pixels.pitch[1] / (scale**2 * area)
-    return np.asarray(share * np.abs(field) ** 2)
+    return np.asarray(radius**2 / (scale**2 * area) * np.abs(field) ** 2)
 
 
-def _positions(plane: Plane, axis: int) -> Array:
+def terms(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
+    """About how many nodes lens_density() takes, to samples so many metres from the axis."""
+    radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
+    slope = _MARGIN * (
+        _steepest(lens, distance, wavelength) + 2 * np.pi * radius / scale * farthest
+    )
+    return (slope * np.pi / 4 + _SPARE) * (slope / 2 + _SPARE)
+
+
+def positions(plane: Plane, axis: int) -> Array:
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -189,7 +210,7 @@ def _lines_meet(
     return [p[0] + t * (q[0] - p[0])] if 0 <= t <= 1 and 0 <= u <= 1 else []
 
 
-def _phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
+def phase_at(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
     """Of defocus and aberrations, radians, at a height and many x in stop radii."""
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
@@ -226,8 +247,8 @@ def _steepest(lens: Lens, distance: float, wavelength: float) -> float:
     x = np.linspace(-1, 1, 801)
     for y in np.linspace(-1, 1, 201):
         inside = np.abs(x) <= math.sqrt(max(1 - y * y, 0.0)) + 0.01
-        line = _phase(lens, distance, wavelength, float(y), x[inside])
-        column = _phase(lens, distance, wavelength, float(y) + 1e-4, x[inside])
+        line = phase_at(lens, distance, wavelength, float(y), x[inside])
+        column = phase_at(lens, distance, wavelength, float(y) + 1e-4, x[inside])
         if line.size > 1:
             along = np.abs(np.diff(line)).max() / (x[1] - x[0])
             across = np.abs(column - line).max() / 1e-4

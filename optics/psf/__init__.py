@@ -5,7 +5,9 @@ A PSFOperator takes the cheapest engine that keeps its tolerance: `axial` for ro
 behind a modulator.
 """
 
+from optics.psf.operator import METHODS as METHODS
 from optics.psf.operator import PSFOperator as PSFOperator
 from optics.psf.operator import nyquist_samples as nyquist_samples
 from optics.psf.operator import psf as psf
+from optics.psf.panel import TRANSFORMS as TRANSFORMS
 from optics.psf.polychromatic import PolychromaticPSF as PolychromaticPSF

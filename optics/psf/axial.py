@@ -209,10 +209,11 @@ class _Size:
         sums = math.ceil(q.farthest / spacing) + reach + 2
         nodes = nodes_in(outer - inner, _slope(q), q.tol)
         rows, columns = q.samples.shape
-        # A centred window shows every radius at least four times.
         different = rows * columns
         if not any(q.samples.centre):
-            different = different // 4 + rows + columns
+            # A centred window shows every radius four times, eight with square pixels.
+            times = 8 if q.samples.pitch[0] == q.samples.pitch[1] else 4
+            different = different // times + rows + columns
         return _Size(q, nodes, spacing, sums, reach, min(different, rows * columns))
 
     @cached_property

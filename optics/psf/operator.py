@@ -30,7 +30,8 @@ from optics.pupil import Scalar, cutoff_frequency, model_error, open_radius, req
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
 
-METHODS = ("axial", "scattered", "sampled", "panel")
+METHODS = ("axial", "scattered", "sampled")
+"""For a lens; behind a panel the methods are those of the Fourier transform."""
 
 
 class PSFOperator:
@@ -46,8 +47,8 @@ class PSFOperator:
     it (Sensor.window() makes them). integrate: whether the answer is the light on whole
     pixels, or the density of light at their centres times their area. unmodulated: share
     of unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
-    arithmetic. method: one of METHODS; the cheapest that keeps tol if None. budget: memory
-    allowed, and the machine's speed.
+    arithmetic. method: one of METHODS for a lens, a transform's name for a camera; the
+    cheapest that keeps tol if None. budget: memory allowed, and the machine's speed.
 
     Call with phase (radians) and amplitude, both optional, (..., rows, columns) of the
     panel, or (..., points) of `points` for a lens; tensors or arrays. The answer is
@@ -155,10 +156,8 @@ def _unmodulated(camera: Camera | None, share: float | None) -> float:
 
 
 def _require_method(method: str | None, camera: Camera | None) -> None:
-    allowed = ("panel",) if camera else METHODS[:-1]
-    if method is not None and method not in allowed:
-        what = "a camera with a panel" if camera else "a lens"
-        raise ValueError(f"method is {method!r}; for {what} choose one of {', '.join(allowed)}")
+    if method is not None and camera is None and method not in METHODS:
+        raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
 
 
 def _cutoff(optics: Camera | Lens, wavelength: float) -> float:
@@ -173,7 +172,7 @@ def _offers(
 ) -> list[Callable[[], Engine]]:
     """Makers of every engine that serves a question; one that can't serve raises."""
     if camera is not None:
-        return [lambda: PanelEngine(question, camera)]
+        return [lambda: PanelEngine(question, camera, transform=method)]
     probe = Probe(question)
     offers: list[Callable[[], Engine]] = []
     if method in (None, "axial") and AxialEngine.serves(question):

@@ -18,7 +18,15 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.edge import rounded_up
-from optics.fourier import Geometry, Transform, transforms
+from optics.fourier import (
+    ChirpTransform,
+    CommensurateTransform,
+    Geometry,
+    GriddedTransform,
+    MatrixTransform,
+    Transform,
+    transforms,
+)
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.pixels import CurvedPixelTransform
 from optics.plane import Lattice
@@ -32,6 +40,15 @@ from optics.pupil import (
     pupil_amplitude,
     wave_phase,
 )
+
+TRANSFORMS = (
+    MatrixTransform.name,
+    ChirpTransform.name,
+    CommensurateTransform.name,
+    GriddedTransform.name,
+    CurvedPixelTransform.name,
+)
+"""The methods behind a panel; not all of them serve every question."""
 
 _STEEPEST_WAVE = 200.0
 """Radians across a panel pixel beyond which the blur is far larger than any sensor."""
@@ -54,10 +71,18 @@ class PanelEngine(Engine):
     or by Gauss-Legendre nodes (divided pixels). A pixel that the stop covers in part passes
     light by its open area.
 
-    precise: in double precision by exact transforms, whatever the tolerance.
+    transform: the name of one; the cheapest if None. precise: in double precision by exact
+    transforms, whatever the tolerance.
     """
 
-    def __init__(self, question: Question, camera: Camera, *, precise: bool = False) -> None:
+    def __init__(
+        self,
+        question: Question,
+        camera: Camera,
+        *,
+        transform: str | None = None,
+        precise: bool = False,
+    ) -> None:
         self._question, self._precise = question, precise
         n = question.numeric
         self._camera = replace(camera, lens=numeric_lens(camera.lens))
@@ -75,7 +100,11 @@ class PanelEngine(Engine):
         else:
             sampling, offered = self._bent()
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"
-        self._transform = cheapest(offered, n.budget, what)
+        chosen = [one for one in offered if transform in (None, one.name)]
+        if not chosen:
+            names = ", ".join(one.name for one in offered)
+            raise ValueError(f"method is {transform!r}; for {what} choose one of {names}")
+        self._transform = cheapest(chosen, n.budget, what)
         if isinstance(self._transform, CurvedPixelTransform):
             self._pixels, self._nodes = "curved", 1
         self.name = self._transform.name

@@ -1,0 +1,377 @@
+"""Random problems: whether tolerances are kept, how often one is refused, and what the choice
+of a method costs."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.figures import Figure
+from labapp.figures.slices import lens_density, phase_at, positions, terms
+from labapp.speed import machine_speed
+from optics.accuracy import Budget, ToleranceError
+from optics.aperture import Circle, Stop, rectangle, regular_polygon
+from optics.camera import Camera, Lens, Panel
+from optics.coverage import coverage
+from optics.plane import Plane
+from optics.psf import METHODS, TRANSFORMS, PSFOperator
+from optics.threads import single_threaded
+
+Array = NDArray[np.float64]
+
+_PROBLEMS = 160
+_SEED = 20240607
+_JUDGED_TERMS = 4e8
+"""Nodes times samples that the judge may sum for one problem."""
+
+_SIDE = 8
+"""Rows and columns of samples that a judge looks at, at the most."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A question to a PSF operator. phase: on the panel, None for a lens alone."""
+
+    optics: Camera | Lens
+    distance: float
+    wavelength: float
+    pixels: Plane
+    integrate: bool
+    tol: float
+    phase: Array | None = None
+
+    @property
+    def lens(self) -> Lens:
+        return self.optics.lens if isinstance(self.optics, Camera) else self.optics
+
+    def operator(self, tol: float, **settings: Any) -> PSFOperator:
+        return PSFOperator(
+            self.optics,
+            self.distance,
+            self.wavelength,
+            self.pixels,
+            integrate=self.integrate,
+            tol=tol,
+            **settings,
+        )
+
+    def light(self, operator: PSFOperator) -> Array:
+        answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
+        return np.asarray(answer, dtype=np.float64)
+
+
+def problems(seed: int = _SEED) -> Iterator[Problem]:
+    """Without end: focal length 10 mm to 1 m, f/1.4 to f/32, 400 to 1000 nm, object from 0.1 m
+    to infinity, pixels of 1 to 20 µm, windows of 32 to 1024, stops, aberrations, SLM phase."""
+    rng = np.random.default_rng(seed)
+    while True:
+        wavelength = rng.uniform(400e-9, 1000e-9)
+        focal_length = _log(rng, 0.01, 1.0)
+        distance = max(1 / rng.uniform(0, 10), 1.05 * focal_length)
+        if rng.random() < 0.15:
+            distance = math.inf
+        lens = Lens(
+            focal_length,
+            _log(rng, 1.4, 32.0),
+            _focus(rng, focal_length, distance),
+            _stop(rng),
+            _aberrations(rng, wavelength),
+            "stigmatic" if rng.random() < 0.3 else "thin",
+        )
+        side = int(_log(rng, 32, 1025))
+        pitch = _log(rng, 1e-6, 20e-6)
+        centre = (0.0, 0.0)
+        if rng.random() < 0.25:
+            centre = tuple(rng.uniform(-0.5, 0.5, 2) * side * pitch)
+        pixels = Plane((side, int(_log(rng, 32, side + 1))), (pitch, pitch), centre)
+        integrate, tol = bool(rng.random() < 0.4), _log(rng, 1e-8, 1e-1)
+        if rng.random() < 0.25:
+            camera, phase = _behind_panel(rng, lens)
+            yield Problem(camera, distance, wavelength, pixels, integrate, tol, phase)
+        else:
+            yield Problem(lens, distance, wavelength, pixels, integrate, tol)
+
+
+def _log(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+
+
+def _focus(rng: np.random.Generator, focal_length: float, distance: float) -> float:
+    near = distance * (1 + 0.01 * rng.uniform())
+    anywhere = 1 / rng.uniform(0, 1 / (1.2 * focal_length))
+    return [math.inf, near, anywhere][rng.integers(3)]
+
+
+def _stop(rng: np.random.Generator) -> Stop:
+    kinds = (
+        lambda: Stop(),
+        lambda: Stop(Circle(), (Circle(rng.uniform(0.1, 0.8)),)),
+        lambda: Stop(regular_polygon(int(rng.integers(3, 10)), turn=rng.uniform(0, 1))),
+        lambda: Stop(rectangle(rng.uniform(0.3, 1.4), rng.uniform(0.3, 1.4))),
+        lambda: Stop(Circle(), (Circle(0.3, (rng.uniform(-0.5, 0.5), 0.1)),)),
+        lambda: Stop(Circle(), (rectangle(0.05, 2.2), rectangle(2.2, 0.05))),
+    )
+    return kinds[rng.integers(len(kinds))]()
+
+
+def _aberrations(rng: np.random.Generator, wavelength: float) -> tuple[tuple[int, int, float], ...]:
+    possible = [(2, 2), (3, 1), (3, -3), (4, 0), (4, -2), (6, 0), (8, 4)]
+    chosen = rng.permutation(len(possible))[: rng.integers(0, 4)]
+    return tuple((*possible[i], float(rng.uniform(-0.5, 0.5) * wavelength)) for i in chosen)
+
+
+def _behind_panel(rng: np.random.Generator, lens: Lens) -> tuple[Camera, Array]:
+    shape = (int(rng.integers(60, 400)), int(rng.integers(60, 400)))
+    panel = Panel(shape, _log(rng, 4e-6, 20e-6), rng.uniform(0.6, 1.0), unmodulated=0.05)
+    rows, columns = np.indices(shape)
+    kinds = (
+        rng.uniform(0, 2 * np.pi, shape),
+        2 * np.pi * (0.13 * rows + 0.07 * columns),
+        40 * ((rows / shape[0] - 0.5) ** 3 + (columns / shape[1] - 0.5) ** 3),
+    )
+    return Camera(panel, lens), kinds[rng.integers(len(kinds))]
+
+
+class Judge:
+    """The exact light on some rows and columns of a problem's pixels, and an error from it.
+
+    Rows and columns are drawn, half by their light and half evenly, and weighed by their
+    chances, so that the error is that of the whole window.
+    """
+
+    def __init__(self, problem: Problem, light: Array) -> None:
+        self._problem = problem
+        self._nodes = self._inside()
+        count = max(2, _SIDE // (1 if self._nodes.size == 1 else 2))
+        rng = np.random.default_rng(1)
+        self._rows, self._row_weight = _drawn(rng, np.abs(light).sum(1), count)
+        self._columns, self._column_weight = _drawn(rng, np.abs(light).sum(0), count)
+
+    def _inside(self) -> Array:
+        """Places in a pixel, in pixels, at which its integral is taken."""
+        if not self._problem.integrate:
+            return np.zeros(1)
+        lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
+        cutoff = lens.stop_diameter / (self._problem.wavelength * lens.image_distance)
+        return np.polynomial.legendre.leggauss(math.ceil(0.7 * math.pi * cutoff * pitch) + 8)[0] / 2
+
+    @property
+    def terms(self) -> float:
+        """Of the judge's sum."""
+        problem, side = self._problem, self._columns.size * self._nodes.size
+        farthest = math.hypot(*(np.abs(positions(problem.pixels, axis)).max() for axis in (0, 1)))
+        if isinstance(problem.optics, Camera):
+            shape = problem.optics.panel.shape
+            return float(np.prod(shape) * self._panel_nodes() ** 2 * side)
+        return terms(problem.lens, problem.distance, problem.wavelength, farthest) * side
+
+    def error(self, light: Array) -> float:
+        """Relative L2 error of the light on all pixels."""
+        truth = self._truth()
+        wrong = light[np.ix_(self._rows, self._columns)] - truth
+        weight = np.outer(self._row_weight, self._column_weight)
+        return float(np.sqrt((weight * wrong**2).sum() / (weight * truth**2).sum()))
+
+    def _truth(self) -> Array:
+        problem, pixels = self._problem, self._problem.pixels
+        y, x = (
+            (positions(pixels, axis)[chosen][:, None] + self._nodes * pixels.pitch[axis]).ravel()
+            for axis, chosen in ((0, self._rows), (1, self._columns))
+        )
+        density = self._density(y, x)
+        count = self._nodes.size
+        weights = np.ones(1)
+        if problem.integrate:
+            weights = np.polynomial.legendre.leggauss(count)[1] / 2
+        blocks = density.reshape(self._rows.size, count, self._columns.size, count)
+        area = pixels.pitch[0] * pixels.pitch[1]
+        return np.einsum("iajb,a,b->ij", blocks, weights, weights) * area
+
+    def _density(self, y: Array, x: Array) -> Array:
+        problem = self._problem
+        if isinstance(problem.optics, Lens):
+            return lens_density(problem.optics, problem.distance, problem.wavelength, y, x)
+        camera = problem.optics
+        assert problem.phase is not None
+        share = camera.panel.unmodulated
+        modulated = self._behind(camera, problem.phase, y, x)
+        straight = self._behind(camera, np.zeros(camera.panel.shape), y, x)
+        return (1 - share) * modulated + share * straight
+
+    def _panel_nodes(self) -> int:
+        """Gauss-Legendre nodes across a panel pixel."""
+        problem = self._problem
+        assert isinstance(problem.optics, Camera)
+        panel, lens = problem.optics.panel, problem.lens
+        reach = min(lens.stop_diameter / 2, math.hypot(*panel.shape) * panel.pitch / 2)
+        vergence = abs(1 / problem.distance - 1 / lens.focus_distance)
+        far = max(float(np.abs(positions(problem.pixels, axis)).max()) for axis in (0, 1))
+        waves = (vergence * reach + far / lens.image_distance) / problem.wavelength * panel.pitch
+        aberrated = sum(abs(path) for _, _, path in lens.aberrations) / problem.wavelength
+        waves += 30 * aberrated * panel.pitch / (lens.stop_diameter / 2)
+        return math.ceil(2 * waves) + 6
+
+    def _behind(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
+        """Density behind a panel: every open pixel a square of one modulation."""
+        panel, lens, problem = camera.panel, camera.lens, self._problem
+        scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
+        nodes, weights = np.polynomial.legendre.leggauss(self._panel_nodes())
+        inside, weights = nodes * panel.active_side / 2, weights * panel.active_side / 2
+        amplitude = coverage(lens.stop, radius, panel.plane).numpy()
+        modulation = amplitude * np.exp(1j * phase)
+        v, u = (positions(panel.plane, axis) for axis in (0, 1))
+        field = np.zeros((y.size, x.size), dtype=np.complex128)
+        across = np.exp(-2j * np.pi / scale * np.outer((u[:, None] + inside).ravel(), x))
+        for dv, weight in zip(inside, weights, strict=True):
+            wave = np.repeat(modulation, inside.size, axis=1) * np.tile(weights, u.size)
+            wave *= np.exp(1j * self._wave(v + dv, (u[:, None] + inside).ravel()))
+            down = np.exp(-2j * np.pi / scale * np.outer(y, v + dv))
+            field += weight * (down @ (wave @ across))
+        power = amplitude.sum() * panel.active_side**2
+        return np.asarray(np.abs(field) ** 2 / (scale**2 * power))
+
+    def _wave(self, v: Array, u: Array) -> Array:
+        problem, radius = self._problem, self._problem.lens.stop_diameter / 2
+        rows = [
+            phase_at(problem.lens, problem.distance, problem.wavelength, float(h), u / radius)
+            for h in v / radius
+        ]
+        return np.stack(rows)
+
+
+def _drawn(rng: np.random.Generator, light: Array, count: int) -> tuple[NDArray[np.int64], Array]:
+    if light.size <= count:
+        return np.arange(light.size), np.ones(light.size)
+    even = np.full(light.size, 1 / light.size)
+    chance = 0.5 * even + 0.5 * light / light.sum()
+    chosen = rng.choice(light.size, count, p=chance / chance.sum())
+    return chosen, 1 / chance[chosen]
+
+
+@single_threaded
+def tolerance_figure(folder: Path) -> list[Figure]:
+    """Random problems; each answer is judged where the judge's own sum ends in some seconds."""
+    speed = machine_speed()
+    budget = Budget(4 << 30, speed)
+    accepted = judged = fine = refused_fine = wrong = unreal = 0
+    worst = 0.0
+    source = problems()
+    for _ in range(_PROBLEMS):
+        problem = next(source)
+        fine += problem.tol >= 1e-6
+        try:
+            operator = problem.operator(problem.tol, budget=budget)
+        except ToleranceError as refusal:
+            refused_fine += problem.tol >= 1e-6
+            unreal += not floor_is_real(problem, refusal, budget)
+            continue
+        accepted += 1
+        light = problem.light(operator)
+        judge = Judge(problem, light)
+        if judge.terms > _JUDGED_TERMS:
+            continue
+        judged += 1
+        share = judge.error(light) / problem.tol
+        worst, wrong = max(worst, share), wrong + (share > 1)
+    return [
+        Figure(
+            "random PSF problems, tol 1e-1 to 1e-8: answers that keep tol",
+            "all",
+            f"{judged - wrong} of {judged} judged ({accepted} accepted, {_PROBLEMS} drawn); "
+            f"largest error {worst:.2f} tol",
+            wrong == 0,
+        ),
+        Figure(
+            "random PSF problems accepted at tol 1e-6 and coarser, 4 GB",
+            "≥ 95 %",
+            f"{1 - refused_fine / fine:.1%}".replace("%", " %"),
+            refused_fine <= 0.05 * fine,
+        ),
+        Figure(
+            "refused problems whose floor the judge finds to be real",
+            "all",
+            f"{_PROBLEMS - accepted - unreal} of {_PROBLEMS - accepted}",
+            unreal == 0,
+        ),
+    ]
+
+
+def floor_is_real(problem: Problem, refusal: ToleranceError, budget: Budget) -> bool:
+    """Whether a refused problem is beyond what the memory or the arithmetic allow.
+
+    Where memory ran out, the judge too takes more terms than could be held; where a larger
+    tol is advised, the answer at that tol is judged, and at a third of it refused.
+    """
+    words = str(refusal)
+    if "ask for tol" not in words:
+        farthest = math.hypot(*(np.abs(positions(problem.pixels, axis)).max() for axis in (0, 1)))
+        if isinstance(problem.optics, Camera) or "pixels needs" in words:
+            return True
+        needed = terms(problem.lens, problem.distance, problem.wavelength, farthest)
+        return 16 * needed > budget.memory
+    advised = float(words.split("ask for tol ")[1].split()[0])
+    operator = problem.operator(advised, budget=budget)
+    light = problem.light(operator)
+    judge = Judge(problem, light)
+    if judge.terms <= _JUDGED_TERMS and judge.error(light) > advised:
+        return False
+    return advised <= 1e-7
+
+
+@single_threaded
+def regret_figure(folder: Path) -> list[Figure]:
+    """Every method that meets tol, timed beside the chosen one."""
+    budget = Budget(4 << 30, machine_speed())
+    regrets: list[float] = []
+    source = problems(_SEED + 1)
+    while len(regrets) < 100:
+        problem = next(source)
+        if problem.tol < 1e-6:
+            continue
+        times = dict(_times(problem, budget))
+        if times and min(times.values()) > 0.005:
+            regrets.append(next(iter(times.values())) / min(times.values()))
+    median, high = statistics.median(regrets), float(np.quantile(regrets, 0.95))
+    return [
+        Figure(
+            "time of the chosen method over the fastest that meets tol, 100 PSFs over 5 ms",
+            "≤ 1.3 median, ≤ 2 at the 95th percentile",
+            f"{median:.2f} and {high:.2f}",
+            median <= 1.3 and high <= 2.0,
+        )
+    ]
+
+
+def _times(problem: Problem, budget: Budget) -> Iterator[tuple[str, float]]:
+    """Seconds of every way that meets tol, the one that is chosen by itself first."""
+    try:
+        chosen = problem.operator(problem.tol, budget=budget)
+    except ToleranceError:
+        return
+    if chosen.account.cpu_predicted > 1.0:
+        return
+    found = {chosen.account.method: chosen}
+    for method in TRANSFORMS if problem.phase is not None else METHODS:
+        try:
+            other = problem.operator(problem.tol, budget=budget, method=method)
+        except ValueError:
+            continue
+        if other.account.cpu_predicted < 4 * chosen.account.cpu_predicted:
+            found.setdefault(other.account.method, other)
+    spent: dict[str, list[float]] = {name: [] for name in found}
+    for repeat in range(4):
+        for name, operator in found.items():
+            started = time.process_time()
+            problem.light(operator)
+            if repeat:
+                spent[name].append(time.process_time() - started)
+    yield from ((name, statistics.median(values)) for name, values in spent.items())
