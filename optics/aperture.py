@@ -8,6 +8,7 @@ by Green's theorem, so that nothing is drawn or approximated on the way.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -58,7 +59,7 @@ class Polygon:
         if _shoelace(self.corners) < 0:
             object.__setattr__(self, "corners", tuple(reversed(self.corners)))
 
-    @property
+    @functools.cached_property
     def edges(self) -> list[tuple[Point, Point]]:
         return list(zip(self.corners, self.corners[1:] + self.corners[:1], strict=True))
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
-
-import numpy as np
+from itertools import combinations, pairwise
 
 from optics.aperture import Circle, Point, Polygon, Shape, Stop
 
@@ -42,9 +40,17 @@ def _inside(shape: Shape, r: float) -> list[Interval]:
         return _inside_circle(shape, r)
     cuts = [a for p, q in shape.edges for a in _angles_of_crossings(p, q, r)]
     ends = [0.0, *sorted(cuts), 2 * math.pi]
-    middles = (np.array(ends[:-1]) + np.array(ends[1:])) / 2
-    within = shape.contains(r * np.sin(middles), r * np.cos(middles))
-    return _merged([(a, b) for a, b, yes in zip(ends[:-1], ends[1:], within, strict=True) if yes])
+    return _merged([(a, b) for a, b in pairwise(ends) if _within(shape, r, (a + b) / 2)])
+
+
+def _within(polygon: Polygon, r: float, angle: float) -> bool:
+    """Polygon.contains() for one point; there may be a million of them, one after the other."""
+    y, x = r * math.sin(angle), r * math.cos(angle)
+    inside = False
+    for (y0, x0), (y1, x1) in polygon.edges:
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0):
+            inside = not inside
+    return inside
 
 
 def _merged(arcs: list[Interval]) -> list[Interval]:

@@ -22,6 +22,9 @@ Scalar = Any
 _SLOPE_TO_SPARE = 1.1
 """Slopes are sampled, and might be steeper in between."""
 
+_TURN_A_DEGREE = 20.0
+"""Radians per stop radius for each degree of an aberration beyond the fourth."""
+
 
 @functools.lru_cache(maxsize=8)
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
@@ -138,7 +141,8 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
     phase = wave_phase(lens, distance, wavelength, y, x)
     along = (torch.diff(phase, dim=0).abs().amax(1) / (r[1] - r[0])).numpy()
     across = (torch.diff(phase, dim=1).abs().amax(1) / (angle[1] - angle[0])).numpy()
-    along = _SLOPE_TO_SPARE * np.maximum.accumulate(along)
+    # A weak polynomial of high degree is not steep, and has to be followed all the same.
+    along = _SLOPE_TO_SPARE * np.maximum.accumulate(along) + _TURN_A_DEGREE * max(finest - 4, 0)
     across = _SLOPE_TO_SPARE * np.maximum.accumulate(across)
     middles = ((r[1:] + r[:-1]) / 2).numpy()
     return Steepness(

@@ -98,10 +98,19 @@ def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
         t, _ = line_rule(outer - inner, _outwards(outer, steepness), tol)
         radii = inner + (outer - inner) * _some_of(t)
         return int(t.size * np.mean([_around_count(r, steepness, tol) for r in radii.tolist()]))
-    if stop.sides is not None:
-        y0, y1, x0, x1 = stop.sides
-        slope = steepness.along(1.0)
-        return nodes_in(y1 - y0, slope, tol) * nodes_in(x1 - x0, slope, tol)
+    return int(min(_rows_count(stop, steepness, tol), _arcs_count(stop, steepness, tol)))
+
+
+def _rows_count(stop: Stop, steepness: Steepness, tol: float) -> float:
+    """Infinite where the stop isn't an upright rectangle."""
+    if stop.sides is None:
+        return math.inf
+    y0, y1, x0, x1 = stop.sides
+    slope = steepness.along(1.0)
+    return nodes_in(y1 - y0, slope, tol) * nodes_in(x1 - x0, slope, tol)
+
+
+def _arcs_count(stop: Stop, steepness: Steepness, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
         t, _ = line_rule(math.pi, _bent_slope(stop, low, high, steepness), tol)
@@ -137,7 +146,8 @@ def stop_blocks(stop: Stop, steepness: Steepness, tol: float, most: int) -> Iter
 def _parts(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
     if stop.rings is not None:
         return _rings(*stop.rings, steepness, tol)
-    if stop.sides is not None:
+    # Rows and columns follow a rectangle's edges; far out of focus, arcs follow the wave.
+    if _rows_count(stop, steepness, tol) <= _arcs_count(stop, steepness, tol):
         return _rows(stop, steepness, tol)
     return _arcs(stop, steepness, tol)
 

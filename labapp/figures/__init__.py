@@ -31,7 +31,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
-    from labapp.figures import durability, first_light, problems, psf, startup
+    from labapp.figures import closed_forms, durability, first_light, peers, problems, psf, startup
 
     return {
         "help": startup.help_time,
@@ -39,6 +39,10 @@ def measurements() -> dict[str, Measurement]:
         "demo": first_light.demo_figures,
         "quadrature": first_light.prediction_figure,
         "psf": psf.psf_cost,
+        "pixelated": psf.pixelated_cost,
+        "float32": psf.single_precision,
+        "peers": peers.against_peers,
+        "closed-forms": closed_forms.closed_forms,
         "tolerance": problems.tolerance_figure,
         "regret": problems.regret_figure,
         "seed": durability.same_seed,

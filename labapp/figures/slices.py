@@ -8,6 +8,7 @@ stretch, so that round ends cost no accuracy. Phases and polynomials are written
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -102,8 +103,9 @@ def slices_of(stop: Stop, slope: float) -> Slices:
         if high - low < 1e-13:
             continue
         # y = middle + half sin(t): smooth also where a shape begins or ends as a square root.
-        count = math.ceil(slope * (high - low) * np.pi / 8) + _SPARE
-        t, weight = roots_legendre(count)
+        fastest = max((high - low) / 2, _ends_speed(stop, low, high))
+        count = math.ceil(slope * fastest * np.pi / 4) + _SPARE
+        t, weight = _legendre(count)
         angles = t * np.pi / 2
         for angle, w in zip(angles, weight * np.pi / 2, strict=True):
             height = (low + high) / 2 + (high - low) / 2 * np.sin(angle)
@@ -117,9 +119,25 @@ def slices_of(stop: Stop, slope: float) -> Slices:
     return Slices(np.array(heights), nodes, weights)
 
 
+def _ends_speed(stop: Stop, low: float, high: float) -> float:
+    """How fast the ends of the intervals move along x with the angle that gives the height:
+    edges that are nearly level sweep far in a small step."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
+    heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
+    ends = [np.array(open_intervals(stop, float(height))).ravel() for height in heights]
+    moved = [float(np.abs(b - a).max()) for a, b in pairwise(ends) if a.size == b.size > 0]
+    return 1.2 * max(moved, default=0.0) / float(angles[1] - angles[0])
+
+
+@functools.lru_cache(maxsize=512)
+def _legendre(count: int) -> tuple[Array, Array]:
+    nodes, weights = roots_legendre(count)
+    return nodes, weights
+
+
 def _line(low: float, high: float, slope: float) -> tuple[Array, Array]:
     count = math.ceil(slope * (high - low) / 4 / 16) * 16 + _SPARE
-    t, w = roots_legendre(count)
+    t, w = _legendre(count)
     return (low + high) / 2 + (high - low) / 2 * t, (high - low) / 2 * w
 
 

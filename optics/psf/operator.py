@@ -93,6 +93,8 @@ class PSFOperator:
                 f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
             )
         question = Question(lens, distance, wavelength, samples, tol - rest, budget or Budget())
+        self._differentiable = question.differentiable
+        self._kept: torch.Tensor | None = None
         self._engine = _prepared(question, camera, method)
         self.account = self._accounted(question, tol, rest)
 
@@ -136,8 +138,16 @@ class PSFOperator:
         light = self._light(phase, amplitude)
         if not self.unmodulated:
             return light
-        straight = self._light(None, amplitude).to(light.device)
+        straight = self._straight(amplitude).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * straight
+
+    def _straight(self, amplitude: torch.Tensor | None) -> torch.Tensor:
+        """What the panel doesn't modulate is the same for every phase: it is kept."""
+        if amplitude is not None or self._differentiable:
+            return self._light(None, amplitude)
+        if self._kept is None:
+            self._kept = self._light(None, None)
+        return self._kept
 
     def _light(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         light = self._engine.intensity(phase, amplitude)

@@ -26,12 +26,12 @@ _SHARE = 0.1
 
 _TRIES = 4
 
-_BYTES_A_NODE = 200
+_BYTES_A_NODE = 340
 """Its position and weight, its wave, and what its transform keeps of it."""
 
 _LEAST_BLOCK = 1 << 20
-_MOST_NODES = 1_000_000_000
-"""Minutes of work."""
+_MOST_NODES = 300_000_000
+"""Some minutes of work."""
 
 
 class ScatteredEngine(Engine):

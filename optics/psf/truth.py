@@ -41,13 +41,12 @@ class Probe:
     def __init__(self, question: Question) -> None:
         self._question = question.numeric
         self._rule: list[Nodes] | None = None
+        self._samples: tuple[NDArray[np.int64], Array, Array] | None = None
 
     def measure(self, light: torch.Tensor) -> ErrorEstimate:
         """Relative L2 error of light (rows, columns), shares of a point's light."""
-        count = int(min(_MOST, max(_FEWEST, _TERMS // self._count)))
         values = light.detach().to(torch.float64).numpy()
-        where, weight = _drawn(values, count)
-        truth = self._light(where)
+        where, weight, truth = self._known(values)
         error = values.ravel()[where] - truth
         size = float((weight * truth**2).sum())
         if not size > 0:
@@ -56,6 +55,14 @@ class Probe:
             MARGIN * math.sqrt(float((weight * error**2).sum()) / size),
             f"measured on {where.size} samples against exact quadrature",
         )
+
+    def _known(self, light: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """The samples, their weights, and the truth: drawn by the first light that is shown."""
+        if self._samples is None:
+            count = int(min(_MOST, max(_FEWEST, _TERMS // self._count)))
+            where, weight = _drawn(light, count)
+            self._samples = (where, weight, self._light(where))
+        return self._samples
 
     @cached_property
     def _finer(self) -> Steepness:

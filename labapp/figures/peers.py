@@ -1,0 +1,57 @@
+"""Other libraries on the same PSF, at equal error, in one run."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from labapp.accuracy.peers import peer_candidates
+from labapp.accuracy.psf import candidates, exact
+from labapp.accuracy.rows import Row, measure
+from labapp.asked import Case
+from labapp.figures import Figure
+from labapp.speed import machine_speed
+from optics.accuracy import Budget
+from optics.camera import Lens
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_CASE = Case(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, Plane((256, 256), (3.45e-6, 3.45e-6)))
+
+_WRONG = 0.5
+"""A picture further than this from the truth is none to be compared with."""
+
+
+@single_threaded
+def against_peers(folder: Path) -> list[Figure]:
+    """Each library's every setting against our fastest that is at least as accurate."""
+    ours = [c for c in candidates(_CASE, Budget(speed=machine_speed())) if c.row.tol is not None]
+    measured = measure([*ours, *peer_candidates(_CASE)], exact(_CASE, Progress()), Progress())
+    own = [row for row in measured.rows if row.tol is not None and not row.failure]
+    ratios: dict[str, list[float]] = {}
+    missing = []
+    for row in measured.rows[len(ours) :]:
+        library = row.method.split(",")[0]
+        if row.failure:
+            missing.append(library)
+        elif row.error_achieved is not None and row.error_achieved < _WRONG:
+            ratios.setdefault(library, []).append(_ratio(row, own))
+    told = [f"{library} {min(found):.0f} to {max(found):.0f}" for library, found in ratios.items()]
+    told += [f"{library} failed" for library in dict.fromkeys(missing) if library not in ratios]
+    met = all(min(found) > 1 for found in ratios.values()) if ratios else None
+    return [
+        Figure(
+            "other libraries' time over ours for the same PSF at equal error",
+            "> 1 at every setting",
+            "; ".join(told),
+            met,
+        )
+    ]
+
+
+def _ratio(row: Row, own: list[Row]) -> float:
+    """A library's time over that of our fastest row that is no less accurate."""
+    error = row.error_achieved or 0.0
+    times = [one.cpu_s or math.inf for one in own if (one.error_achieved or 0.0) <= error]
+    return (row.cpu_s or 0.0) / min(times)
