@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from optics.aperture import Circle, Stop
-from optics.edge import require_positive
+from optics.edge import as_number, require_positive
 from optics.plane import Plane
 from optics.zernike import require_zernike
 
@@ -102,8 +102,10 @@ class Lens:
             )
         for n, m, path in self.aberrations:
             require_zernike(n, m)
-            if not math.isfinite(path):
-                raise ValueError(f"the aberration ({n}, {m}) is {path:g} m; it must be finite")
+            if not math.isfinite(as_number(path)):
+                raise ValueError(
+                    f"the aberration ({n}, {m}) is {as_number(path):g} m; it must be finite"
+                )
         if self.kind not in ("thin", "stigmatic"):
             raise ValueError(f"kind is {self.kind!r}; choose thin or stigmatic")
         if self.kind == "stigmatic" and self.sine >= 1:

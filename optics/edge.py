@@ -50,8 +50,14 @@ def floating(value: torch.Tensor) -> torch.Tensor:
     return value if value.is_floating_point() else value.to(torch.float32)
 
 
-def require_positive(name: str, value: float, unit: str) -> None:
+def as_number(value: Any) -> float:
+    """A plain number from a number or a 0-d tensor; no derivative comes along."""
+    return float(value.detach() if isinstance(value, torch.Tensor) else value)
+
+
+def require_positive(name: str, value: Any, unit: str) -> None:
     """Raise a ValueError for a number that isn't positive and finite."""
+    value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 

@@ -13,6 +13,7 @@ import torch
 from optics.accuracy import ErrorEstimate
 from optics.camera import Camera, Lens
 from optics.coverage import coverage
+from optics.edge import as_number
 from optics.quadrature import Steepness
 from optics.zernike import zernike
 
@@ -33,7 +34,7 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
     Edge pixels get their covered area: a jagged edge would cost four times the accuracy.
     Don't write into it: it is kept.
     """
-    return coverage(camera.lens.stop, float(camera.lens.stop_diameter) / 2, camera.panel.plane)
+    return coverage(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
 
 
 def open_area(camera: Camera) -> float:
@@ -55,7 +56,7 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
     A thin, quadratic lens is short of the sphere by r⁴/8z³ of path. Both kinds are short of
     the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
     """
-    z = float(lens.image_distance)
+    z = lens.image_distance
     sine = radius / z
     if lens.kind == "stigmatic":
         return ErrorEstimate(sine**2, "estimate: obliquity of the rays, a scalar wave")
@@ -68,8 +69,8 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
     """The finest fringe of the light on the sensor, in cycles per metre."""
     lens = camera.lens
-    width = min(float(lens.stop_diameter), max(camera.panel.shape) * camera.panel.pitch)
-    return width / (float(wavelength) * float(lens.image_distance))
+    width = min(lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
+    return width / (wavelength * lens.image_distance)
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
@@ -116,7 +117,7 @@ def wave_phase(
 
 def panel_phase(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
     """wave_phase() at the panel's pixel centres, (rows, columns)."""
-    radius = float(camera.lens.stop_diameter) / 2
+    radius = as_number(camera.lens.stop_diameter) / 2
     y, x = camera.panel.plane.mesh()
     return wave_phase(camera.lens, distance, wavelength, y / radius, x / radius)
 
@@ -156,7 +157,7 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
 def open_radius(camera: Camera) -> float:
     """Metres from the axis to the edge of the open pupil, at the most."""
     corner = math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape))
-    return 0.5 * min(float(camera.lens.stop_diameter), corner)
+    return 0.5 * min(camera.lens.stop_diameter, corner)
 
 
 def blur_radius(camera: Camera, distance: float) -> float:
@@ -168,9 +169,9 @@ def blur_radius(camera: Camera, distance: float) -> float:
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of the lens' wave across one panel pixel, in radians."""
     lens = camera.lens
-    radius = float(lens.stop_diameter) / 2
+    radius = lens.stop_diameter / 2
     reach = min(open_radius(camera) / radius, 1.0)
-    slope = steepness(numeric_lens(lens), float(distance), float(wavelength), 0.0).along(reach)
+    slope = steepness(numeric_lens(lens), distance, wavelength, 0.0).along(reach)
     return slope / radius * camera.panel.pitch
 
 
@@ -178,8 +179,8 @@ def numeric_lens(lens: Lens) -> Lens:
     """A lens whose parameters are plain numbers."""
     return replace(
         lens,
-        focal_length=float(lens.focal_length),
-        f_number=float(lens.f_number),
-        focus_distance=float(lens.focus_distance),
-        aberrations=tuple((n, m, float(path)) for n, m, path in lens.aberrations),
+        focal_length=as_number(lens.focal_length),
+        f_number=as_number(lens.f_number),
+        focus_distance=as_number(lens.focus_distance),
+        aberrations=tuple((n, m, as_number(path)) for n, m, path in lens.aberrations),
     )

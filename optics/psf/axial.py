@@ -47,7 +47,7 @@ class AxialEngine(Engine):
         q = question.numeric
         self.arithmetic = double_arithmetic(q)
         self._size = _Size.of(q)
-        self._along_rim = _prefers_rim(q, self._size)
+        self._along_rim = not question.differentiable and _prefers_rim(q, self._size)
         self.name = "rim integral" if self._along_rim else "Hankel transform"
         self._kept: torch.Tensor | None = None
 
@@ -99,7 +99,7 @@ class AxialEngine(Engine):
         q = self._question
         phase = wave_phase(q.lens, q.distance, q.wavelength, torch.zeros_like(self._r), self._r)
         wave = torch.polar(torch.ones_like(phase), phase)
-        if not wave.requires_grad:
+        if not q.differentiable:
             self._kept = wave
         return wave
 
@@ -157,7 +157,7 @@ class AxialEngine(Engine):
 
 def _kernel(q: Question) -> float:
     """Radians per metre on the sensor and stop radius in the pupil."""
-    return 2 * math.pi * float(q.radius) / float(q.scale)
+    return 2 * math.pi * q.radius / q.scale
 
 
 def _rule(q: Question, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
@@ -204,7 +204,7 @@ class _Size:
     def of(q: Question) -> _Size:
         assert q.lens.stop.rings is not None
         inner, outer = q.lens.stop.rings
-        spacing = float(q.scale) / (2 * _OVERSAMPLING * float(q.radius) * outer)
+        spacing = q.scale / (2 * _OVERSAMPLING * q.radius * outer)
         reach = _reach(q.tol)
         sums = math.ceil(q.farthest / spacing) + reach + 2
         nodes = nodes_in(outer - inner, _slope(q), q.tol)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 
@@ -17,7 +18,7 @@ from optics.accuracy import (
     ToleranceError,
 )
 from optics.camera import Camera, Lens
-from optics.edge import rounded_up, tensors_inside
+from optics.edge import as_number, rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
 from optics.psf.engine import Engine
@@ -26,7 +27,14 @@ from optics.psf.question import Question
 from optics.psf.sampled import SampledEngine
 from optics.psf.scattered import ScatteredEngine
 from optics.psf.truth import Probe
-from optics.pupil import Scalar, cutoff_frequency, model_error, open_radius, require_light
+from optics.pupil import (
+    Scalar,
+    cutoff_frequency,
+    model_error,
+    numeric_lens,
+    open_radius,
+    require_light,
+)
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
 
@@ -77,14 +85,11 @@ class PSFOperator:
         self._camera = camera = optics if isinstance(optics, Camera) else None
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _unmodulated(camera, unmodulated)
-        require_light(float(distance), float(wavelength))
+        require_light(as_number(distance), as_number(wavelength))
         _require_method(method, camera)
         self.pixels = pixels
-        self._integral = (
-            PixelIntegration(pixels, _cutoff(optics, float(wavelength)), budget)
-            if integrate
-            else None
-        )
+        cutoff = _cutoff(camera, numeric_lens(lens), as_number(wavelength))
+        self._integral = PixelIntegration(pixels, cutoff, budget) if integrate else None
         samples = self._integral.plane if self._integral else pixels
         rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
         floor = rest + 20 * FLOAT64_ARITHMETIC
@@ -117,7 +122,9 @@ class PSFOperator:
 
     def _model_error(self, question: Question) -> ErrorEstimate:
         n = question.numeric
-        reach = n.radius if self._camera is None else open_radius(self._camera)
+        reach = n.radius
+        if self._camera is not None:
+            reach = open_radius(replace(self._camera, lens=n.lens))
         return model_error(n.lens, n.wavelength, min(n.radius, reach))
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
@@ -170,11 +177,11 @@ def _require_method(method: str | None, camera: Camera | None) -> None:
         raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
 
 
-def _cutoff(optics: Camera | Lens, wavelength: float) -> float:
+def _cutoff(camera: Camera | None, lens: Lens, wavelength: float) -> float:
     """The finest fringe of the light, in cycles per metre."""
-    if isinstance(optics, Camera):
-        return cutoff_frequency(optics, wavelength)
-    return float(optics.stop_diameter) / (wavelength * float(optics.image_distance))
+    if camera is not None:
+        return cutoff_frequency(replace(camera, lens=lens), wavelength)
+    return lens.stop_diameter / (wavelength * lens.image_distance)
 
 
 def _offers(

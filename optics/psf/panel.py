@@ -154,8 +154,10 @@ class PanelEngine(Engine):
         self._pixels = "divided"
         divided = transforms(self._geometry(self._nodes), self._dtype, self._allowed)
         offered: list[Transform] = list(divided)
-        if n.lens.kind == "thin" and not n.lens.aberrations and not self._question.stretches:
-            curvature = float(defocus_curvature(n.lens, n.distance, n.wavelength))
+        plain = n.lens.kind == "thin" and not n.lens.aberrations
+        # Its matrices hold the wave, and give no derivatives of it.
+        if plain and not self._question.differentiable:
+            curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
             offered.append(
                 CurvedPixelTransform(self._geometry(1), self._dtype, curvature, panel.active_side)
             )
@@ -197,7 +199,7 @@ class PanelEngine(Engine):
         else:
             wave = self._divided_wave(amplitude)
         wave = wave.to(self._dtype)
-        if not wave.requires_grad:
+        if not q.differentiable:
             self._kept = wave
         return wave
 

@@ -10,6 +10,7 @@ import torch
 
 from optics.accuracy import Budget
 from optics.camera import Lens
+from optics.edge import as_number
 from optics.plane import Plane
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
 from optics.quadrature import Steepness
@@ -32,16 +33,16 @@ class Question:
     budget: Budget
 
     def __post_init__(self) -> None:
-        require_light(float(self.distance), float(self.wavelength))
+        require_light(as_number(self.distance), as_number(self.wavelength))
 
     @cached_property
     def numeric(self) -> Question:
         """The same in plain numbers."""
-        centre = (float(self.samples.centre[0]), float(self.samples.centre[1]))
+        centre = (as_number(self.samples.centre[0]), as_number(self.samples.centre[1]))
         return Question(
             numeric_lens(self.lens),
-            float(self.distance),
-            float(self.wavelength),
+            as_number(self.distance),
+            as_number(self.wavelength),
             Plane(self.samples.shape, self.samples.pitch, centre),
             self.tol,
             self.budget,
@@ -76,7 +77,7 @@ class Question:
         centre = self.samples.centre
         shift = None
         if any(recorded(c) for c in centre):
-            shift = tuple(torch.as_tensor(c, dtype=torch.float64) - float(c) for c in centre)
+            shift = tuple(torch.as_tensor(c, dtype=torch.float64) - as_number(c) for c in centre)
         return Derivatives(stretch if recorded(stretch) else None, shift)  # type: ignore[arg-type]
 
     @property

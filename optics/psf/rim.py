@@ -23,7 +23,8 @@ def rim_nodes(q: Question, tol: float, finer: float = 1.0) -> int:
 
 def _defocus(q: Question) -> float:
     """Radians of defocus at the stop's edge."""
-    return float(defocus_curvature(q.lens, q.distance, q.wavelength)) * float(q.radius) ** 2
+    curvature: float = defocus_curvature(q.lens, q.distance, q.wavelength)
+    return curvature * q.radius**2
 
 
 def rim_field(
@@ -41,7 +42,7 @@ def rim_field(
     with defocus. An obscuration's rim is taken off.
     """
     assert q.lens.stop.rings is not None
-    c, tilt = _defocus(q), 2 * math.pi * float(q.radius) / float(q.scale)
+    c, tilt = _defocus(q), 2 * math.pi * q.radius / q.scale
     count = rim_nodes(q, q.tol, finer)
     inner, outer = q.lens.stop.rings
     field = np.zeros(sensor.size, dtype=np.complex128)

@@ -107,7 +107,7 @@ class SampledEngine(Engine):
         cell = (self._plane.pitch[0] / radius) ** 2
         turn = phase.detach().remainder(2 * math.pi) + (phase - phase.detach())
         wave = torch.polar(self._amplitude * cell, turn).to(self._dtype)
-        if not wave.requires_grad:
+        if not q.differentiable:
             self._kept = wave
         return wave
 

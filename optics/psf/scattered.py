@@ -161,7 +161,7 @@ class _Block:
         q, nodes = self._question, self._nodes
         phase = wave_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
         wave = torch.polar(torch.ones_like(phase), phase) * nodes.weight
-        if not wave.requires_grad:
+        if not q.differentiable:
             self._kept = wave
         return wave
 
