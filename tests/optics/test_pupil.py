@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from judges import positions
 
 from optics.camera import Camera, Lens, Panel

@@ -1,0 +1,46 @@
+"""All rows, by subject, in the order in which light meets them."""
+
+from __future__ import annotations
+
+from hard_cases import (
+    frames,
+    gradients,
+    lenses,
+    panels,
+    pictures,
+    pupils,
+    restorations,
+    transforms,
+)
+from hard_cases.table import Case
+
+SUBJECTS: dict[str, list[Case]] = {
+    "Pupils: stops and the wave in them": pupils.CASES,
+    "PSFs of lenses": lenses.CASES,
+    "PSFs behind a panel": panels.CASES,
+    "Fourier transforms": transforms.CASES,
+    "Pictures and transfer functions": pictures.CASES,
+    "Derivatives": gradients.CASES,
+    "Patterns, frames, brackets": frames.CASES,
+    "Restorations": restorations.CASES,
+}
+CASES = [case for cases in SUBJECTS.values() for case in cases]
+
+_HEAD = "| case | what goes wrong elsewhere | asked | judged by | to |\n|---|---|---|---|---|"
+
+
+def listing() -> str:
+    """The whole catalogue as tables in Markdown."""
+    parts = [
+        f"## {subject}\n\n{_HEAD}\n" + "\n".join(_row(case) for case in cases)
+        for subject, cases in SUBJECTS.items()
+    ]
+    return "\n\n".join(parts)
+
+
+def _row(case: Case) -> str:
+    tols = ", ".join(f"{tol:g}" for tol in case.tols if tol)
+    if case.bug:
+        tols += f" (as yet it fails: {case.bug})"
+    cells = (case.name, case.hard_because, case.asked(), case.judged(), tols)
+    return "| {} |".format(" | ".join(cell.replace("|", "\\|") for cell in cells))

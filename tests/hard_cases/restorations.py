@@ -1,0 +1,141 @@
+"""Deconvolution and figures of merit where there is nothing to divide by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from judges import gaussian_psf, natural_image
+from numpy.typing import NDArray
+
+from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
+from optics.deconvolution.richardson_lucy import richardson_lucy
+from optics.deconvolution.wiener import wiener
+from optics.metrics import psnr, ssim
+
+BITS = (1e-3, 1e-8)
+Restore = Callable[[Any, Any], Any]
+
+RESTORATIONS: dict[str, Restore] = {
+    "Wiener's filter": lambda image, psf: wiener(image, psf, 1e-3),
+    "Richardson-Lucy": lambda image, psf: richardson_lucy(image, psf, 30),
+}
+
+
+def numbers(value: Any, tol: float) -> NDArray[Any]:
+    return np.asarray(value, dtype=np.float32 if tol > 1e-7 else np.float64)
+
+
+def zeros_of_the_transfer_function(tol: float) -> None:
+    """0 / (0 + K) is 0 even where K underflows."""
+    image = numbers(natural_image(31, 32, 1), tol)
+    for k in (1e-30, 1e-12, 1e-3):
+        restored = wiener(image, numbers([[0.5, 0.5]], tol), k)
+        require_finite(restored)
+    assert np.abs(restored).max() < 10
+
+
+def almost_nothing(restore: Restore, tol: float) -> None:
+    """One bright pixel stays where it is, and the dark beyond the PSF stays dark."""
+    image = numbers(np.zeros((40, 41)), tol)
+    image[20, 20] = 1e6
+    restored = restore(image, numbers(gaussian_psf(5, 1.0), tol))
+    require_finite(restored)
+    assert restored.argmax() == 20 * 41 + 20
+    assert np.abs(restored[:5, :5]).max() <= 1e-2 * restored.max()
+
+
+def constants(restore: Restore, tol: float) -> None:
+    """The constant, to rounding."""
+    for level in (0.0, 1e-30, 1.0, 1e6):
+        flat = numbers(np.full((20, 23), level), tol)
+        restored = restore(flat, numbers(gaussian_psf(7, 1.5), tol))
+        require_finite(restored)
+        assert np.allclose(restored, level, rtol=1e-4, atol=1e-35)
+
+
+def a_psf_larger_than_the_picture(restore: Restore, tol: float) -> None:
+    """The right level, though most of the light comes from outside."""
+    for shape in ((1, 1), (1, 9), (8, 9)):
+        restored = restore(numbers(np.full(shape, 3.0), tol), numbers(gaussian_psf(33, 5.0), tol))
+        assert restored.shape == shape
+        assert np.allclose(restored, 3.0, rtol=1e-3)
+
+
+def negative_data(restore: Restore, tol: float) -> None:
+    """No NaN, and no light made from nothing."""
+    image = numbers(np.random.default_rng(3).normal(0, 1, (40, 40)), tol)
+    restored = restore(image, numbers(gaussian_psf(5, 1.0), tol))
+    require_finite(restored)
+    assert abs(restored.mean()) <= np.abs(image).mean()
+
+
+def negative_everywhere(tol: float) -> None:
+    """Darkness, and no division by its sum."""
+    restored = richardson_lucy(numbers(np.full((9, 9), -2.0), tol), gaussian_psf(3, 1.0), 5)
+    require_finite(restored)
+    assert np.abs(restored).max() <= 1e-30
+
+
+def many_passes(tol: float) -> None:
+    """Stars of 1 to 1e8 keep their light."""
+    sky = np.zeros((48, 48))
+    rng = np.random.default_rng(4)
+    sky[rng.integers(8, 40, 30), rng.integers(8, 40, 30)] = np.geomspace(1, 1e8, 30)
+    psf = gaussian_psf(9, 1.2)
+    transfer = np.fft.rfft2(np.fft.ifftshift(np.pad(psf, (20, 19))), (48, 48))
+    image = np.abs(np.fft.irfft2(np.fft.rfft2(sky) * transfer, (48, 48)))
+    restored = richardson_lucy(numbers(image, tol), numbers(psf, tol), 500)
+    require_finite(restored)
+    assert restored.min() >= 0
+    assert abs(restored.sum() / sky.sum() - 1) <= 1e-2
+
+
+def gradients(restore: Restore, tol: float) -> None:
+    """Finite, and not zero."""
+    image = torch.from_numpy(numbers(natural_image(12, 13, 5), tol))
+    image[3, 3] = 0
+    psf = torch.from_numpy(numbers(gaussian_psf(5, 1.0), tol))
+    assert float(require_finite_gradient(lambda x: restore(x, psf), image).abs().max()) > 0
+
+
+def constant_pictures_compare(tol: float) -> None:
+    """Wang's constants alone stand in the denominator."""
+    flat = numbers(np.full((12, 12), 0.5), tol)
+    assert abs(ssim(flat, flat) - 1) <= 1e-6
+    assert psnr(flat, flat) == math.inf
+    expected = (2 * 0.5 * 0.25 + 1e-4) / (0.25 + 0.0625 + 1e-4)
+    assert abs(ssim(flat, 0.5 * flat) / expected - 1) <= 1e-6
+
+
+def for_each(name: str, why: str, given: str, law: Any, judge: str) -> list[Case]:
+    """A row for each kind of restoration."""
+    return [
+        Holds(f"{name}, {kind}", why, given, lambda tol, r=r: law(r, tol), judge, tols=BITS)
+        for kind, r in RESTORATIONS.items()
+    ]
+
+
+CASES: list[Case] = [
+    Holds("zeros of the transfer function", "0 / (0 + K) with K below the smallest number",
+          "two equal points", zeros_of_the_transfer_function, "finite, bounded", tols=BITS),
+    *for_each("almost nothing", "beyond the reach of the PSF all is 0 / 0",
+              "one bright pixel on black", almost_nothing, "the pixel itself"),
+    *for_each("constant pictures", "no detail to restore, no noise to measure",
+              "0, 1e-30, 1, 1e6", constants, "the constant"),
+    *for_each("a PSF larger than the picture", "most of the light comes from outside",
+              "33x33 on 1x1, 1x9, 8x9", a_psf_larger_than_the_picture, "the constant"),
+    *for_each("negative data", "what is left after dark subtraction is noise around zero",
+              "normal noise", negative_data, "its mean"),
+    *for_each("gradients of restorations", "clamps and zeros are on the path",
+              "a zero in a picture", gradients, "finite, not zero"),
+    Holds("a picture that is negative everywhere", "nothing is left after clamping", "-2",
+          negative_everywhere, "darkness", tols=BITS),
+    Holds("hundreds of passes over fifteen stops", "sharpening runs away where precision ends",
+          "500 passes, stars of 1 to 1e8", many_passes, "their light", tols=BITS),
+    Holds("likeness of constant pictures", "variances of zero in a denominator", "0.5 and 0.25",
+          constant_pictures_compare, "the luminance term", tols=BITS),
+]  # fmt: skip
