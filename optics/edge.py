@@ -13,8 +13,13 @@ import torch
 
 def _inward(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        # Arrays read from files may be read-only, which torch can't share.
-        return torch.from_numpy(value if value.flags.writeable else value.copy())
+        # Arrays read from files may be read-only, reversed or of a foreign byte order: torch
+        # shares none of them.
+        plain = (
+            value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0
+        )
+        native = value.dtype.newbyteorder("=")
+        return torch.from_numpy(value if plain else np.array(value, dtype=native, order="C"))
     return value
 
 

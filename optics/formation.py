@@ -62,6 +62,8 @@ def form_image(
         raise ValueError(
             f"spectrum is {tuple(spectrum.shape)}; that of the plane is {expected}, by rfft2"
         )
+    require_finite("psf", psf)
+    require_finite("spectrum", spectrum)
     kernel = origin_to_corner(centred_pad(psf, plane.shape))
     transfer = rfft2(kernel)
     if pixel_aperture:

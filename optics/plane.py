@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+
+from optics.edge import as_number
 
 
 @dataclass(frozen=True)
@@ -24,8 +27,11 @@ class Plane:
     def __post_init__(self) -> None:
         if min(self.shape) < 1:
             raise ValueError(f"shape {self.shape} must be at least 1 in each axis")
-        if not all(p > 0 for p in self.pitch):
-            raise ValueError(f"pitch {self.pitch} m must be positive in each axis")
+        if not all(0 < p < math.inf for p in self.pitch):
+            raise ValueError(f"pitch {self.pitch} m must be positive and finite in each axis")
+        centre = tuple(as_number(c) for c in self.centre)
+        if not all(math.isfinite(c) for c in centre):
+            raise ValueError(f"centre {centre} m must be finite in each axis")
 
     def coordinates(self, axis: int) -> torch.Tensor:
         """Positions in metres along axis 0 (y) or 1 (x), float64."""

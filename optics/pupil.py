@@ -23,6 +23,9 @@ Scalar = Any
 _SLOPE_TO_SPARE = 1.1
 """Slopes are sampled, and might be steeper in between."""
 
+_CLOSED = 1e-9
+"""Open shares below this are rounding errors."""
+
 _TURN_A_DEGREE = 20.0
 """Radians per stop radius for each degree of an aberration beyond the fourth."""
 
@@ -67,9 +70,12 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
-    """The finest fringe of the light on the sensor, in cycles per metre."""
-    lens = camera.lens
-    width = min(lens.stop_diameter, max(camera.panel.shape) * camera.panel.pitch)
+    """The finest fringe of the light on the sensor, in cycles per metre.
+
+    A pixel that the stop cuts is as wide as the others, and reaches beyond it.
+    """
+    lens, pitch = camera.lens, camera.panel.pitch
+    width = min(lens.stop_diameter + 2 * pitch, max(camera.panel.shape) * pitch)
     return width / (wavelength * lens.image_distance)
 
 
@@ -110,14 +116,13 @@ def wave_phase(
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
     path = defocus_path(lens, distance, r2)
     for n, m, strength in lens.aberrations:
-        values = zernike(n, m, y.numpy(), x.numpy())
-        path = path + strength * torch.from_numpy(values)
+        path = path + strength * zernike(n, m, y, x)
     return 2 * math.pi / wavelength * path
 
 
 def panel_phase(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
     """wave_phase() at the panel's pixel centres, (rows, columns)."""
-    radius = as_number(camera.lens.stop_diameter) / 2
+    radius = camera.lens.stop_diameter / 2
     y, x = camera.panel.plane.mesh()
     return wave_phase(camera.lens, distance, wavelength, y / radius, x / radius)
 
@@ -156,8 +161,12 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
 
 def open_radius(camera: Camera) -> float:
     """Metres from the axis to the edge of the open pupil, at the most."""
-    corner = math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape))
-    return 0.5 * min(camera.lens.stop_diameter, corner)
+    return min(camera.lens.stop_diameter / 2, _corner(camera))
+
+
+def _corner(camera: Camera) -> float:
+    """Metres from the axis to the panel's corner."""
+    return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
 def blur_radius(camera: Camera, distance: float) -> float:
@@ -167,12 +176,30 @@ def blur_radius(camera: Camera, distance: float) -> float:
 
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """The largest change of the lens' wave across one panel pixel, in radians."""
-    lens = camera.lens
+    """The largest change of the lens' wave across one open panel pixel, in radians."""
+    lens, panel = numeric_lens(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
-    reach = min(open_radius(camera) / radius, 1.0)
-    slope = steepness(numeric_lens(lens), distance, wavelength, 0.0).along(reach)
-    return slope / radius * camera.panel.pitch
+    if lens.aberrations:
+        return _SLOPE_TO_SPARE * _largest_step(replace(camera, lens=lens), distance, wavelength)
+    # A pixel that the stop cuts reaches beyond it.
+    reach = min(radius + math.sqrt(2) * panel.pitch, _corner(camera)) / radius
+    return steepness(lens, distance, wavelength, 0.0).along(reach) / radius * panel.pitch
+
+
+def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
+    """From corner to corner of the pixels that the stop leaves open in part: polynomials grow
+    fast beyond it."""
+    panel, radius = camera.panel, camera.lens.stop_diameter / 2
+    y, x = (
+        (torch.arange(n + 1, dtype=torch.float64) - n // 2 - 0.5) * (panel.pitch / radius)
+        for n in panel.shape
+    )
+    phase = wave_phase(camera.lens, distance, wavelength, y[:, None], x[None, :])
+    is_open = pupil_amplitude(camera) > _CLOSED
+    down, along = phase.diff(dim=0).abs(), phase.diff(dim=1).abs()
+    down = torch.maximum(down[:, 1:], down[:, :-1])[is_open]
+    along = torch.maximum(along[1:], along[:-1])[is_open]
+    return float((down**2 + along**2).max().sqrt()) if down.numel() else 0.0
 
 
 def numeric_lens(lens: Lens) -> Lens:

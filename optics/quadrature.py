@@ -83,9 +83,13 @@ def nodes_on_line(length: float, slope: float, tol: float) -> int:
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
 
 
+def _panels(length: float, slope: float) -> int:
+    return max(1, math.ceil(length * slope / 2 / _RADIANS_A_PANEL))
+
+
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
     """Nodes in 0 to 1 and weights with sum 1, in panels."""
-    panels = max(1, math.ceil(length * slope / 2 / _RADIANS_A_PANEL))
+    panels = _panels(length, slope)
     nodes, weights = _legendre(nodes_on_line(length / panels, slope, tol))
     starts = np.arange(panels)[:, None] / panels
     return (starts + nodes / panels).ravel(), np.tile(weights / panels, panels)
@@ -95,9 +99,9 @@ def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
     """How many nodes stop_rule() makes, within some percent, without making them."""
     if stop.rings is not None:
         inner, outer = stop.rings
-        t, _ = line_rule(outer - inner, _outwards(outer, steepness), tol)
-        radii = inner + (outer - inner) * _some_of(t)
-        return int(t.size * np.mean([_around_count(r, steepness, tol) for r in radii.tolist()]))
+        count, some = _some_nodes(outer - inner, _outwards(outer, steepness), tol)
+        radii = inner + (outer - inner) * some
+        return int(count * np.mean([_around_count(r, steepness, tol) for r in radii.tolist()]))
     return int(min(_rows_count(stop, steepness, tol), _arcs_count(stop, steepness, tol)))
 
 
@@ -113,16 +117,20 @@ def _rows_count(stop: Stop, steepness: Steepness, tol: float) -> float:
 def _arcs_count(stop: Stop, steepness: Steepness, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
-        t, _ = line_rule(math.pi, _bent_slope(stop, low, high, steepness), tol)
-        some, _ = _bent(low, high, math.pi * (_some_of(t) - 0.5))
-        arcs = ((r, arc) for r in some.tolist() for arc in open_arcs(stop, r))
-        total += t.size * sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs) / _SOME
+        count, some = _some_nodes(math.pi, _bent_slope(stop, low, high, steepness), tol)
+        radii, _ = _bent(low, high, math.pi * (some - 0.5))
+        arcs = ((r, arc) for r in radii.tolist() for arc in open_arcs(stop, r))
+        total += count * sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs) / _SOME
     return int(total)
 
 
-def _some_of(nodes: Array) -> Array:
-    """A few of many, as dense as all of them."""
-    return nodes[((np.arange(_SOME) + 0.5) / _SOME * nodes.size).astype(np.int64)]
+def _some_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
+    """How many nodes line_rule() makes, and a few of them, as dense as all."""
+    count = nodes_in(length, slope, tol)
+    panels = _panels(length, slope)
+    number = ((np.arange(_SOME) + 0.5) / _SOME * count).astype(np.int64)
+    panel, place = np.divmod(number, count // panels)
+    return count, (panel + _legendre(count // panels)[0][place]) / panels
 
 
 def stop_rule(stop: Stop, steepness: Steepness, tol: float) -> Nodes:
@@ -178,7 +186,7 @@ def _joined(parts: list[_Part]) -> Nodes:
 
 def nodes_in(length: float, slope: float, tol: float) -> int:
     """How many nodes line_rule() makes."""
-    panels = max(1, math.ceil(length * slope / 2 / _RADIANS_A_PANEL))
+    panels = _panels(length, slope)
     return panels * nodes_on_line(length / panels, slope, tol)
 
 

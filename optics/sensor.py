@@ -88,7 +88,7 @@ class PixelIntegration:
     """The light on whole pixels, and the samples that have to be known for it.
 
     pixels: whose light is wanted. cutoff: cycles per metre of the light's finest fringe.
-    plane: of the samples, finer than the pixels and reaching beyond them. Call with the
+    plane: of the samples, finer than the pixels and reaching beyond them by `margin`. Call with the
     light on it, (..., rows, columns) of plane; the answer is (..., *pixels.shape).
     """
 
@@ -96,8 +96,9 @@ class PixelIntegration:
         self._shape = pixels.shape
         nyquist = 2 * max(pixels.pitch) * cutoff
         self._factor = max(1, math.ceil(PIXEL_OVERSAMPLING * nyquist))
-        margin = 2 * pixel_margin(self._factor)
-        window = (pixels.shape[0] + margin, pixels.shape[1] + margin)
+        beyond = pixel_margin(self._factor)
+        window = (pixels.shape[0] + 2 * beyond, pixels.shape[1] + 2 * beyond)
+        self.margin = beyond * self._factor
         self.plane = Plane(window, pixels.pitch, pixels.centre).finer(self._factor)
         allowed = (budget or Budget()).memory
         if self.bytes > allowed:

@@ -4,30 +4,44 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.special import eval_jacobi
+import torch
 
-Array = NDArray[np.float64]
+from optics.edge import tensors_inside
 
 
-def zernike(n: int, m: int, y: Array, x: Array) -> Array:
+@tensors_inside
+def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     """Z(n, m) at points (y, x) in units of the disc's radius, also beyond it.
 
     n: degree, 0 or more. m: cycles around the axis, from -n to n in steps of two; cosines for
     m >= 0, sines for m < 0, of the angle from x towards y. The radial part is a Jacobi
-    polynomial of r², which stays accurate at any degree (Noll 1976, 10.1364/JOSA.66.000207,
-    for the normalisation; Born and Wolf 9.2).
+    polynomial of r², by its recurrence, which stays accurate at any degree (Noll 1976,
+    10.1364/JOSA.66.000207, for the normalisation; Born and Wolf 9.2). Differentiable.
     Raises ValueError for an (n, m) that doesn't exist.
     """
     require_zernike(n, m)
     order = abs(m)
     r2 = y * y + x * x
-    radial = (-1) ** ((n - order) // 2) * eval_jacobi((n - order) // 2, order, 0, 1 - 2 * r2)
+    radial = (-1) ** ((n - order) // 2) * _jacobi((n - order) // 2, order, 1 - 2 * r2)
     # r^m cos(m t) and r^m sin(m t) without an angle, which the axis doesn't have.
-    power = (x + 1j * y) ** order
+    cosine, sine = torch.ones_like(r2), torch.zeros_like(r2)
+    for _ in range(order):
+        cosine, sine = cosine * x - sine * y, cosine * y + sine * x
     strength = math.sqrt((2 if m else 1) * (n + 1))
-    return np.asarray(strength * radial * (power.real if m >= 0 else power.imag))
+    return strength * radial * (cosine if m >= 0 else sine)
+
+
+def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
+    """P(degree; a, 0) at t (Abramowitz and Stegun 22.7.1)."""
+    before, now = torch.ones_like(t), (a + 2) * (t - 1) / 2 + a + 1
+    if degree == 0:
+        return before
+    for k in range(2, degree + 1):
+        c = 2 * k + a
+        first = (c - 1) * (c * (c - 2) * t + a * a) * now
+        second = 2 * (k + a - 1) * (k - 1) * c * before
+        before, now = now, (first - second) / (2 * k * (k + a) * (c - 2))
+    return now
 
 
 def require_zernike(n: int, m: int) -> None:

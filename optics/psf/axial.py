@@ -114,6 +114,7 @@ class AxialEngine(Engine):
         else:
             wave = self._wave()
             factor = self.modulation(phase, amplitude, (self._r.numel(),))
+            self.require_slope(phase)
             wave = wave if factor is None else wave.to(factor.device) * factor
             parts = self._summed(wave)
         return self._on_radii(parts)[..., self._place] * lens_share(self._question)
@@ -132,10 +133,12 @@ class AxialEngine(Engine):
     def _probed(self, radius: torch.Tensor) -> ErrorEstimate:
         """The answer against more nodes and no interpolation, on some of its radii."""
         q = self._question.numeric
-        count = min(_PROBES, radius.numel())
+        times = torch.bincount(self._place[q.inner].ravel(), minlength=radius.numel())
+        seen = torch.nonzero(times).ravel()
+        count = min(_PROBES, seen.numel())
         if self._along_rim:
             count = min(count, max(4, _CHUNK // rim_nodes(q, q.tol)))
-        chosen = torch.linspace(0, radius.numel() - 1, count).round().long()
+        chosen = seen[torch.linspace(0, seen.numel() - 1, count).round().long()]
         if self._along_rim:
             truth = np.abs(rim_field(q, radius[chosen].numpy(), finer=1.5)) ** 2
         else:
@@ -148,9 +151,9 @@ class AxialEngine(Engine):
             parts = self._summed(self._wave()) if kept is None else torch.view_as_real(kept)
             value = self._on_radii(parts)[chosen].numpy()
         # Each radius counts as often as there are samples on it.
-        times = torch.bincount(self._place.ravel(), minlength=radius.numel())[chosen].numpy()
-        error = math.sqrt(float((times * (value - truth) ** 2).sum()))
-        size = math.sqrt(float((times * truth**2).sum()))
+        often = times[chosen].numpy()
+        error = math.sqrt(float((often * (value - truth) ** 2).sum()))
+        size = math.sqrt(float((often * truth**2).sum()))
         how = f"measured on {count} radii against a finer rule"
         return ErrorEstimate(MARGIN * error / size if size > 0 else math.inf, how)
 

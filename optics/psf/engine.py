@@ -6,13 +6,19 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from optics.accuracy import FLOAT64_ARITHMETIC, ErrorEstimate, MachineSpeed
-from optics.edge import require_finite
+from optics.edge import require_finite, rounded_up
 from optics.psf.question import Question
 
 _EPSILON = 4e-16
+
+_SLOPE_TO_SPARE = 1.05
+_LOOKED_AT, _NEAREST = 3000, 7
+"""Points at which a phase's slope is looked at, and how many of the nearest beside each."""
 
 
 class Engine(ABC):
@@ -30,6 +36,8 @@ class Engine(ABC):
     precision: str
     error: ErrorEstimate
     arithmetic: float
+    _question: Question
+    _neighbours: Neighbours | None = None
 
     @property
     @abstractmethod
@@ -59,6 +67,10 @@ class Engine(ABC):
         factor: torch.Tensor | None = None
         if phase is not None:
             _require_samples("phase", phase, samples)
+            if phase.is_complex():
+                raise ValueError(
+                    f"phase is {phase.dtype}; it is real, in radians; amplitude may absorb"
+                )
             angle = phase.to(torch.float64)
             # Reduced to half a turn, so that a phase of 1e5 waves keeps its fraction.
             angle = angle - (2 * math.pi) * torch.round(angle.detach() / (2 * math.pi))
@@ -68,6 +80,46 @@ class Engine(ABC):
             strength = amplitude.to(torch.complex128)
             factor = strength if factor is None else factor * strength
         return factor
+
+    def require_slope(self, phase: torch.Tensor | None) -> None:
+        """Raise ValueError for a phase too steep for the nodes, which were chosen before."""
+        if phase is None or not phase.numel():
+            return
+        q = self._question.numeric
+        if self._neighbours is None:
+            self._neighbours = Neighbours(*(p / q.radius for p in self.points()))
+        slope = self._neighbours.slope(phase.detach())
+        if slope > _SLOPE_TO_SPARE * q.phase_slope:
+            raise ValueError(
+                f"phase turns by {slope:.3g} radians per stop radius, and {q.phase_slope:g} were "
+                f"planned for; plan a PSFOperator with phase_slope={rounded_up(slope)}"
+            )
+
+
+class Neighbours:
+    """Pairs of points that lie close together, to tell how steep a phase is.
+
+    y, x: in stop radii, one-dimensional, or a column and a row. Some points are looked at.
+    """
+
+    def __init__(self, y: torch.Tensor, x: torch.Tensor) -> None:
+        shape = torch.broadcast_shapes(y.shape, x.shape)  # type: ignore[no-untyped-call]
+        self._points = math.prod(shape)
+        places = torch.stack([p.expand(shape).ravel() for p in (y, x)], dim=1).numpy()
+        rng = np.random.default_rng(0)
+        some = rng.choice(self._points, min(_LOOKED_AT, self._points), replace=False)
+        found = cKDTree(places).query(places[some], k=min(_NEAREST, self._points))
+        away, near = (np.reshape(part, (some.size, -1))[:, 1:].copy() for part in found)
+        self._away, self._near = torch.from_numpy(away), torch.from_numpy(near)
+        self._some = torch.from_numpy(some)
+
+    def slope(self, phase: torch.Tensor) -> float:
+        """The steepest that is seen, radians per stop radius, of phases (..., points)."""
+        flat = phase.cpu().to(torch.float64).reshape(-1, self._points)
+        turn = flat[:, self._near] - flat[:, self._some, None]
+        turn = turn - 2 * math.pi * torch.round(turn / (2 * math.pi))
+        far = self._away > 0
+        return float((turn.abs() / self._away)[:, far].max()) if far.any() else 0.0
 
 
 def double_arithmetic(question: Question) -> float:
@@ -82,4 +134,4 @@ def _require_samples(name: str, value: torch.Tensor, samples: Sequence[int]) -> 
             f"{name} is {tuple(value.shape)}; the pupil has {tuple(samples)} "
             f"{'pixels' if len(samples) == 2 else 'points'}"
         )
-    require_finite(name, torch.view_as_real(value) if value.is_complex() else value)
+    require_finite(name, value)

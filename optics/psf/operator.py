@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,6 +39,9 @@ from optics.pupil import (
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
 
+_LEAST = 1e-12
+"""Amplitudes whose squares single precision holds, with room for a dim window."""
+
 METHODS = ("axial", "scattered", "sampled")
 """For a lens; behind a panel the methods are those of the Fourier transform."""
 
@@ -56,7 +60,9 @@ class PSFOperator:
     pixels, or the density of light at their centres times their area. unmodulated: share
     of unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
     arithmetic. method: one of METHODS for a lens, a transform's name for a camera; the
-    cheapest that keeps tol if None. budget: memory allowed, and the machine's speed.
+    cheapest that keeps tol if None. phase_slope: radians per stop radius by which phases given
+    to a lens may turn; its nodes are chosen before. budget: memory allowed, and the machine's
+    speed.
 
     Call with phase (radians) and amplitude, both optional, (..., rows, columns) of the
     panel, or (..., points) of `points` for a lens; tensors or arrays. The answer is
@@ -80,6 +86,7 @@ class PSFOperator:
         unmodulated: float | None = None,
         tol: float = 1e-3,
         method: str | None = None,
+        phase_slope: float = 20.0,
         budget: Budget | None = None,
     ) -> None:
         self._camera = camera = optics if isinstance(optics, Camera) else None
@@ -97,8 +104,11 @@ class PSFOperator:
             raise ToleranceError(
                 f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
             )
-        question = Question(lens, distance, wavelength, samples, tol - rest, budget or Budget())
-        self._differentiable = question.differentiable
+        margin = self._integral.margin if self._integral else 0
+        question = Question(
+            lens, distance, wavelength, samples, tol - rest, budget or Budget(), margin, phase_slope
+        )
+        self._question, self._differentiable = question, question.differentiable
         self._kept: torch.Tensor | None = None
         self._engine = _prepared(question, camera, method)
         self.account = self._accounted(question, tol, rest)
@@ -142,6 +152,8 @@ class PSFOperator:
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
+        if self._differentiable:
+            self._question.require_unchanged()
         light = self._light(phase, amplitude)
         if not self.unmodulated:
             return light
@@ -157,8 +169,24 @@ class PSFOperator:
         return self._kept
 
     def _light(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        peak = _peak(amplitude)
+        if amplitude is not None and peak != 1:
+            amplitude = amplitude / peak
         light = self._engine.intensity(phase, amplitude)
-        return self._integral(light) if self._integral else light
+        light = self._integral(light) if self._integral else light
+        if peak == 1:
+            return light
+        # Beyond what single precision holds, the answer is in double.
+        wide = light if _LEAST < peak < 1 / _LEAST else light.to(torch.float64)
+        return wide * peak**2
+
+
+def _peak(amplitude: torch.Tensor | None) -> float:
+    """The largest amplitude there is; 1 where there is none, or it is no number."""
+    if amplitude is None or not amplitude.numel():
+        return 1.0
+    peak = float(amplitude.detach().abs().max())
+    return peak if 0 < peak < math.inf else 1.0
 
 
 def _unmodulated(camera: Camera | None, share: float | None) -> float:

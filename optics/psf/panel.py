@@ -31,7 +31,7 @@ from optics.fourier.gridded import FINEST_GRIDDING
 from optics.pixels import CurvedPixelTransform
 from optics.plane import Lattice
 from optics.psf.engine import Engine
-from optics.psf.question import Question
+from optics.psf.question import Question, recorded
 from optics.pupil import (
     defocus_curvature,
     numeric_lens,
@@ -50,7 +50,7 @@ TRANSFORMS = (
 )
 """The methods behind a panel; not all of them serve every question."""
 
-_STEEPEST_WAVE = 200.0
+_STEEPEST_WAVE = 600.0
 """Radians across a panel pixel beyond which the blur is far larger than any sensor."""
 
 _TRANSFORM_SHARE = 0.02
@@ -59,7 +59,7 @@ _TRANSFORM_SHARE = 0.02
 _DIMMEST = 0.02
 """Share of the light in the window from which that of the transform's error is a small one."""
 
-_MOST_NODES = 24
+_MOST_NODES = 400
 
 
 class PanelEngine(Engine):
@@ -150,7 +150,7 @@ class PanelEngine(Engine):
                 "panel pixel; bring the object closer to the plane in focus"
             )
         allowed = max(0.2 * n.tol, FLOAT64_ARITHMETIC)
-        self._nodes = _nodes_for(0.5 * (self._steps + self._tilt()), allowed)
+        self._nodes = _nodes_for(0.5 * (self._steps + self._tilt()), allowed) + self._bend()
         self._pixels = "divided"
         divided = transforms(self._geometry(self._nodes), self._dtype, self._allowed)
         offered: list[Transform] = list(divided)
@@ -162,6 +162,12 @@ class PanelEngine(Engine):
                 CurvedPixelTransform(self._geometry(1), self._dtype, curvature, panel.active_side)
             )
         return allowed, offered
+
+    def _bend(self) -> int:
+        """Nodes for polynomials that aren't straight lines over a coarse pixel."""
+        n = self._question.numeric
+        degree = max((n for n, _, _ in n.lens.aberrations), default=0)
+        return math.ceil(degree * min(1.0, 10 * self._camera.panel.pitch / n.radius))
 
     @property
     def bytes(self) -> int:
@@ -205,7 +211,7 @@ class PanelEngine(Engine):
 
     def _divided_wave(self, amplitude: torch.Tensor) -> torch.Tensor:
         q, k = self._question, self._nodes
-        radius = q.numeric.radius
+        radius = q.radius
         y, x = self._transform.positions()
         phase = wave_phase(q.lens, q.distance, q.wavelength, y / radius, x / radius)
         weight = torch.from_numpy(np.polynomial.legendre.leggauss(k)[1] / 2)
@@ -236,10 +242,8 @@ class PanelEngine(Engine):
         if factor is not None:
             wave = wave.to(factor.device) * _divided(factor.to(self._dtype), self._nodes)
         moved = q.derivatives(q.numeric.radius, q.numeric.scale)
-        stretch = moved.stretch
-        if stretch is not None:
-            # A panel doesn't grow with the stop.
-            stretch = q.numeric.scale / q.scale
+        # A panel doesn't grow with the stop.
+        stretch = q.numeric.scale / q.scale if recorded(q.scale) else None
         field = self._transform(wave, stretch, moved.shift)
         light = (field.real**2 + field.imag**2) * self._strength()
         light = light * self._on(self._envelope(), light)
@@ -264,7 +268,10 @@ class PanelEngine(Engine):
                 return False
         else:
             total = 1.0
-        least = float(light.detach().sum(dim=(-2, -1)).min())
+        if not light.numel():
+            return False
+        rows, columns = self._question.inner
+        least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
         return 0 < least < _DIMMEST * total * self._window_share()
 
     def _window_share(self) -> float:
@@ -272,7 +279,7 @@ class PanelEngine(Engine):
         all of it evenly."""
         n, pitch = self._question.numeric, self._camera.panel.pitch
         period = n.scale / pitch
-        (rows, columns), (py, px) = n.samples.shape, n.samples.pitch
+        (rows, columns), (py, px) = (k - 2 * n.margin for k in n.samples.shape), n.samples.pitch
         return min(rows * py / period, 1.0) * min(columns * px / period, 1.0)
 
     def _precisely(self) -> PanelEngine:
@@ -300,4 +307,7 @@ def _nodes_for(half_turn: float, error: float) -> int:
         log -= math.log(2 * k + 1) + 3 * math.lgamma(2 * k + 1)
         if log < math.log(error):
             return k
-    return _MOST_NODES
+    raise ToleranceError(
+        f"the wave turns by {2 * half_turn:.2g} rad across a panel pixel, more than can be "
+        "integrated there; bring the object closer to the plane in focus"
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -22,7 +22,9 @@ class Question:
 
     lens, distance, wavelength: SI; numbers, or 0-d tensors in which the answer shall be
     differentiable. samples: the plane; its centre may hold tensors. tol: relative L2 error
-    of the intensity on the samples.
+    of the intensity on the samples. margin: samples at each side that only help to integrate
+    those inside. phase_slope: radians per stop radius by which phases that are added to a
+    lens' wave may turn.
     """
 
     lens: Lens
@@ -31,6 +33,8 @@ class Question:
     samples: Plane
     tol: float
     budget: Budget
+    margin: int = 0
+    phase_slope: float = 0.0
 
     def __post_init__(self) -> None:
         require_light(as_number(self.distance), as_number(self.wavelength))
@@ -46,7 +50,15 @@ class Question:
             Plane(self.samples.shape, self.samples.pitch, centre),
             self.tol,
             self.budget,
+            self.margin,
+            self.phase_slope,
         )
+
+    @property
+    def inner(self) -> tuple[slice, slice]:
+        """Rows and columns of the samples that aren't margin."""
+        rows, columns = self.samples.shape
+        return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
 
     @property
     def scale(self) -> Scalar:
@@ -69,7 +81,7 @@ class Question:
         """Of the wave in the stop and of the kernel towards the farthest sample."""
         n = self.numeric
         tilt = 2 * math.pi * n.radius * self.farthest / n.scale
-        return steepness(n.lens, n.distance, n.wavelength, tilt)
+        return steepness(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
 
     def derivatives(self, reference_radius: float, reference_scale: float) -> Derivatives:
         """How the pupil stretches and the image shifts with what is differentiable."""
@@ -79,6 +91,18 @@ class Question:
         if any(recorded(c) for c in centre):
             shift = tuple(torch.as_tensor(c, dtype=torch.float64) - as_number(c) for c in centre)
         return Derivatives(stretch if recorded(stretch) else None, shift)  # type: ignore[arg-type]
+
+    def require_unchanged(self) -> None:
+        """Raise ValueError if a tensor has got another value since the plan was made."""
+        now = replace(self)
+        before, after = self.numeric, now.numeric
+        for name in ("lens", "distance", "wavelength", "samples"):
+            was, is_ = getattr(before, name), getattr(after, name)
+            if was != is_:
+                raise ValueError(
+                    f"{name} has changed since this PSF was planned, from {was} to {is_}; plan "
+                    "another PSFOperator for it"
+                )
 
     @property
     def differentiable(self) -> bool:

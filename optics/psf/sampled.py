@@ -115,6 +115,7 @@ class SampledEngine(Engine):
         q = self._question
         wave = self._wave()
         factor = self.modulation(phase, amplitude, wave.shape[-2:])
+        self.require_slope(phase)
         if factor is not None:
             wave = wave.to(factor.device) * factor.to(self._dtype)
         n = q.numeric

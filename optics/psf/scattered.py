@@ -124,6 +124,7 @@ class ScatteredEngine(Engine):
         blocks = self._blocks_held
         if blocks is not None:
             factor = self.modulation(phase, amplitude, (self._count,))
+            self.require_slope(phase)
             field = blocks[0].field(factor)
         else:
             self._require_plain(phase, amplitude)

@@ -60,7 +60,10 @@ class Probe:
         """The samples, their weights, and the truth: drawn by the first light that is shown."""
         if self._samples is None:
             count = int(min(_MOST, max(_FEWEST, _TERMS // self._count)))
-            where, weight = _drawn(light, count)
+            rows, columns = self._question.inner
+            number = np.arange(light.size).reshape(light.shape)[rows, columns].ravel()
+            drawn, weight = _drawn(light[rows, columns], count)
+            where = number[drawn]
             self._samples = (where, weight, self._light(where))
         return self._samples
 

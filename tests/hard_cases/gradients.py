@@ -362,11 +362,9 @@ CASES: list[Case] = [
              lambda w: shown(1.9, wavelength=w), WAVELENGTH, 0.1 * WAVELENGTH),
     in_panel("a panel's focal length", "pixels stay where they are when the stop grows",
              lambda f: shown(1.2, large(focal_length=f, f_number=5.0)), 0.125, 0.005,
-             tols=(DOUBLE,),
-             bug="panel_phase() scales the pixels' positions with the stop's radius"),
+             tols=(DOUBLE,)),
     in_panel("a panel's f-number", "the panel is the aperture: nothing changes",
-             lambda n: shown(1.2, large(f_number=n)), 5.0, 0.5,
-             bug="TypeError in backward: stretch is a float where only the radius is a tensor"),
+             lambda n: shown(1.2, large(f_number=n)), 5.0, 0.5),
     in_panel("a panel's focus distance", "the wave, and the image distance a little",
              lambda d: shown(1.2, large(focus_distance=d)), 2.0, 0.3),
     in_panel("a panel's lens' aberration", "nodes inside the pixels",
@@ -387,9 +385,7 @@ CASES: list[Case] = [
     *(
         Holds(f"an optimiser moves the {what}", "a plan was made for the old number",
               f"{low:g} to {high:g} m, in place", moved_in_place(view, low, high),
-              "the new number's own plan, or a refusal", tols=(1e-6,),
-              bug="operators keep scale, nodes and places of the numbers that they were planned "
-              "for, and answer with a mixture, silently")
+              "the new number's own plan, or a refusal", tols=(1e-6,))
         for what, view, low, high in (
             ("wavelength", lambda w: View(LENS, FEW, 1.9, w), 550e-9, 600e-9),
             ("window", lambda x: View(LENS, Plane((4, 5), (3e-6, 3e-6), (0.0, x)), 1.9), 0.0, 4e-6),

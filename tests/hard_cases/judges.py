@@ -449,7 +449,9 @@ def _panel_light(view: View, modulation: NDArray[np.complex128]) -> Array:
     assert isinstance(view.optics, Camera)
     panel, scale = view.optics.panel, _scale(view)
     side = math.sqrt(panel.fill_factor) * panel.pitch
-    reach = min(math.hypot(*panel.shape) * panel.pitch, float(view.lens.stop_diameter)) / 2
+    # A pixel that the stop cuts reaches beyond it.
+    reach = float(view.lens.stop_diameter) / 2 + math.sqrt(2) * panel.pitch
+    reach = min(math.hypot(*panel.shape) * panel.pitch / 2, reach)
     inner, weight = gauss(_count(side, _steepest(view, reach)) - 32)
     y, x = ((positions(n, panel.pitch)[:, None] + inner * side / 2).ravel() for n in panel.shape)
     wy, wx = (np.tile(weight * side / 2, n) for n in panel.shape)

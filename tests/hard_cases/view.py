@@ -25,9 +25,9 @@ Plate = Callable[[Any, Any], Any]
 class View:
     """A point's light behind a lens or a camera, asked of the library and of a judge alike.
 
-    optics, pixels, distance, wavelength, integrate, method: as in PSFOperator. phase: of the
-    panel's pixels, or a Plate before a lens. amplitude: of the panel's pixels. Tensors where
-    derivatives are wanted.
+    optics, pixels, distance, wavelength, integrate, method, phase_slope: as in PSFOperator.
+    phase: of the panel's pixels, or a Plate before a lens. amplitude: of the panel's pixels.
+    Tensors where derivatives are wanted.
     """
 
     optics: Camera | Lens
@@ -36,6 +36,7 @@ class View:
     wavelength: Any = WAVELENGTH
     integrate: bool = True
     method: str | None = None
+    phase_slope: float = 20.0
     phase: NDArray[Any] | torch.Tensor | Plate | None = None
     amplitude: NDArray[Any] | torch.Tensor | None = None
 
@@ -51,6 +52,7 @@ class View:
             self.pixels,
             integrate=self.integrate,
             method=self.method,
+            phase_slope=self.phase_slope,
             tol=tol,
         )
 

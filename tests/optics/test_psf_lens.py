@@ -115,11 +115,13 @@ def test_a_phase_on_the_nodes_is_an_aberration():
     aberrated = replace(LENS, aberrations=((4, 0, strength),))
     settings = {"integrate": False, "tol": 1e-8, "method": "scattered"}
     truth = PSFOperator(aberrated, 4.0, WAVELENGTH, PIXELS, **settings)()
-    plain = PSFOperator(LENS, 4.0, WAVELENGTH, PIXELS, **settings)
+    plain = PSFOperator(LENS, 4.0, WAVELENGTH, PIXELS, **settings, phase_slope=30.0)
     y, x = plain.points
     r2 = (y**2 + x**2) / (LENS.stop_diameter / 2) ** 2
     path = strength * math.sqrt(5) * (6 * r2**2 - 6 * r2 + 1)
     value = plain(2 * math.pi / WAVELENGTH * path)
+    with pytest.raises(ValueError, match=r"turns by 51.\d radians .* with phase_slope=51"):
+        plain(4 * math.pi / WAVELENGTH * path)
     assert relative(value.numpy(), truth.numpy()) <= 2e-8
 
 

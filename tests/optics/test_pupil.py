@@ -54,10 +54,13 @@ def test_defocus_is_exactly_zero_in_focus(small_camera):
 
 
 def test_the_phase_step_is_the_steepest_inside_the_stop(small_camera):
-    """2 pi r V / wavelength x pitch at the panel's corner or the stop's edge."""
+    """2 pi r V / wavelength x pitch at the panel's corner, or at that of a pixel at the stop's
+    edge."""
     vergence = abs(1 / 1.5 - 1 / 2.0)
     corner = math.hypot(12, 16) * 40e-6
     expected = 2 * math.pi / 500e-9 * vergence * corner * 40e-6
     assert phase_step(small_camera, 1.5, 500e-9) == pytest.approx(expected)
     stopped = replace(small_camera, lens=replace(small_camera.lens, f_number=0.125 / 0.5e-3))
-    assert phase_step(stopped, 1.5, 500e-9) == pytest.approx(expected * 0.25e-3 / corner)
+    assert phase_step(stopped, 1.5, 500e-9) == pytest.approx(
+        expected * (0.25e-3 + math.sqrt(2) * 40e-6) / corner
+    )
