@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
+from optics.edge import rounded_up
+
 T = TypeVar("T")
 
 FLOAT32_ARITHMETIC = 2e-6
@@ -63,6 +65,16 @@ class Result(Generic[T]):
 
 class ToleranceError(ValueError):
     """Nothing at hand keeps the promise; the message names the floor and the remedy."""
+
+
+def unkeepable(tol: float, floor: float) -> ToleranceError:
+    """The refusal of a tolerance below a floor, with the one that would do."""
+    if not floor < 1:
+        return ToleranceError(
+            f"tol {tol:g} can't be kept: hardly any light reaches the window; ask for a larger "
+            "one, or one that is nearer to the light"
+        )
+    return ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,6 @@ Scalar = Any
 _SLOPE_TO_SPARE = 1.1
 """Slopes are sampled, and might be steeper in between."""
 
-_CLOSED = 1e-9
-"""Open shares below this are rounding errors."""
-
 _TURN_A_DEGREE = 20.0
 """Radians per stop radius for each degree of an aberration beyond the fourth."""
 
@@ -195,7 +192,7 @@ def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
         for n in panel.shape
     )
     phase = wave_phase(camera.lens, distance, wavelength, y[:, None], x[None, :])
-    is_open = pupil_amplitude(camera) > _CLOSED
+    is_open = pupil_amplitude(camera) > 0
     down, along = phase.diff(dim=0).abs(), phase.diff(dim=1).abs()
     down = torch.maximum(down[:, 1:], down[:, :-1])[is_open]
     along = torch.maximum(along[1:], along[:-1])[is_open]

@@ -24,6 +24,7 @@ from optics.camera import Camera, Lens, Panel
 from optics.coverage import coverage
 from optics.plane import Plane
 from optics.psf import METHODS, TRANSFORMS, PSFOperator
+from optics.pupil import pupil_amplitude
 from optics.threads import single_threaded
 
 Array = NDArray[np.float64]
@@ -96,7 +97,8 @@ def problems(seed: int = _SEED) -> Iterator[Problem]:
         integrate, tol = bool(rng.random() < 0.4), _log(rng, 1e-8, 1e-1)
         if rng.random() < 0.25:
             camera, phase = _behind_panel(rng, lens)
-            yield Problem(camera, distance, wavelength, pixels, integrate, tol, phase)
+            if pupil_amplitude(camera).any():
+                yield Problem(camera, distance, wavelength, pixels, integrate, tol, phase)
         else:
             yield Problem(lens, distance, wavelength, pixels, integrate, tol)
 

@@ -10,8 +10,7 @@ import numpy as np
 import scipy.special
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
-from optics.edge import rounded_up
+from optics.accuracy import ErrorEstimate, MachineSpeed, unkeepable
 from optics.psf.engine import Engine, double_arithmetic
 from optics.psf.question import Question
 from optics.psf.rim import rim_field, rim_nodes
@@ -83,8 +82,7 @@ class AxialEngine(Engine):
             self.sampling = f"{self._r.numel()} radii in the stop, {sensor.size} on the sensor"
         self.error = self._probed(radius)
         if not self.error.value + self.arithmetic <= q.tol:
-            floor = rounded_up(1.2 * self.error.value + self.arithmetic)
-            raise ToleranceError(f"tol {q.tol:g} can't be kept; ask for tol {floor} or more")
+            raise unkeepable(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Along one ray; a phase there is one around the axis."""

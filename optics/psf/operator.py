@@ -17,9 +17,10 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    unkeepable,
 )
 from optics.camera import Camera, Lens
-from optics.edge import as_number, rounded_up, tensors_inside
+from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
 from optics.psf.engine import Engine
@@ -101,9 +102,7 @@ class PSFOperator:
         rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
         floor = rest + 20 * FLOAT64_ARITHMETIC
         if not floor <= tol:
-            raise ToleranceError(
-                f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more"
-            )
+            raise unkeepable(tol, floor)
         margin = self._integral.margin if self._integral else 0
         question = Question(
             lens, distance, wavelength, samples, tol - rest, budget or Budget(), margin, phase_slope

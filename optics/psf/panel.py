@@ -15,9 +15,9 @@ from optics.accuracy import (
     MachineSpeed,
     ToleranceError,
     cheapest,
+    unkeepable,
 )
 from optics.camera import Camera
-from optics.edge import rounded_up
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
@@ -180,12 +180,12 @@ class PanelEngine(Engine):
     def prepare(self) -> None:
         n = self._question.numeric
         if not self.error.value + self.arithmetic <= n.tol:
-            floor = rounded_up(self.error.value + self.arithmetic)
-            raise ToleranceError(f"tol {n.tol:g} can't be kept; ask for tol {floor} or more")
+            raise unkeepable(n.tol, self.error.value + self.arithmetic)
         amplitude = pupil_amplitude(self._camera)
         if float(amplitude.sum()) == 0:
             raise ValueError(
-                f"f_number {self._camera.lens.f_number:g} closes the stop: no light passes"
+                "the stop or what obscures it covers the whole panel: no light passes; open it "
+                f"(f_number is {self._camera.lens.f_number:g}), or give a larger panel"
             )
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -10,10 +10,9 @@ from optics.accuracy import (
     FLOAT32_ARITHMETIC,
     FLOAT64_ARITHMETIC,
     MachineSpeed,
-    ToleranceError,
+    unkeepable,
 )
 from optics.coverage import coverage
-from optics.edge import rounded_up
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
 from optics.psf.engine import Engine
@@ -92,8 +91,7 @@ class SampledEngine(Engine):
             self._plan()
             if self.bytes > q.budget.memory:
                 break
-        floor = rounded_up(1.5 * self.error.value + self.arithmetic)
-        raise ToleranceError(f"tol {q.tol:g} can't be kept; ask for tol {floor} or more")
+        raise unkeepable(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._plane.mesh()

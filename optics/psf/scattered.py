@@ -7,8 +7,7 @@ from functools import cached_property
 
 import torch
 
-from optics.accuracy import MachineSpeed, ToleranceError
-from optics.edge import rounded_up
+from optics.accuracy import MachineSpeed, ToleranceError, unkeepable
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
     NonuniformTransform,
@@ -91,8 +90,7 @@ class ScatteredEngine(Engine):
             if self._error <= FINEST_NUFFT:
                 break
             self._error = max(self._error * min(0.1, wanted / self.error.value), FINEST_NUFFT)
-        floor = rounded_up(1.5 * self.error.value + self.arithmetic)
-        raise ToleranceError(f"tol {q.tol:g} can't be kept; ask for tol {floor} or more")
+        raise unkeepable(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def _blocks_made(self) -> Iterator[_Block]:
         q = self._question.numeric
