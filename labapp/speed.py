@@ -51,7 +51,7 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
     if kept is not None:
         return kept
     speed = fitted(timed(jobs(), progress or Progress()))
-    _keep(speed)
+    keep(speed)
     return speed
 
 
@@ -84,8 +84,8 @@ def _read() -> MachineSpeed | None:
         return None
 
 
-def _keep(speed: MachineSpeed) -> None:
-    """Where the folder can't be written, the speed is measured anew the next time."""
+def keep(speed: MachineSpeed) -> None:
+    """Write the speed to its file; where it can't be written, it is measured anew next time."""
     text = json.dumps({"circumstances": _circumstances(), "seconds": asdict(speed)}, indent=2)
     try:
         kept_in().parent.mkdir(parents=True, exist_ok=True)

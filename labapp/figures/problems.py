@@ -29,7 +29,7 @@ from optics.threads import single_threaded
 
 Array = NDArray[np.float64]
 
-_PROBLEMS = 160
+_PROBLEMS = 120
 _SEED = 20240607
 _JUDGED_TERMS = 6e7
 """Nodes times samples that the judge may sum for one problem."""

@@ -13,6 +13,8 @@ import pytest
 from labapp.analysis import Analysis
 from labapp.bench import BenchFiles
 from labapp.demo import first_light
+from labapp.speed import keep
+from optics.accuracy import MachineSpeed
 
 BENCH = """
 version = 1
@@ -109,6 +111,15 @@ class SmallFiles:
 
     def arguments(self) -> list[str]:
         return ["--bench", str(self.bench), "--scene", str(self.scene)]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kept_speed(tmp_path_factory):
+    """A machine of the usual speed: nothing is measured, and nobody's cache is written."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        keep(MachineSpeed())
+        yield
 
 
 @pytest.fixture

@@ -158,5 +158,8 @@ def test_ctrl_c_leaves_a_readable_record_marked_cancelled(small, tmp_path, numbe
 
 
 def _some_stored(path) -> bool:
-    with Record(path) as record:
-        return bool(record.column("stored").any())
+    try:
+        with Record(path) as record:
+            return bool(record.column("stored").any())
+    except (OSError, KeyError):
+        return False  # looked at between two of the writer's first writes

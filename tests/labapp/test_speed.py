@@ -1,0 +1,86 @@
+"""The machine's speed: fitted to what was measured, kept, and measured anew when it must be."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields, replace
+
+import pytest
+
+import labapp.speed
+from labapp.speed import Job, fitted, jobs, kept_in, machine_speed
+from optics.accuracy import MachineSpeed
+
+KNOWN = MachineSpeed(call=2e-4, multiply_add=5e-11, fft=1e-10, double=2.5)
+
+
+@pytest.fixture
+def cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_prices_are_fitted_to_the_times():
+    """Jobs of known prices: the fit predicts jobs that it hasn't seen."""
+
+    def job(products: float, transforms: float, double: bool) -> Job:
+        def price(speed: MachineSpeed) -> float:
+            seconds = products * speed.multiply_add + transforms * speed.fft
+            return speed.call + seconds * (speed.double if double else 1.0)
+
+        return Job("job", price, lambda: None)
+
+    sizes = [(1e8, 0), (5e8, 1e6), (0, 1e8), (1e6, 4e8), (2e8, 2e8)]
+    known = [job(*size, double) for size in sizes for double in (False, True)]
+    speed = fitted([(one, one.price(KNOWN)) for one in known])
+    unseen = job(3e8, 7e7, True)
+    assert unseen.price(speed) == pytest.approx(unseen.price(KNOWN), rel=0.02)
+
+
+def test_a_speed_is_measured_once_and_kept(cache, monkeypatch):
+    asked = []
+
+    def measured(chosen, progress):
+        asked.append(len(chosen))
+        return [(job, 1e-3) for job in chosen]
+
+    monkeypatch.setattr(labapp.speed, "timed", measured)
+    first, second = machine_speed(), machine_speed()
+    assert first == second
+    assert len(asked) == 1
+    assert kept_in().is_relative_to(cache)
+
+
+@pytest.mark.parametrize("spoil", ["text", "numpy", "speed"])
+def test_a_kept_speed_that_does_not_fit_is_measured_anew(cache, monkeypatch, spoil):
+    monkeypatch.setattr(labapp.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
+    machine_speed()
+    found = json.loads(kept_in().read_text())
+    if spoil == "text":
+        kept_in().write_text("not a speed")
+    elif spoil == "numpy":
+        found["circumstances"]["numpy"] = "0.1"
+        kept_in().write_text(json.dumps(found))
+    else:
+        del found["seconds"]["call"]
+        kept_in().write_text(json.dumps(found))
+    assert machine_speed() == MachineSpeed(**json.loads(kept_in().read_text())["seconds"])
+
+
+def test_a_folder_that_cannot_be_written_is_no_trouble(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(labapp.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
+    assert isinstance(machine_speed(), MachineSpeed)
+
+
+def test_every_speed_has_a_job_that_tells_it():
+    """A price that no job pays could be anything after the fit."""
+    nothing = replace(
+        MachineSpeed(), **(dict.fromkeys(asdict(MachineSpeed()), 0.0) | {"double": 1.0})
+    )
+    chosen = jobs()
+    for field in fields(MachineSpeed):
+        if field.name != "double":
+            one = replace(nothing, **{field.name: 1.0})
+            assert any(job.price(one) > 0 for job in chosen), field.name
