@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from labapp.errors import UserError
-from optics.aperture import Circle, Shape, Stop, rectangle, regular_polygon
 from optics.camera import Lens
 from optics.plane import Plane
+from optics.stop.aperture import Circle, Shape, Stop, rectangle, regular_polygon
 
 
 @dataclass(frozen=True)

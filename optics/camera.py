@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from optics.aperture import Circle, Stop
 from optics.edge import as_number, require_positive
 from optics.plane import Plane
+from optics.stop.aperture import Circle, Stop
 from optics.zernike import require_zernike
 
 _FULL_WELL_NOISE = 5.0

@@ -12,9 +12,9 @@ import torch
 
 from optics.accuracy import ErrorEstimate
 from optics.camera import Camera, Lens
-from optics.coverage import coverage
 from optics.edge import as_number
-from optics.quadrature import Steepness
+from optics.stop.coverage import coverage
+from optics.stop.quadrature import Steepness
 from optics.zernike import zernike
 
 Scalar = Any

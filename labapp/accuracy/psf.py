@@ -14,12 +14,12 @@ from labapp.asked import Case
 from labapp.figures.quadrature import Picture, round_lens_picture
 from labapp.figures.slices import lens_picture
 from optics.accuracy import Budget
-from optics.coverage import coverage
 from optics.fourier import Geometry, plan_transform, transforms
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.pupil import wave_phase
+from optics.stop.coverage import coverage
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 _GRIDS = (64, 128, 256, 512, 1024, 2048)

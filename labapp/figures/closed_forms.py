@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.special import j0, j1, jv
 
 from labapp.figures import Figure
-from optics.aperture import Stop, rectangle
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.psf import PSFOperator
+from optics.stop.aperture import Stop, rectangle
 from optics.transfer import lens_transfer
 
 Array = NDArray[np.float64]

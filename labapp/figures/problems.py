@@ -19,12 +19,12 @@ from labapp.figures import Figure
 from labapp.figures.slices import lens_density, phase_at, positions, terms
 from labapp.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
-from optics.aperture import Circle, Stop, rectangle, regular_polygon
 from optics.camera import Camera, Lens, Panel
-from optics.coverage import coverage
 from optics.plane import Plane
 from optics.psf import METHODS, TRANSFORMS, PSFOperator
 from optics.pupil import pupil_amplitude
+from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
+from optics.stop.coverage import coverage
 from optics.threads import single_threaded
 
 Array = NDArray[np.float64]

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
-from optics.aperture import Circle, Polygon, Shape, Stop
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.progress import Progress
+from optics.stop.aperture import Circle, Polygon, Shape, Stop
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]

@@ -17,7 +17,7 @@ from optics.psf.rim import rim_field, rim_nodes
 from optics.psf.scattered import lens_share
 from optics.psf.truth import MARGIN
 from optics.pupil import wave_phase
-from optics.quadrature import line_rule, nodes_in
+from optics.stop.quadrature import line_rule, nodes_in
 
 _OVERSAMPLING = 2.0
 """Of the field along the radius, over its Nyquist rate."""

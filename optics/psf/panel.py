@@ -28,9 +28,9 @@ from optics.fourier import (
     transforms,
 )
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.pixels import CurvedPixelTransform
 from optics.plane import Lattice
 from optics.psf.engine import Engine
+from optics.psf.pixels import CurvedPixelTransform
 from optics.psf.question import Question, recorded
 from optics.pupil import (
     defocus_curvature,

@@ -13,7 +13,7 @@ from optics.camera import Lens
 from optics.edge import as_number
 from optics.plane import Plane
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
-from optics.quadrature import Steepness
+from optics.stop.quadrature import Steepness
 
 
 @dataclass(frozen=True)

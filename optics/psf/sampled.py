@@ -12,7 +12,6 @@ from optics.accuracy import (
     MachineSpeed,
     unkeepable,
 )
-from optics.coverage import coverage
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
 from optics.psf.engine import Engine
@@ -20,6 +19,7 @@ from optics.psf.question import Question
 from optics.psf.scattered import lens_share
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
+from optics.stop.coverage import coverage
 
 _EDGE = 3e-3
 """The error of a grid with covered edges is about this times the radians, at the stop's edge

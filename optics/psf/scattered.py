@@ -18,7 +18,7 @@ from optics.psf.engine import Engine, double_arithmetic
 from optics.psf.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
-from optics.quadrature import Nodes, count_nodes, stop_blocks, stop_rule
+from optics.stop.quadrature import Nodes, count_nodes, stop_blocks, stop_rule
 
 _SHARE = 0.1
 """Of the tolerance that quadrature and transform may each use, in the field."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from optics.accuracy import ErrorEstimate
 from optics.psf.question import Question
 from optics.pupil import wave_phase
-from optics.quadrature import Nodes, Steepness, count_nodes, stop_blocks
+from optics.stop.quadrature import Nodes, Steepness, count_nodes, stop_blocks
 
 Array = NDArray[np.float64]
 

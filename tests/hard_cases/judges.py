@@ -23,9 +23,9 @@ from judges import positions
 from numpy.typing import NDArray
 
 from hard_cases.view import View
-from optics.aperture import Circle, Polygon, Stop
 from optics.camera import Camera, Lens
 from optics.plane import Plane
+from optics.stop.aperture import Circle, Polygon, Stop
 
 Array = NDArray[np.float64]
 Shape = Circle | Polygon

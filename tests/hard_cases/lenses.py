@@ -21,10 +21,10 @@ from hard_cases.judges import (
 from hard_cases.table import SINGLE, Case, Holds, Refused, Seen
 from hard_cases.view import WAVELENGTH, View
 from optics.accuracy import Budget
-from optics.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.psf import PSFOperator
+from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
 
 LENS = Lens(0.1, 5.6, 2.0)
 FINE = Plane((8, 9), (2e-6, 2e-6))

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from hard_cases.judges import covered, explicit_zernike, open_area
 from hard_cases.lenses import SPIDER
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused
-from optics.aperture import Circle, Polygon, Shape, Stop, rectangle, regular_polygon
 from optics.camera import Lens
-from optics.coverage import coverage
 from optics.plane import Plane
 from optics.pupil import defocus_path
-from optics.quadrature import Steepness, stop_rule
+from optics.stop.aperture import Circle, Polygon, Shape, Stop, rectangle, regular_polygon
+from optics.stop.coverage import coverage
+from optics.stop.quadrature import Steepness, stop_rule
 from optics.zernike import zernike
 
 BY_LINES = "Gauss-Legendre along the lines that the stop leaves open"

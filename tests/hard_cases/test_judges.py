@@ -25,8 +25,8 @@ from hard_cases.judges import (
 from hard_cases.lenses import HEXAGON, LENS, SQUARE, behind, defocused
 from hard_cases.panels import CAMERA, camera, stop_of
 from hard_cases.view import WAVELENGTH, View
-from optics.aperture import Circle, Stop, rectangle
 from optics.plane import Plane
+from optics.stop.aperture import Circle, Stop, rectangle
 
 PIXELS = Plane((4, 5), (3e-6, 4e-6), (1e-6, 2e-6))
 

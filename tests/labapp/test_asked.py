@@ -11,9 +11,9 @@ import pytest
 from labapp.asked import Case, read_aberrations, read_centre, read_stop, read_window
 from labapp.errors import UserError
 from labapp.figures.slices import lens_picture
-from optics.aperture import Circle, Stop, rectangle, regular_polygon
 from optics.camera import Lens
 from optics.plane import Plane
+from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 
 def test_stops_are_read_as_they_are_said():

@@ -12,10 +12,10 @@ import torch
 from judges import positions, relative
 
 from optics.accuracy import ToleranceError
-from optics.aperture import Circle, Stop
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.psf import PSFOperator
+from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 520e-9
 TOLERANCES = [1e-1, 1e-3, 1e-6, 1e-9]

@@ -12,13 +12,13 @@ from judges import relative
 
 from labapp.figures.slices import lens_picture
 from optics.accuracy import Budget, ToleranceError
-from optics.aperture import Circle, Stop, rectangle, regular_polygon
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator
 from optics.psf.question import Question
 from optics.psf.rim import rim_field
 from optics.psf.scattered import lens_share
+from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9
 LENS = Lens(focal_length=0.05, f_number=8.0, focus_distance=math.inf)

@@ -11,8 +11,8 @@ import scipy.special
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from optics.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
-from optics.quadrature import (
+from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
+from optics.stop.quadrature import (
     Nodes,
     Steepness,
     count_nodes,

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.aperture import Array, Stop
-from optics.arcs import break_radii, open_arcs
+from optics.stop.aperture import Array, Stop
+from optics.stop.arcs import break_radii, open_arcs
 
 _RADIANS_A_PANEL = 200.0
 """Longer lines are cut into panels: rules of thousands of nodes are slow to find."""

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.aperture import Array, Piece, Stop
 from optics.plane import Plane
+from optics.stop.aperture import Array, Piece, Stop
 
 _ROUNDING = 2e-14
 """Of an area that is walked around, in square stop radii."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from optics.aperture import (
+from optics.stop.aperture import (
     Arc,
     Circle,
     Polygon,

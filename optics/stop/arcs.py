@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from itertools import combinations, pairwise
 
-from optics.aperture import Circle, Point, Polygon, Shape, Stop
+from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 
 Interval = tuple[float, float]
 """Of angles in radians from x towards y, the first from 0 to below 2 pi."""
