@@ -229,6 +229,7 @@ def psf(
     before the lens. Values are shares of the light, one a pixel; a picture of five decades
     is written beside the data.
     """
+    _one_thread()
     from labapp.predicting import Asked, predict
 
     case = _case(

@@ -27,6 +27,7 @@ from optics.accuracy import Account, Budget, describe
 from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, require_grey
+from optics.threads import single_threaded
 
 _SUFFIXES = (".npy", ".tiff", ".png")
 
@@ -48,6 +49,7 @@ class Asked:
     bench: Path | None
 
 
+@single_threaded
 def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     """Compute a PSF, print its account, and write it; .npy and .tiff get a picture beside."""
     if path.suffix.lower() not in _SUFFIXES:

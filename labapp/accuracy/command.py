@@ -98,8 +98,10 @@ def _tell(worse: list[str], count: int, stored: Stored) -> None:
     )
 
 
-_SETTING = re.compile(r"\d+² (grid|pupil)|gray edge")
+_SIZE = re.compile(r"\d+² ")
 """What names a point of a curve, and not the curve."""
+
+_EVERYWHERE = ("pupil", "gray edge")
 
 
 def _print(case: Case, rows: list[Row]) -> None:
@@ -152,5 +154,6 @@ def _family(row: Row) -> str:
     """A method without its setting."""
     if row.tol is not None:
         return row.method
-    words = [word for word in row.method.split(", ") if not _SETTING.search(word)]
+    words = [_SIZE.sub("", word) for word in row.method.split(", ")]
+    words = [word for word in words if word not in _EVERYWHERE]
     return ", ".join([*words, row.precision])
