@@ -93,7 +93,7 @@ def _tell(worse: list[str], count: int, stored: Stored) -> None:
     if worse:
         raise SystemExit(1)
     out.print(
-        f"{count} points compared with {stored.where}: none became {SLOWER - 1:.0%} slower, "
+        f"{count} points compared with {stored.where}: none became {100 * SLOWER - 100:.0f} % slower, "
         f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
     )
 

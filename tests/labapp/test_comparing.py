@@ -68,6 +68,13 @@ def test_files_of_another_case_or_kind_are_refused(tmp_path):
         read_stored(str(tmp_path / "none.json"))
 
 
+def test_the_bundled_front_is_that_of_the_default_case():
+    bundled = read_stored("bundled")
+    cases = {key[1] for key in bundled.rows}
+    assert cases == {"100 mm f/5.6, 520 nm, object at 2 m, focus at infinity, 256² of 3.45 µm"}
+    assert {key[2] for key in bundled.rows} >= {"along the radius", "2048² grid, gridded FFT"}
+
+
 def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64,))
     front = tmp_path / "front.json"
