@@ -92,8 +92,9 @@ def _tell(worse: list[str], count: int, stored: Stored) -> None:
         out.print(f"worse than {stored.where}: {line}", markup=False)
     if worse:
         raise SystemExit(1)
+    percent = 100 * SLOWER - 100
     out.print(
-        f"{count} points compared with {stored.where}: none became {100 * SLOWER - 100:.0f} % slower, "
+        f"{count} points compared with {stored.where}: none became {percent:.0f} % slower, "
         f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
     )
 
