@@ -5,10 +5,12 @@ Commands import what they need when they run, so that help is instant.
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -161,19 +163,19 @@ LensKind = Annotated[
 
 
 def _case(
-    focal_length: float,
-    f_number: float,
-    focus: float,
-    distance: float,
-    wavelength_nm: float,
-    pitch_um: float,
-    size: int,
-    centre: str,
-    blades: int,
-    rectangle: str | None,
-    obscuration: float,
-    zernike: list[str] | None,
-    lens: str,
+    focal_length: FocalLength,
+    f_number: FNumber,
+    focus: Focus,
+    distance: Distance,
+    wavelength_nm: Wavelength,
+    pitch_um: Pitch,
+    size: Size,
+    centre: Centre = "0,0",
+    blades: Blades = 0,
+    rectangle: Rectangle = None,
+    obscuration: Obscuration = 0.0,
+    zernike: Zernike = None,
+    lens: LensKind = "thin",
 ) -> Any:
     """The options of a lens and a window, read."""
     from labapp.asked import Case, read_aberrations, read_stop, read_window
@@ -182,29 +184,60 @@ def _case(
     stop = read_stop(blades, obscuration, rectangle)
     kind: Any = lens
     described = Lens(focal_length, f_number, focus, stop, read_aberrations(zernike or []), kind)
-    return Case(
-        described, distance, wavelength_nm * 1e-9, read_window(size, pitch_um * 1e-6, centre)
-    )
+    window = read_window(size, pitch_um * 1e-6, centre)
+    return Case(described, distance, wavelength_nm * 1e-9, window)
+
+
+def _takes_case(**defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Let a command take the options of _case(), and get what they say as its `case`.
+
+    defaults: of the options, where _case() has none.
+    """
+
+    def options(function: Callable[..., Any], **changes: Any) -> list[inspect.Parameter]:
+        hints = get_type_hints(function, include_extras=True)
+        found = inspect.signature(function).parameters.values()
+        return [
+            one.replace(
+                annotation=hints[one.name],
+                default=changes.get(one.name, one.default),
+                kind=inspect.Parameter.KEYWORD_ONLY,
+            )
+            for one in found
+            if one.name != "case"
+        ]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        of_case, own = options(_case, **defaults), options(command)
+
+        def run(**given: Any) -> None:
+            case = _case(**{one.name: given.pop(one.name) for one in of_case})
+            command(case=case, **given)
+
+        # typer reads both.
+        run.__signature__ = inspect.Signature([*of_case, *own])  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in [*of_case, *own]}
+        run.__name__, run.__doc__ = command.__name__, command.__doc__
+        return run
+
+    return decorate
 
 
 @app.command()
+@_takes_case(
+    focal_length=0.125,
+    f_number=5.0,
+    focus=2.0,
+    distance=2.0,
+    wavelength_nm=550.0,
+    pitch_um=3.45,
+    size=256,
+)
 def psf(
+    case: Any,
     out: Annotated[
         Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
     ],
-    focal_length: FocalLength = 0.125,
-    f_number: FNumber = 5.0,
-    focus: Focus = 2.0,
-    distance: Distance = 2.0,
-    wavelength_nm: Wavelength = 550.0,
-    pitch_um: Pitch = 3.45,
-    size: Size = 256,
-    centre: Centre = "0,0",
-    blades: Blades = 0,
-    rectangle: Rectangle = None,
-    obscuration: Obscuration = 0.0,
-    zernike: Zernike = None,
-    lens: LensKind = "thin",
     tol: Annotated[
         float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
     ] = 1e-3,
@@ -232,21 +265,6 @@ def psf(
     _one_thread()
     from labapp.predicting import Asked, predict
 
-    case = _case(
-        focal_length,
-        f_number,
-        focus,
-        distance,
-        wavelength_nm,
-        pitch_um,
-        size,
-        centre,
-        blades,
-        rectangle,
-        obscuration,
-        zernike,
-        lens,
-    )
     asked = Asked(case, tol, points, method, memory_mb * 1_000_000, pattern, bench)
     predict(asked, out, force=force, as_json=json)
 
@@ -268,20 +286,17 @@ def _one_thread() -> None:
 
 
 @accuracy.command("psf")
+@_takes_case(
+    focal_length=0.1,
+    f_number=5.6,
+    focus=float("inf"),
+    distance=2.0,
+    wavelength_nm=520.0,
+    pitch_um=3.45,
+    size=256,
+)
 def accuracy_psf_(
-    focal_length: FocalLength = 0.1,
-    f_number: FNumber = 5.6,
-    focus: Focus = float("inf"),
-    distance: Distance = 2.0,
-    wavelength_nm: Wavelength = 520.0,
-    pitch_um: Pitch = 3.45,
-    size: Size = 256,
-    centre: Centre = "0,0",
-    blades: Blades = 0,
-    rectangle: Rectangle = None,
-    obscuration: Obscuration = 0.0,
-    zernike: Zernike = None,
-    lens: LensKind = "thin",
+    case: Any,
     peers: Annotated[
         bool,
         typer.Option("--peers", help="Also prysm, poppy, hcipy and torchoptics, where installed."),
@@ -310,21 +325,6 @@ def accuracy_psf_(
     """
     from labapp.accuracy.command import accuracy_psf
 
-    case = _case(
-        focal_length,
-        f_number,
-        focus,
-        distance,
-        wavelength_nm,
-        pitch_um,
-        size,
-        centre,
-        blades,
-        rectangle,
-        obscuration,
-        zernike,
-        lens,
-    )
     accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
 
 
