@@ -1,9 +1,9 @@
 """The open area of a stop: circles and polygons, less what stands in their way.
 
 Lengths are in units of the stop's radius, which is that of the circle around it. Every
-open area is described by its boundary alone, and everything that is asked of it (its area,
-its share of each cell of a grid, the nodes of an integral over it) follows from the boundary
-by Green's theorem, so that nothing is drawn or approximated on the way.
+open area is described by its boundary alone, and its area and its share of each cell of a
+grid follow from the boundary by Green's theorem, so that nothing is drawn or approximated on
+the way.
 """
 
 from __future__ import annotations
@@ -112,10 +112,6 @@ class Segment:
         (y0, x0), (y1, x1) = self.start, self.end
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
-    @property
-    def length(self) -> float:
-        return math.dist(self.start, self.end)
-
     def crossings(self, axis: int, level: Array) -> Array:
         """Parameters t at which the coordinate of an axis takes any of the levels."""
         low, high = self.start[axis], self.end[axis]
@@ -143,14 +139,6 @@ class Arc:
         angle, turn = self.first + t * (self.last - self.first), self.last - self.first
         return self.radius * turn * np.cos(angle), -self.radius * turn * np.sin(angle)
 
-    @property
-    def length(self) -> float:
-        return self.radius * abs(self.last - self.first)
-
-    @property
-    def whole(self) -> bool:
-        return abs(self.last - self.first) >= 2 * math.pi - _NOTHING
-
     def crossings(self, axis: int, level: Array) -> Array:
         share = (level - self.centre[axis]) / self.radius
         share = share[np.abs(share) < 1]
@@ -169,10 +157,9 @@ Piece = Segment | Arc
 
 @dataclass(frozen=True)
 class Loop:
-    """A closed boundary around an area that counts `sign` times, seen from `centre`."""
+    """A closed boundary around an area that counts `sign` times."""
 
     pieces: tuple[Piece, ...]
-    centre: Point
     sign: int = 1
 
     @property
@@ -311,10 +298,8 @@ def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
 
 def _boundary(shape: Shape, sign: int) -> Loop:
     if isinstance(shape, Circle):
-        return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),), shape.centre, sign)
-    middle = np.mean(shape.corners, axis=0)
-    centre = (float(middle[0]), float(middle[1]))
-    return Loop(tuple(Segment(a, b) for a, b in shape.edges), centre, sign)
+        return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),), sign)
+    return Loop(tuple(Segment(a, b) for a, b in shape.edges), sign)
 
 
 def _within(inner: Shape, outer: Shape) -> bool:
@@ -368,7 +353,7 @@ def _two_circles(a: Circle, b: Circle, sign: int) -> Loop | None:
             (distance**2 + one.radius**2 - other.radius**2) / (2 * distance * one.radius)
         )
         arcs.append(Arc(one.centre, one.radius, towards - reach, towards + reach))
-    return Loop(tuple(arcs), a.centre, sign)
+    return Loop(tuple(arcs), sign)
 
 
 def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
@@ -389,7 +374,7 @@ def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | N
                 pieces.append(Segment(p, q))  # type: ignore[arg-type]
             else:
                 pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]
-    loop = Loop(tuple(pieces), circle.centre, sign)
+    loop = Loop(tuple(pieces), sign)
     return loop if abs(loop.area) > _NOTHING else None
 
 
