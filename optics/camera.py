@@ -179,14 +179,9 @@ class Sensor:
     def plane(self) -> Plane:
         return Plane(self.shape, (self.pitch, self.pitch))
 
-    def window(
-        self, shape: tuple[int, int], *, finer: int = 1, centre: tuple[float, float] = (0.0, 0.0)
-    ) -> Plane:
-        """Some of the sensor's pixels, (rows, columns) around a centre (y, x) in metres; or
-        samples `finer` times closer than pixels."""
-        if finer < 1:
-            raise ValueError(f"finer is {finer}; it must be at least 1")
-        return Plane(shape, (self.pitch / finer, self.pitch / finer), centre)
+    def window(self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)) -> Plane:
+        """Some of the sensor's pixels, (rows, columns) around a centre (y, x) in metres."""
+        return Plane(shape, (self.pitch, self.pitch), centre)
 
     @property
     def full_scale(self) -> int:

@@ -103,7 +103,7 @@ class Neighbours:
     """
 
     def __init__(self, y: torch.Tensor, x: torch.Tensor) -> None:
-        shape = torch.broadcast_shapes(y.shape, x.shape)  # type: ignore[no-untyped-call]
+        shape = (y + x).shape
         self._points = math.prod(shape)
         places = torch.stack([p.expand(shape).ravel() for p in (y, x)], dim=1).numpy()
         rng = np.random.default_rng(0)
