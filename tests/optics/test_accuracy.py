@@ -49,6 +49,8 @@ def test_an_account_adds_sampling_and_arithmetic_and_keeps_the_model_apart():
     assert account.error == pytest.approx(1.02e-4)
     data = describe(account.spent(0.125))
     assert data["error_predicted"] == pytest.approx(1.02e-4)
+    assert (data["error_sampling"], data["error_sampling_how"]) == (1e-4, "bound")
+    assert (data["error_arithmetic"], data["error_arithmetic_how"]) == (2e-6, "measured")
     assert data["error_model"] == 0.5
     assert (data["cpu_predicted_s"], data["cpu_s"]) == (0.25, 0.125)
     assert account.cpu_spent is None
