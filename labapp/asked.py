@@ -34,7 +34,7 @@ class Case:
         """Whether it is a clear, thin lens, and a square window of square pixels on its axis."""
         (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
         square = rows == columns and py == px and not any(self.pixels.centre)
-        return self.lens.clear and self.lens.kind == "thin" and not self.lens.aberrations and square
+        return self.lens.clear and self.lens.quadratic and square
 
     @property
     def name(self) -> str:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from labapp.asked import Case
 from labapp.bench import BenchFiles
-from labapp.console import out, print_json, table
+from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_grey, read_toml
 from labapp.files.writing import require_writable, write_whole
 from labapp.speed import machine_speed
-from optics.accuracy import Account, Budget, describe
+from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, require_grey
@@ -57,8 +57,10 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     picture = path.with_suffix(".png")
     for one in dict.fromkeys((path, picture)):
         require_writable(one, force=force)
+    with watched() as progress:
+        speed = machine_speed(progress)
     started = time.process_time()
-    operator, call = _plan(asked)
+    operator, call = _plan(asked, speed)
     psf = call()
     planned = time.process_time() - started
     # The first call also loads and allocates; every further one costs this.
@@ -82,7 +84,7 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     out.print("\n".join(f"wrote {one}" for one in dict.fromkeys((path, picture))))
 
 
-def _plan(asked: Asked) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
+def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
     """The operator for the question, planned, and the call that answers it."""
     case = asked.case
     plan = partial(
@@ -93,7 +95,7 @@ def _plan(asked: Asked) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
         integrate=not asked.points,
         tol=asked.tol,
         method=asked.method,
-        budget=Budget(asked.memory, machine_speed()),
+        budget=Budget(asked.memory, speed),
     )
     if asked.pattern is None:
         alone = plan(case.lens)

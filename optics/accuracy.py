@@ -82,12 +82,11 @@ class MachineSpeed:
     """Seconds per operation on the machine at hand, one thread, float32.
 
     call: of any function called, whatever its size. multiply_add: in a product of matrices.
-    fft: a floating-point operation of one. touch: a complex number passed once; fresh: a
-    byte taken beyond what caches and allocators keep. gridding: a
-    sample spread to one point of a regular grid, row by row; spread: a scattered one, and
-    point: what it costs besides. stream: a matrix' element used once. gather: a value fetched
-    from a place of its own. tap: a fine sample's part in a whole pixel. double: how
-    much longer double precision takes.
+    fft: a floating-point operation of one. touch: a complex number passed once; fresh: a byte
+    taken beyond what caches and allocators keep. gridding: a sample spread to one point of a
+    regular grid, row by row; spread: a scattered one, and point: what it costs besides.
+    stream: a matrix' element used once. gather: a value fetched from a place of its own. tap:
+    a fine sample's part in a whole pixel. double: how much longer double precision takes.
 
     The defaults come from a 2-core server; who knows better passes its own.
     """

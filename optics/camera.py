@@ -130,6 +130,11 @@ class Lens:
         return 0.5 * self.stop_diameter / self.image_distance
 
     @property
+    def quadratic(self) -> bool:
+        """Whether its wave is the parabola of defocus, and nothing else."""
+        return self.kind == "thin" and not self.aberrations
+
+    @property
     def clear(self) -> bool:
         """Whether the stop is a whole circle."""
         return self.stop == Stop(Circle())

@@ -66,13 +66,16 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
     )
 
 
-def cutoff_frequency(camera: Camera, wavelength: float) -> float:
+def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
     """The finest fringe of the light on the sensor, in cycles per metre.
 
     A pixel that the stop cuts is as wide as the others, and reaches beyond it.
     """
-    lens, pitch = camera.lens, camera.panel.pitch
-    width = min(lens.stop_diameter + 2 * pitch, max(camera.panel.shape) * pitch)
+    lens = optics if isinstance(optics, Lens) else optics.lens
+    width = lens.stop_diameter
+    if isinstance(optics, Camera):
+        pitch = optics.panel.pitch
+        width = min(width + 2 * pitch, max(optics.panel.shape) * pitch)
     return width / (wavelength * lens.image_distance)
 
 

@@ -105,7 +105,7 @@ def lens_transfer(
     require_light(distance, wavelength)
     _require_tolerance(tol)
     fy, fx = _broadcast(fy=fy, fx=fx)
-    if lens != Lens(lens.focal_length, lens.f_number, lens.focus_distance):
+    if not (lens.clear and lens.quadratic):
         raise ValueError(
             f"lens is {lens}; the overlap is that of a thin lens with a clear round stop: give "
             "aberrations as phase, or take the transfer_function() of its PSF"

@@ -51,8 +51,9 @@ def accuracy_psf(
             require_writable(path, force=force)
     stored = read_stored(compare) if compare else None
     with watched() as progress:
-        truth = exact(case, progress.part(0.0, 0.2))
-        found = list(candidates(case, Budget(speed=machine_speed())))
+        speed = machine_speed(progress.part(0.0, 0.1))
+        truth = exact(case, progress.part(0.1, 0.2))
+        found = list(candidates(case, Budget(speed=speed)))
         if peers:
             found += peer_candidates(case)
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))

@@ -78,16 +78,20 @@ def _sinc() -> float:
     return max(alone, behind)
 
 
+def clear_stop(v: Array) -> Array:
+    """Transfer of a round stop in focus, at shares v of the cut-off frequency (Goodman 6.3)."""
+    v = np.clip(np.abs(v), 0, 1)
+    return np.asarray(2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v**2)))
+
+
 def _transfer() -> float:
-    """Of a clear, round stop in focus (Goodman 6.3)."""
     v = np.linspace(0.01, 0.99, 50)
-    truth = 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v))
+    truth = clear_stop(v)
     value = lens_transfer(_LENS, 2.0, _WAVELENGTH, np.zeros(50), v * _CUTOFF, tol=_TOL)
     return float(np.abs(np.asarray(value) - truth).max())
 
 
 def _hopkins() -> float:
-    """Out of focus, as a series of Bessel functions (Hopkins 1955)."""
     v = np.array([1e-3, 0.03, 0.2, 0.5, 0.77, 0.99])
     worst = 0.0
     for waves in (0.3, 2.0, 20.0):
@@ -95,12 +99,16 @@ def _hopkins() -> float:
         value = lens_transfer(
             _LENS, 1 / (0.5 + vergence), _WAVELENGTH, 0 * v, v * _CUTOFF, tol=_TOL
         )
-        truth = [_hopkins_series(one, waves) for one in v]
+        truth = [hopkins_series(one, waves) for one in v]
         worst = max(worst, float(np.abs(np.asarray(value) - truth).max()))
     return worst
 
 
-def _hopkins_series(v: float, waves: float) -> float:
+def hopkins_series(v: float, waves: float) -> float:
+    """A round stop out of focus, as Bessel functions (Hopkins, Proc. R. Soc. A 231, 91, 1955).
+
+    v: share of the cut-off frequency. waves: of defocus at the stop's edge.
+    """
     a, beta = 8 * np.pi * waves * v, np.arccos(v)
     m = np.arange(int(a) + 60)
     n = m[1:]

@@ -11,10 +11,9 @@ import scipy.special
 import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, unkeepable
-from optics.psf.engine import Engine, double_arithmetic
+from optics.psf.engine import Engine, Lit, double_arithmetic
 from optics.psf.question import Question
 from optics.psf.rim import rim_field, rim_nodes
-from optics.psf.scattered import lens_share
 from optics.psf.truth import MARGIN
 from optics.pupil import wave_phase
 from optics.stop.quadrature import line_rule, nodes_in
@@ -26,7 +25,7 @@ _PROBES = 64
 _CHUNK = 1 << 23
 
 
-class AxialEngine(Engine):
+class AxialEngine(Lit, Engine):
     """A Hankel transform, and a windowed sinc from its radii to the radius of every sample.
 
     Around the axis the two-dimensional integral (thesis Eq. 2.13) is
@@ -48,7 +47,6 @@ class AxialEngine(Engine):
         self._size = _Size.of(q)
         self._along_rim = not question.differentiable and _prefers_rim(q, self._size)
         self.name = "rim integral" if self._along_rim else "Hankel transform"
-        self._kept: torch.Tensor | None = None
 
     @staticmethod
     def serves(question: Question) -> bool:
@@ -91,15 +89,10 @@ class AxialEngine(Engine):
             return empty, empty
         return torch.zeros_like(self._r), self._r * self._question.numeric.radius
 
-    def _wave(self) -> torch.Tensor:
-        if self._kept is not None:
-            return self._kept
+    def _made_wave(self) -> torch.Tensor:
         q = self._question
         phase = wave_phase(q.lens, q.distance, q.wavelength, torch.zeros_like(self._r), self._r)
-        wave = torch.polar(torch.ones_like(phase), phase)
-        if not q.differentiable:
-            self._kept = wave
-        return wave
+        return torch.polar(torch.ones_like(phase), phase)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         if self._along_rim:
@@ -115,7 +108,7 @@ class AxialEngine(Engine):
             self.require_slope(phase)
             wave = wave if factor is None else wave.to(factor.device) * factor
             parts = self._summed(wave)
-        return self._on_radii(parts)[..., self._place] * lens_share(self._question)
+        return self._on_radii(parts)[..., self._place] * self._question.share
 
     def _summed(self, wave: torch.Tensor) -> torch.Tensor:
         """(..., sums, 2) from (..., radii)."""
@@ -233,7 +226,7 @@ class _Size:
 
 def _prefers_rim(q: Question, size: _Size) -> bool:
     """Where the rim has far fewer nodes than the stop has along its radius."""
-    if q.lens.kind != "thin" or q.lens.aberrations:
+    if not q.lens.quadratic:
         return False
     return size.nodes * size.sums > _CHUNK and size.nodes > 2 * rim_nodes(q, q.tol)
 

@@ -71,9 +71,8 @@ class Engine(ABC):
                 raise ValueError(
                     f"phase is {phase.dtype}; it is real, in radians; amplitude may absorb"
                 )
-            angle = phase.to(torch.float64)
-            # Reduced to half a turn, so that a phase of 1e5 waves keeps its fraction.
-            angle = angle - (2 * math.pi) * torch.round(angle.detach() / (2 * math.pi))
+            # A phase of 1e5 waves keeps its fraction.
+            angle = within_a_turn(phase.to(torch.float64))
             factor = torch.polar(torch.ones_like(angle), angle)
         if amplitude is not None:
             _require_samples("amplitude", amplitude, samples)
@@ -96,6 +95,30 @@ class Engine(ABC):
             )
 
 
+class Lit(ABC):
+    """What has a point's light in a pupil: made at the first call and kept, unless somebody
+    asks for derivatives, which would be lost with the tensors that they came from."""
+
+    _question: Question
+    _kept: torch.Tensor | None = None
+
+    @abstractmethod
+    def _made_wave(self) -> torch.Tensor:
+        """The stop and the wave in it."""
+
+    def _wave(self) -> torch.Tensor:
+        if self._question.differentiable:
+            return self._made_wave()
+        if self._kept is None:
+            self._kept = self._made_wave()
+        return self._kept
+
+
+def within_a_turn(angle: torch.Tensor) -> torch.Tensor:
+    """Radians from -pi to pi, with their derivative."""
+    return angle - 2 * math.pi * torch.round(angle.detach() / (2 * math.pi))
+
+
 class Neighbours:
     """Pairs of points that lie close together, to tell how steep a phase is.
 
@@ -116,8 +139,7 @@ class Neighbours:
     def slope(self, phase: torch.Tensor) -> float:
         """The steepest that is seen, radians per stop radius, of phases (..., points)."""
         flat = phase.cpu().to(torch.float64).reshape(-1, self._points)
-        turn = flat[:, self._near] - flat[:, self._some, None]
-        turn = turn - 2 * math.pi * torch.round(turn / (2 * math.pi))
+        turn = within_a_turn(flat[:, self._near] - flat[:, self._some, None])
         far = self._away > 0
         return float((turn.abs() / self._away)[:, far].max()) if far.any() else 0.0
 

@@ -96,7 +96,7 @@ class PSFOperator:
         require_light(as_number(distance), as_number(wavelength))
         _require_method(method, camera)
         self.pixels = pixels
-        cutoff = _cutoff(camera, numeric_lens(lens), as_number(wavelength))
+        cutoff = cutoff_frequency(_numeric(optics), as_number(wavelength))
         self._integral = PixelIntegration(pixels, cutoff, budget) if integrate else None
         samples = self._integral.plane if self._integral else pixels
         rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
@@ -107,7 +107,7 @@ class PSFOperator:
         question = Question(
             lens, distance, wavelength, samples, tol - rest, budget or Budget(), margin, phase_slope
         )
-        self._question, self._differentiable = question, question.differentiable
+        self._question = question
         self._kept: torch.Tensor | None = None
         self._engine = _prepared(question, camera, method)
         self.account = self._accounted(question, tol, rest)
@@ -151,17 +151,17 @@ class PSFOperator:
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
-        if self._differentiable:
+        if self._question.differentiable:
             self._question.require_unchanged()
         light = self._light(phase, amplitude)
-        if not self.unmodulated:
+        if not self.unmodulated or phase is None:
             return light
         straight = self._straight(amplitude).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * straight
 
     def _straight(self, amplitude: torch.Tensor | None) -> torch.Tensor:
         """What the panel doesn't modulate is the same for every phase: it is kept."""
-        if amplitude is not None or self._differentiable:
+        if amplitude is not None or self._question.differentiable:
             return self._light(None, amplitude)
         if self._kept is None:
             self._kept = self._light(None, None)
@@ -204,11 +204,11 @@ def _require_method(method: str | None, camera: Camera | None) -> None:
         raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
 
 
-def _cutoff(camera: Camera | None, lens: Lens, wavelength: float) -> float:
-    """The finest fringe of the light, in cycles per metre."""
-    if camera is not None:
-        return cutoff_frequency(replace(camera, lens=lens), wavelength)
-    return lens.stop_diameter / (wavelength * lens.image_distance)
+def _numeric(optics: Camera | Lens) -> Camera | Lens:
+    """The same with a lens of plain numbers."""
+    if isinstance(optics, Camera):
+        return replace(optics, lens=numeric_lens(optics.lens))
+    return numeric_lens(optics)
 
 
 def _offers(

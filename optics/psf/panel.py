@@ -29,7 +29,7 @@ from optics.fourier import (
 )
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.plane import Lattice
-from optics.psf.engine import Engine
+from optics.psf.engine import Engine, Lit, within_a_turn
 from optics.psf.pixels import CurvedPixelTransform
 from optics.psf.question import Question, recorded
 from optics.pupil import (
@@ -62,7 +62,7 @@ _DIMMEST = 0.02
 _MOST_NODES = 400
 
 
-class PanelEngine(Engine):
+class PanelEngine(Lit, Engine):
     """Every panel pixel is a square of one modulation, and the lens' wave lies over it.
 
     Where the wave hardly turns across a pixel it is taken as constant there (flat pixels):
@@ -112,7 +112,6 @@ class PanelEngine(Engine):
         rows, columns = camera.panel.shape
         divided = f", {self._nodes}² nodes in each" if self._nodes > 1 else ""
         self.sampling = f"{columns}x{rows} panel pixels{divided}"
-        self._kept: torch.Tensor | None = None
         self._twin: PanelEngine | None = None
 
     def _geometry(self, nodes: int) -> Geometry:
@@ -154,9 +153,8 @@ class PanelEngine(Engine):
         self._pixels = "divided"
         divided = transforms(self._geometry(self._nodes), self._dtype, self._allowed)
         offered: list[Transform] = list(divided)
-        plain = n.lens.kind == "thin" and not n.lens.aberrations
         # Its matrices hold the wave, and give no derivatives of it.
-        if plain and not self._question.differentiable:
+        if n.lens.quadratic and not self._question.differentiable:
             curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
             offered.append(
                 CurvedPixelTransform(self._geometry(1), self._dtype, curvature, panel.active_side)
@@ -166,7 +164,7 @@ class PanelEngine(Engine):
     def _bend(self) -> int:
         """Nodes for polynomials that aren't straight lines over a coarse pixel."""
         n = self._question.numeric
-        degree = max((n for n, _, _ in n.lens.aberrations), default=0)
+        degree = max((degree for degree, _, _ in n.lens.aberrations), default=0)
         return math.ceil(degree * min(1.0, 10 * self._camera.panel.pitch / n.radius))
 
     @property
@@ -191,23 +189,18 @@ class PanelEngine(Engine):
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
 
-    def _wave(self) -> torch.Tensor:
-        """The stop and the lens' wave on pixels or nodes; kept unless derivatives are wanted."""
-        if self._kept is not None:
-            return self._kept
+    def _made_wave(self) -> torch.Tensor:
+        """The stop and the lens' wave on pixels or nodes."""
         q = self._question
         amplitude = pupil_amplitude(self._camera)
         if self._pixels == "curved":
             wave = amplitude.to(torch.complex128)
         elif self._pixels == "flat":
             phase = panel_phase(replace(self._camera, lens=q.lens), q.distance, q.wavelength)
-            wave = torch.polar(amplitude, _reduced(phase))
+            wave = torch.polar(amplitude, within_a_turn(phase))
         else:
             wave = self._divided_wave(amplitude)
-        wave = wave.to(self._dtype)
-        if not q.differentiable:
-            self._kept = wave
-        return wave
+        return wave.to(self._dtype)
 
     def _divided_wave(self, amplitude: torch.Tensor) -> torch.Tensor:
         q, k = self._question, self._nodes
@@ -217,7 +210,7 @@ class PanelEngine(Engine):
         weight = torch.from_numpy(np.polynomial.legendre.leggauss(k)[1] / 2)
         rows, columns = self._camera.panel.shape
         shares = weight.tile(rows)[:, None] * weight.tile(columns)
-        return torch.polar(_divided(amplitude, k) * shares, _reduced(phase))
+        return torch.polar(_divided(amplitude, k) * shares, within_a_turn(phase))
 
     def _strength(self) -> torch.Tensor | float:
         """What turns |sum over the pixels|² into shares of the light a sample."""
@@ -241,7 +234,7 @@ class PanelEngine(Engine):
         factor = self.modulation(phase, amplitude, self._camera.panel.shape)
         if factor is not None:
             wave = wave.to(factor.device) * _divided(factor.to(self._dtype), self._nodes)
-        moved = q.derivatives(q.numeric.radius, q.numeric.scale)
+        moved = q.derivatives
         # A panel doesn't grow with the stop.
         stretch = q.numeric.scale / q.scale if recorded(q.scale) else None
         field = self._transform(wave, stretch, moved.shift)
@@ -286,11 +279,6 @@ class PanelEngine(Engine):
         if self._twin is None:
             self._twin = PanelEngine(self._question, self._camera, precise=True)
         return self._twin
-
-
-def _reduced(phase: torch.Tensor) -> torch.Tensor:
-    """Within a turn, with its derivative."""
-    return phase - 2 * math.pi * torch.round(phase.detach() / (2 * math.pi))
 
 
 def _divided(values: torch.Tensor, nodes: int) -> torch.Tensor:

@@ -43,15 +43,12 @@ class Question:
     def numeric(self) -> Question:
         """The same in plain numbers."""
         centre = (as_number(self.samples.centre[0]), as_number(self.samples.centre[1]))
-        return Question(
-            numeric_lens(self.lens),
-            as_number(self.distance),
-            as_number(self.wavelength),
-            Plane(self.samples.shape, self.samples.pitch, centre),
-            self.tol,
-            self.budget,
-            self.margin,
-            self.phase_slope,
+        return replace(
+            self,
+            lens=numeric_lens(self.lens),
+            distance=as_number(self.distance),
+            wavelength=as_number(self.wavelength),
+            samples=replace(self.samples, centre=centre),
         )
 
     @property
@@ -70,6 +67,12 @@ class Question:
         """Of the stop, metres."""
         return self.lens.stop_diameter / 2
 
+    @property
+    def share(self) -> Scalar:
+        """What turns |integral over the stop in stop radii|² into shares of the light a sample."""
+        area = self.samples.pitch[0] * self.samples.pitch[1]
+        return area * self.radius**2 / (self.scale**2 * self.lens.stop.area)
+
     @cached_property
     def farthest(self) -> float:
         """Metres from the axis to the farthest sample."""
@@ -83,9 +86,11 @@ class Question:
         tilt = 2 * math.pi * n.radius * self.farthest / n.scale
         return steepness(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
 
-    def derivatives(self, reference_radius: float, reference_scale: float) -> Derivatives:
+    @property
+    def derivatives(self) -> Derivatives:
         """How the pupil stretches and the image shifts with what is differentiable."""
-        stretch = (self.radius / reference_radius) * (reference_scale / self.scale)
+        n = self.numeric
+        stretch = (self.radius / n.radius) * (n.scale / self.scale)
         centre = self.samples.centre
         shift = None
         if any(recorded(c) for c in centre):

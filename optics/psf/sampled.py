@@ -14,9 +14,8 @@ from optics.accuracy import (
 )
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
-from optics.psf.engine import Engine
+from optics.psf.engine import Engine, Lit, within_a_turn
 from optics.psf.question import Question
-from optics.psf.scattered import lens_share
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
 from optics.stop.coverage import coverage
@@ -34,7 +33,7 @@ _GROWTH = 1.5
 _TRIES = 4
 
 
-class SampledEngine(Engine):
+class SampledEngine(Lit, Engine):
     """The stop's covered area and the wave on a grid, and the cheapest transform of it.
 
     What most programs do. The grid's error falls with the square of its pitch, whatever the
@@ -53,7 +52,6 @@ class SampledEngine(Engine):
         lit = outwards + min(outwards + math.pi, q.steepness.tilt)
         needed = max(2 * lit * math.sqrt(_EDGE / q.tol), 2 * whole / _STEEPEST)
         self._size = max(_FEWEST, math.ceil(needed))
-        self._kept: torch.Tensor | None = None
         self._plan()
 
     def _plan(self) -> None:
@@ -96,18 +94,12 @@ class SampledEngine(Engine):
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._plane.mesh()
 
-    def _wave(self) -> torch.Tensor:
-        if self._kept is not None:
-            return self._kept
+    def _made_wave(self) -> torch.Tensor:
         q, radius = self._question, self._question.numeric.radius
         y, x = self._plane.mesh()
         phase = wave_phase(q.lens, q.distance, q.wavelength, y / radius, x / radius)
         cell = (self._plane.pitch[0] / radius) ** 2
-        turn = phase.detach().remainder(2 * math.pi) + (phase - phase.detach())
-        wave = torch.polar(self._amplitude * cell, turn).to(self._dtype)
-        if not q.differentiable:
-            self._kept = wave
-        return wave
+        return torch.polar(self._amplitude * cell, within_a_turn(phase)).to(self._dtype)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         q = self._question
@@ -116,7 +108,6 @@ class SampledEngine(Engine):
         self.require_slope(phase)
         if factor is not None:
             wave = wave.to(factor.device) * factor.to(self._dtype)
-        n = q.numeric
-        moved = q.derivatives(n.radius, n.scale)
+        moved = q.derivatives
         field = self._transform(wave, moved.stretch, moved.shift)
-        return (field.real**2 + field.imag**2) * lens_share(q)
+        return (field.real**2 + field.imag**2) * q.share

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 
 import torch
 
@@ -14,7 +13,7 @@ from optics.fourier.nonuniform import (
     nonuniform_bytes,
     nonuniform_seconds,
 )
-from optics.psf.engine import Engine, double_arithmetic
+from optics.psf.engine import Engine, Lit, double_arithmetic
 from optics.psf.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
@@ -56,17 +55,15 @@ class ScatteredEngine(Engine):
         self._window = nonuniform_bytes(0, q.samples)
         allowed = (q.budget.memory - self._window) // _BYTES_A_NODE
         self._most = max(allowed, _LEAST_BLOCK)
+        # Derivatives need all nodes at once.
+        self._held = self._count <= self._most or question.differentiable
+        self._whole: _Block | None = None
         if self._count > _MOST_NODES:
             raise ToleranceError(
                 f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
                 f"{self._count:.1e} nodes in the stop; bring the object closer to the plane in "
                 "focus, or ask for a smaller window"
             )
-
-    @property
-    def _held(self) -> bool:
-        """Whether all nodes are kept; derivatives need all of them at once."""
-        return self._count <= self._most or self._question.differentiable
 
     @property
     def bytes(self) -> int:
@@ -79,8 +76,13 @@ class ScatteredEngine(Engine):
 
     def prepare(self) -> None:
         q = self._question.numeric
+        nodes = stop_rule(q.lens.stop, q.steepness, _SHARE * q.tol) if self._held else None
+        if nodes is not None:
+            self._count = nodes.count
+        self.sampling = f"{self._count} nodes in the stop"
         for _ in range(_TRIES):
-            self._blocks_held = list(self._blocks_made()) if self._held else None
+            if nodes is not None:
+                self._whole = _Block(nodes, self._question, self._error)
             with torch.no_grad():
                 self.error = self._probe.measure(self.intensity(None, None))
             wanted = q.tol - self.arithmetic
@@ -92,42 +94,27 @@ class ScatteredEngine(Engine):
             self._error = max(self._error * min(0.1, wanted / self.error.value), FINEST_NUFFT)
         raise unkeepable(q.tol, 1.5 * self.error.value + self.arithmetic)
 
-    def _blocks_made(self) -> Iterator[_Block]:
+    def _blocks(self) -> Iterator[_Block]:
+        """Where all nodes don't fit the memory: some of them after the others."""
         q = self._question.numeric
-        if self._held:
-            yield _Block(self._nodes, self._question, self._error)
-            return
-        rule = stop_blocks(q.lens.stop, q.steepness, _SHARE * q.tol, self._most)
-        for nodes in rule:
+        for nodes in stop_blocks(q.lens.stop, q.steepness, _SHARE * q.tol, self._most):
             yield _Block(nodes, self._question, self._error)
 
-    @cached_property
-    def _nodes(self) -> Nodes:
-        q = self._question.numeric
-        nodes = stop_rule(q.lens.stop, q.steepness, _SHARE * q.tol)
-        self._count = nodes.count
-        return nodes
-
-    @property
-    def sampling(self) -> str:  # type: ignore[override]
-        return f"{self._count} nodes in the stop"
-
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        if self._blocks_held is None:
+        if self._whole is None:
             empty = torch.zeros(0, dtype=torch.float64)
             return empty, empty
-        return self._blocks_held[0].transform.positions()
+        return self._whole.transform.positions()
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        blocks = self._blocks_held
-        if blocks is not None:
+        if self._whole is not None:
             factor = self.modulation(phase, amplitude, (self._count,))
             self.require_slope(phase)
-            field = blocks[0].field(factor)
+            field = self._whole.field(factor)
         else:
             self._require_plain(phase, amplitude)
-            field = sum((block.field(None) for block in self._blocks_made()), torch.zeros(()))
-        return (field.real**2 + field.imag**2) * lens_share(self._question)
+            field = sum((block.field(None) for block in self._blocks()), torch.zeros(()))
+        return (field.real**2 + field.imag**2) * self._question.share
 
     def _require_plain(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> None:
         if phase is not None or amplitude is not None:
@@ -137,13 +124,12 @@ class ScatteredEngine(Engine):
             )
 
 
-class _Block:
+class _Block(Lit):
     """Some nodes, the light of a point on them, and the transform to the samples."""
 
     def __init__(self, nodes: Nodes, question: Question, error: float) -> None:
         q = question.numeric
         self._nodes, self._question = nodes, question
-        self._kept: torch.Tensor | None = None
         self.transform = NonuniformTransform(
             nodes.y * q.radius, nodes.x * q.radius, q.samples, q.scale, error
         )
@@ -153,23 +139,11 @@ class _Block:
         q, wave = self._question, self._wave()
         if factor is not None:
             wave = wave.to(factor.device) * factor
-        moved = q.derivatives(q.numeric.radius, q.numeric.scale)
+        moved = q.derivatives
         return self.transform(wave, moved.stretch, moved.shift)
 
-    def _wave(self) -> torch.Tensor:
-        """Weights and phases; kept unless somebody asks for derivatives."""
-        if self._kept is not None:
-            return self._kept
+    def _made_wave(self) -> torch.Tensor:
+        """Weights and phases."""
         q, nodes = self._question, self._nodes
         phase = wave_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
-        wave = torch.polar(torch.ones_like(phase), phase) * nodes.weight
-        if not q.differentiable:
-            self._kept = wave
-        return wave
-
-
-def lens_share(question: Question) -> torch.Tensor | float:
-    """What turns |integral over the stop in stop radii|² into shares of the light a sample."""
-    q = question
-    area = q.samples.pitch[0] * q.samples.pitch[1]
-    return area * q.radius**2 / (q.scale**2 * q.lens.stop.area)
+        return torch.polar(torch.ones_like(phase), phase) * nodes.weight

@@ -108,9 +108,7 @@ class Probe:
                 part = slice(start, start + step)
                 angle = phase[part] - factor * (np.outer(y, ny[part]) + np.outer(x, nx[part]))
                 field += np.exp(1j * angle) @ weight[part]
-        area = q.lens.stop.area
-        share = q.radius**2 * q.samples.pitch[0] * q.samples.pitch[1] / (q.scale**2 * area)
-        return np.asarray(share * np.abs(field) ** 2)
+        return np.asarray(q.share * np.abs(field) ** 2)
 
 
 def _drawn(light: Array, count: int) -> tuple[NDArray[np.int64], Array]:

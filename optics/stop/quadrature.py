@@ -154,6 +154,8 @@ def stop_blocks(stop: Stop, steepness: Steepness, tol: float, most: int) -> Iter
 def _parts(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
     if stop.rings is not None:
         return _rings(*stop.rings, steepness, tol)
+    if stop.sides is None:
+        return _arcs(stop, steepness, tol)
     # Rows and columns follow a rectangle's edges; far out of focus, arcs follow the wave.
     if _rows_count(stop, steepness, tol) <= _arcs_count(stop, steepness, tol):
         return _rows(stop, steepness, tol)

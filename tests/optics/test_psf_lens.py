@@ -17,7 +17,6 @@ from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator
 from optics.psf.question import Question
 from optics.psf.rim import rim_field
-from optics.psf.scattered import lens_share
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9
@@ -71,7 +70,7 @@ def test_the_rim_sees_the_same_light_as_the_whole_stop(name, distance):
     question = Question(lens, distance, WAVELENGTH, pixels, 1e-9, Budget())
     x = pixels.coordinates(1).numpy()
     field = rim_field(question, np.abs(x))
-    light = np.abs(field) ** 2 * lens_share(question)
+    light = np.abs(field) ** 2 * question.share
     assert relative(light[None], lens_picture(lens, distance, WAVELENGTH, pixels)) <= 1e-9
 
 

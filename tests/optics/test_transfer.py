@@ -11,6 +11,7 @@ import torch
 from judges import direct_transform, positions, relative
 from scipy.integrate import dblquad, quad
 
+from labapp.figures.closed_forms import clear_stop, hopkins_series
 from optics.accuracy import ToleranceError
 from optics.camera import Lens
 from optics.formation import frequencies
@@ -45,26 +46,6 @@ def lens_at(v, *, waves=0.0, angle=0.0, **options):
     f = torch.as_tensor(v, dtype=torch.float64) * CUTOFF
     fy, fx = f * math.sin(angle), f * math.cos(angle)
     return lens_transfer(LENS, distance_for(waves), WAVELENGTH, fy, fx, **options)
-
-
-def clear_stop(v: np.ndarray) -> np.ndarray:
-    """A round stop in focus (Goodman 6.3)."""
-    v = np.clip(np.abs(v), 0, 1)
-    return 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v**2))
-
-
-def hopkins(v: float, waves: float) -> float:
-    """A round stop out of focus, as Bessel functions (Hopkins, Proc. R. Soc. A 231, 91, 1955)."""
-    a, beta, j = 8 * np.pi * waves * v, np.arccos(v), scipy.special.jv
-    m = np.arange(int(a) + 60)
-    n = m[1:]
-    even = beta * j(1, a) - np.sum(
-        (-1.0) ** n * np.sin(2 * n * beta) / (2 * n) * (j(2 * n - 1, a) - j(2 * n + 1, a))
-    )
-    odd = np.sum(
-        (-1.0) ** m * np.sin((2 * m + 1) * beta) / (2 * m + 1) * (j(2 * m, a) - j(2 * m + 2, a))
-    )
-    return 4 / (np.pi * a) * (np.cos(a * v) * even - np.sin(a * v) * odd)
 
 
 def hopkins_integral(v: float, waves: float) -> float:
@@ -230,7 +211,7 @@ def test_a_lens_is_one_at_zero_and_exactly_zero_from_the_cut_off_on(phase):
 @pytest.mark.parametrize("waves", [0.05, 0.64, 3.3, 38.0, -3.3])
 def test_a_lens_out_of_focus_is_hopkins_series(waves, tol):
     v = np.array([1e-3, 0.03, 0.2, 0.5, 0.77, 0.99])
-    truth = [hopkins(share, abs(waves)) for share in v]
+    truth = [hopkins_series(share, abs(waves)) for share in v]
     assert np.abs(lens_at(v, waves=waves, angle=0.9, tol=tol).numpy() - truth).max() <= tol
 
 
@@ -238,12 +219,12 @@ def test_a_lens_out_of_focus_is_hopkins_series(waves, tol):
 def test_series_and_adaptive_quadrature_agree(waves):
     """The judges among themselves."""
     for v in (0.03, 0.5, 0.99):
-        assert hopkins(v, waves) == pytest.approx(hopkins_integral(v, waves), abs=1e-10)
+        assert hopkins_series(v, waves) == pytest.approx(hopkins_integral(v, waves), abs=1e-10)
 
 
 def test_thousands_of_waves_are_no_trouble():
     v = np.array([1e-4, 0.01, 0.3, 0.9])
-    truth = [hopkins(share, 2000.0) for share in v]
+    truth = [hopkins_series(share, 2000.0) for share in v]
     assert np.abs(lens_at(v, waves=2000.0, tol=1e-9).numpy() - truth).max() <= 1e-9
 
 
@@ -251,7 +232,7 @@ def test_thousands_of_waves_are_no_trouble():
 def test_defocus_may_be_given_as_a_phase(waves):
     """Over both dimensions of the overlap, in place of Hopkins' integral."""
     v = np.array([0.0, 1e-3, 0.2, 0.5, 0.77, 0.99])
-    truth = [hopkins(share, waves) if share * waves else clear_stop(share) for share in v]
+    truth = [hopkins_series(share, waves) if share * waves else clear_stop(share) for share in v]
     value = lens_at(v, angle=2.0, phase=defocus(waves), tol=1e-9)
     assert np.abs(value.numpy() - truth).max() <= 1e-9
     undone = lens_at(v, waves=waves, angle=2.0, phase=defocus(-waves), tol=1e-9)
@@ -306,7 +287,7 @@ def test_random_tolerances_are_kept(seed):
         phase=lambda y, x: defocus(total * (1 - share))(y, x) + 2 * math.pi / SCALE * y * d,
     ).numpy()  # fmt: skip
     shift = np.exp(-2j * np.pi * CUTOFF * v * np.sin(angle) * d)
-    assert np.abs(value - shift * [hopkins(share, total) for share in v]).max() <= tol
+    assert np.abs(value - shift * [hopkins_series(share, total) for share in v]).max() <= tol
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
@@ -355,7 +336,7 @@ def test_a_phase_may_be_a_number_or_a_numpy_function():
     v = np.array([0.1, 0.6])
     assert np.abs(lens_at(v, phase=lambda y, x: 1.5).numpy() - clear_stop(v)).max() <= 1e-12
     value = lens_at(v, phase=lambda y, x: np.asarray(defocus(0.64)(y.numpy(), x.numpy())))
-    assert np.abs(value.numpy() - [hopkins(share, 0.64) for share in v]).max() <= 1e-6
+    assert np.abs(value.numpy() - [hopkins_series(share, 0.64) for share in v]).max() <= 1e-6
 
 
 @pytest.mark.parametrize(
