@@ -10,13 +10,17 @@ _PATIENCE = 0.02
 
 
 class RealClock:
-    """Seconds since the clock was made."""
+    """Seconds since the clock was made.
 
-    def __init__(self) -> None:
-        self._start = time.monotonic()
+    start: of another process's clock, in seconds of time.monotonic(), which is the same in
+    all processes: both clocks then show the same time.
+    """
+
+    def __init__(self, start: float | None = None) -> None:
+        self.start = time.monotonic() if start is None else start
 
     def now(self) -> float:
-        return time.monotonic() - self._start
+        return time.monotonic() - self.start
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
         while (left := time_ - self.now()) > 0 and not cancelled():

@@ -6,9 +6,12 @@ from __future__ import annotations
 class DeviceError(Exception):
     """A failure of a device, in words that a person at the bench can act on.
 
-    device: its name. command: what it was asked. reply: what it answered.
-    remedy: what to try.
+    device: its model. command: what it was asked. reply: what it answered.
+    remedy: what to try. role: what the bench calls it (slm, filter, camera, targets), once
+    the bench has passed the error on.
     """
+
+    role = ""
 
     def __init__(self, device: str, command: str, reply: str, remedy: str) -> None:
         super().__init__(device, command, reply, remedy)

@@ -42,7 +42,9 @@ class Frame:
     """A raw picture and the settings that it was really taken with.
 
     image: (rows, columns), uint16. exposure: seconds. gain: electrons per digital
-    number. time: the clock's time at which the exposure began. number: of the camera.
+    number. time: the clock's time at which the exposure began. number: counted by the
+    camera, so that a lost or repeated frame shows. checksum: CRC-32 of the image's bytes
+    as they left the camera, None where the camera tells none.
     """
 
     image: NDArray[np.uint16]
@@ -50,6 +52,7 @@ class Frame:
     gain: float
     time: float
     number: int
+    checksum: int | None = None
 
 
 class Clock(Protocol):
@@ -63,8 +66,24 @@ class Clock(Protocol):
 
 
 class Device(Protocol):
+    """What every device tells and does.
+
+    A device whose calls may hang has a method kill() besides: it ends the call that hangs,
+    from any thread, and the device with it.
+    """
+
     @property
     def identity(self) -> Identity: ...
+
+    @property
+    def reply_time(self) -> float:
+        """Seconds within which it answers any call, as documented; an exposure comes on top."""
+        ...
+
+    @property
+    def settling(self) -> float:
+        """Seconds that a new setting needs at most until it stands."""
+        ...
 
     def make_safe(self) -> None:
         """Leave the device so that it may be walked away from; may be called twice."""
@@ -93,6 +112,15 @@ class SLM(Device, Protocol):
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
 
+    @property
+    def frame_time(self) -> float:
+        """Seconds for which each frame of a video stands."""
+        ...
+
+    def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
+        """Show frames (n, rows, columns) one after the other, again and again."""
+        ...
+
 
 class SpectralFilter(Device, Protocol):
     """A tunable filter; safe is parked at its first wavelength. Wavelengths in metres."""
@@ -109,6 +137,28 @@ class SpectralFilter(Device, Protocol):
     def wavelength(self) -> float: ...
 
     def set_wavelength(self, wavelength: float) -> Setting[float]: ...
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One opening of a filter wheel: centre and full width at half maximum, in metres."""
+
+    name: str
+    wavelength: float
+    bandwidth: float
+
+
+@runtime_checkable
+class FilterWheel(SpectralFilter, Protocol):
+    """A wheel of filters, counted from 1; a wavelength is set by the slot that passes it."""
+
+    @property
+    def slots(self) -> tuple[Slot, ...]: ...
+
+    @property
+    def slot(self) -> int: ...
+
+    def set_slot(self, number: int) -> Setting[int]: ...
 
 
 class Camera(Device, Protocol):
@@ -139,19 +189,17 @@ class TargetChanger(Device, Protocol):
     """Whatever puts one of several named targets before the camera; safe is any."""
 
     @property
+    def by_hand(self) -> bool:
+        """Whether a person places them, who must be asked and waited for."""
+        ...
+
+    @property
     def names(self) -> tuple[str, ...]: ...
 
     @property
     def placed(self) -> str: ...
 
     def place(self, name: str) -> Setting[str]: ...
-
-
-@runtime_checkable
-class Seeded(Protocol):
-    """A simulated device whose chance is fixed by (run, step, frame)."""
-
-    def reseed(self, run: int, step: int, frame: int) -> None: ...
 
 
 @dataclass(frozen=True)

@@ -4,29 +4,37 @@ from __future__ import annotations
 
 import inspect
 import logging
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
+from drivers.hosted import Hosted
 from drivers.interfaces import (
     SLM,
     Camera,
     Clock,
     Device,
+    FilterWheel,
     SpectralFilter,
     Surroundings,
     TargetChanger,
 )
+from drivers.supervised import Supervised, SupervisedCamera
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile, DevicesTable, DeviceTable
-from labapp.files.reading import bundled, read_toml
+from labapp.files.bench_file import BenchFile, DeviceTable
+from labapp.files.fault_file import read_faults
+from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
+from labapp.locking import lock_devices
 from optics.camera import Camera as CameraDescription
+from simulator.clock import VirtualClock
+from simulator.faults import Fault
 from simulator.world import World
 
 log = logging.getLogger(__name__)
@@ -50,6 +58,8 @@ class Bench:
     filter: SpectralFilter
     camera: Camera
     targets: TargetChanger
+    watched: Mapping[str, Supervised] = field(default_factory=dict)
+    """The same devices by name, as those who open them again see them."""
 
     @property
     def devices(self) -> dict[str, Device]:
@@ -61,35 +71,81 @@ class Bench:
         }
 
     @property
+    def wheel(self) -> FilterWheel | None:
+        """The filter, if it is a wheel."""
+        return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
+
+    @property
     def simulated(self) -> list[str]:
         """The names of the devices that are simulated."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
     def make_safe(self) -> list[DeviceError]:
-        """SLM neutral, filter parked, camera stopped; every device is tried, whatever fails."""
+        """SLM neutral, filter parked, camera stopped: all at once, whatever fails."""
         failures = []
-        for device in self.devices.values():
+        begun = [device.begin_make_safe() for device in self.watched.values()]
+        for finish in begun:
             try:
-                device.make_safe()
+                finish()
             except DeviceError as error:
                 log.error("%s", error)
                 failures.append(error)
         return failures
 
+    def error(self, role: str, command: str, reply: str) -> DeviceError:
+        """What is wrong with a device, in the words of those who use it."""
+        device = self.devices[role]
+        error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
+        error.role = role
+        return error
+
 
 @dataclass(frozen=True)
 class BenchFiles:
-    """What a bench is opened from. The scene is for benches with simulated devices."""
+    """What a bench is opened from. The scene is for benches with simulated devices.
+
+    image: the user's own photograph. faults: a fault file for simulated devices.
+    """
 
     bench: Path
     scene: Path
     image: Path | None = None
+    faults: Path | None = None
 
     @staticmethod
     def default(
-        bench: Path | None = None, scene: Path | None = None, image: Path | None = None
+        bench: Path | None = None,
+        scene: Path | None = None,
+        image: Path | None = None,
+        faults: Path | None = None,
     ) -> BenchFiles:
-        return BenchFiles(bench or bundled("bench.toml"), scene or bundled("scene.toml"), image)
+        bench, scene = bench or bundled("bench.toml"), scene or bundled("scene.toml")
+        return BenchFiles(bench, scene, image, faults)
+
+    def read(self) -> BenchSetup:
+        """UserError names file and key of what is wrong."""
+        bench = read_file(self.bench, BenchFile)
+        faults = read_faults(self.faults) if self.faults else ()
+        if not bench.is_virtual:
+            if faults:
+                raise UserError(f"{self.faults}: {self.bench} has no simulated device to fail.")
+            return BenchSetup(bench, None, str(self.bench), "")
+        return BenchSetup(bench, read_scene(self), str(self.bench), str(self.scene), faults)
+
+
+@dataclass(frozen=True)
+class BenchSetup:
+    """What a bench is made from, read: from files, or from a record of a run.
+
+    scene: of simulated devices; its pictures have absolute paths. source, scene_source:
+    what errors name.
+    """
+
+    bench: BenchFile
+    scene: SceneFile | None
+    source: str
+    scene_source: str
+    faults: tuple[Fault, ...] = ()
 
 
 def drivers() -> dict[str, EntryPoint]:
@@ -98,25 +154,35 @@ def drivers() -> dict[str, EntryPoint]:
 
 
 @contextmanager
-def open_bench(files: BenchFiles) -> Iterator[Bench]:
-    """The devices of a bench file, opened; left safe and closed however the block ends.
+def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -> Iterator[Bench]:
+    """The devices of a bench, opened; left safe and closed however the block ends.
 
-    UserError names the file and key of what is wrong with it; DeviceError says which
-    device didn't open. A device that doesn't open is never replaced by a simulated one.
+    speed: seconds of a virtual bench's time in a second. UserError names the file and key
+    of what is wrong, or who uses the bench; DeviceError says which device didn't open. A
+    device that doesn't open is never replaced by a simulated one.
     """
-    bench_file = read_toml(files.bench, BenchFile)
-    tables = {name: getattr(bench_file.devices, name) for name in DevicesTable.model_fields}
-    virtual = any(table.driver.startswith("simulated-") for table in tables.values())
-    scene_file = read_scene(files) if virtual else None
-    camera = bench_file.build_camera()
-    world = build_world(camera, scene_file, files) if scene_file else None
+    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    tables = setup.bench.devices.tables
+    camera = setup.bench.build_camera()
+    world = build_world(camera, setup, speed) if setup.scene else None
     surroundings = Surroundings(world.clock if world else RealClock(), world)
     with ExitStack() as stack:
-        opened: dict[str, Any] = {}
+        stack.enter_context(lock_devices(setup.bench))
+        watched: dict[str, Supervised] = {}
         for name, table in tables.items():
-            device = _create(name, table, surroundings, files.bench)
-            opened[name] = stack.enter_context(device)
-        bench = Bench(bench_file, scene_file, camera, surroundings.clock, world=world, **opened)
+            kind = SupervisedCamera if name == "camera" else Supervised
+            make = _maker(name, table, surroundings, setup.source)
+            watched[name] = stack.enter_context(kind(name, make))
+        opened: dict[str, Any] = dict(watched)
+        bench = Bench(
+            setup.bench,
+            setup.scene,
+            camera,
+            surroundings.clock,
+            world=world,
+            watched=watched,
+            **opened,
+        )
         try:
             yield bench
         finally:
@@ -125,51 +191,82 @@ def open_bench(files: BenchFiles) -> Iterator[Bench]:
 
 def read_scene(files: BenchFiles) -> SceneFile:
     """The scene file, with the user's own picture in its photographs if one is given."""
-    scene = read_toml(files.scene, SceneFile)
+    scene = read_file(files.scene, SceneFile)
     if files.image is None:
-        return scene
+        return scene.found_in(files.scene.resolve().parent)
     own = {"file": str(files.image.resolve()), "credit": ""}
-    targets = {
-        name: table.model_copy(update=own) if table.kind == "photograph" else table
-        for name, table in scene.targets.items()
-    }
-    return scene.model_copy(update={"targets": targets})
+    return scene.found_in(files.scene.resolve().parent).with_photographs(own)
 
 
-def build_world(camera: CameraDescription, scene: SceneFile, files: BenchFiles) -> World:
+def build_world(camera: CameraDescription, setup: BenchSetup, speed: float = math.inf) -> World:
     """The virtual world of a scene; UserError names the scene file if it can't be."""
-    targets = scene.build(files.scene.parent)
+    scene = setup.scene
+    assert scene is not None
+    targets = scene.build()
     try:
-        return World(camera, targets, tol=scene.tol, forced=scene.effects)
+        return World(
+            camera,
+            targets,
+            tol=scene.tol,
+            forced=scene.effects,
+            clock=VirtualClock(speed),
+            faults=setup.faults,
+        )
     except ValueError as error:
-        raise UserError(f"{files.scene}: {error}.") from error
+        raise UserError(f"{setup.scene_source}: {error}.") from error
 
 
-def _create(name: str, table: DeviceTable, surroundings: Surroundings, path: Path) -> Any:
+def _maker(
+    name: str, table: DeviceTable, surroundings: Surroundings, source: str
+) -> Callable[[], Any]:
+    """What makes a device; UserError now if it never could."""
     entry = drivers().get(table.driver)
     if entry is None:
         raise UserError(
-            f"{path}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
+            f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
             f"Choose one of {', '.join(sorted(drivers()))}."
         )
+    where = f"{source}: key 'devices.{name}"
+    if table.own_process:
+        return _hosted(where, table, entry, surroundings)
     try:
         factory = entry.load()
     except Exception as error:
         raise UserError(
-            f"{path}: key 'devices.{name}.driver' is {table.driver!r}, which doesn't load: "
-            f"{error}. Reinstall the package that provides it."
+            f"{where}.driver' is {table.driver!r}, which doesn't load: {error}. "
+            "Reinstall the package that provides it."
         ) from error
     try:
         inspect.signature(factory).bind(surroundings, **table.options)
     except TypeError as error:
         known = [p for p in inspect.signature(factory).parameters if p != "surroundings"]
         raise UserError(
-            f"{path}: key 'devices.{name}.options': {error}. "
-            f"{table.driver} takes {', '.join(known) or 'no options'}."
+            f"{where}.options': {error}. {table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
-    try:
-        return factory(surroundings, **table.options)
-    except (TypeError, ValueError, IndexError) as error:
+    return _explaining(where, table, lambda: factory(surroundings, **table.options))
+
+
+def _hosted(
+    where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
+) -> Callable[[], Any]:
+    if table.is_simulated:
         raise UserError(
-            f"{path}: key 'devices.{name}.options' is {table.options}: {error}. Correct the value."
-        ) from error
+            f"{where}.own_process' is true, and simulated devices share one world. Remove it."
+        )
+    return _explaining(
+        where, table, lambda: Hosted(surroundings, table.driver, entry.value, table.options)
+    )
+
+
+def _explaining(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
+    """The maker, whose complaint about its options is the bench file's."""
+
+    def made() -> Any:
+        try:
+            return make()
+        except (TypeError, ValueError, IndexError) as error:
+            raise UserError(
+                f"{where}.options' is {table.options}: {error}. Correct the value."
+            ) from error
+
+    return made

@@ -36,6 +36,18 @@ ImageOption = Annotated[
     Path | None,
     typer.Option("--image", help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."),
 ]
+FaultsOption = Annotated[
+    Path | None,
+    typer.Option("--faults", help="Fault file (TOML): what simulated devices shall suffer."),
+]
+SpeedOption = Annotated[
+    float,
+    typer.Option(
+        help="Seconds of a virtual bench's time in a second; 1 is real time.",
+        show_default="as fast as the computer",
+    ),
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
 RecordArgument = Annotated[Path, typer.Argument(metavar="RUN.h5", help="Record of a run.")]
@@ -87,22 +99,57 @@ def demo(
 
 @app.command()
 def run(
-    plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Acquisition plan.")],
-    out: Annotated[Path, typer.Option("--out", metavar="RUN.h5", help="Record to write.")],
+    plans: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PLAN...", help="Plan files (TOML, JSON) or ready plans; several run in turn."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="RUN.h5", help="Record to write; of several plans a folder."),
+    ],
     bench: BenchOption = None,
     scene: SceneOption = None,
     image: ImageOption = None,
+    faults: FaultsOption = None,
+    speed: SpeedOption = float("inf"),
+    yes: YesOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Run an acquisition plan on a bench, every frame to disk as it comes.
+    """Run acquisition plans on a bench, every frame to disk as it comes.
 
+    In a terminal, **p** pauses after the frame, **r** goes on, Enter answers a prompt, and
     Ctrl-C ends the run safely: SLM neutral, filter parked, camera stopped, the record
-    readable and marked CANCELLED.
+    readable and marked CANCELLED. A full disk pauses the run until there is space. Whatever
+    ended a run, **labapp resume** takes the frames that it lacks. **labapp plan check** says
+    beforehand what a run will take.
     """
-    from labapp.running import run_file
+    from labapp.bench import BenchFiles
+    from labapp.running import Manner, run_files
 
-    run_file(plan, out, bench=bench, scene=scene, image=image, force=force, as_json=json)
+    files = BenchFiles.default(bench, scene, image, faults)
+    run_files(plans, out, files, Manner(force, yes, speed, json))
+
+
+@app.command()
+def resume(
+    record: RecordArgument,
+    bench: BenchOption = None,
+    faults: FaultsOption = None,
+    speed: SpeedOption = float("inf"),
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Take the frames that a record lacks: after a crash, a failure or Ctrl-C.
+
+    Plan, patterns, seed and bench are the record's own, so that it ends as if nothing had
+    happened. Frames that don't read back as they were stored are taken again.
+    """
+    from labapp.running import Manner, resume_file
+
+    resume_file(record, bench, faults, Manner(False, yes, speed, json))
 
 
 @app.command()
@@ -351,11 +398,16 @@ def figures(
 
 
 @app.command()
-def gui(bench: BenchOption = None, scene: SceneOption = None, image: ImageOption = None) -> None:
+def gui(
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    image: ImageOption = None,
+    faults: FaultsOption = None,
+) -> None:
     """Open the bench window; without options, on the bundled virtual bench."""
     from labapp.window.app import main as open_window
 
-    raise typer.Exit(open_window(bench, scene, image))
+    raise typer.Exit(open_window(bench, scene, image, faults))
 
 
 def main() -> None:

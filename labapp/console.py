@@ -83,7 +83,7 @@ def _cancelling(progress: Progress) -> Iterator[None]:
     def stop(number: int, frame: Any) -> None:
         if progress.cancelled:
             raise KeyboardInterrupt
-        say("stopping after this frame; Ctrl-C again stops at once")
+        say("stopping; Ctrl-C again stops at once")
         progress.cancel()
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}

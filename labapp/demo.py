@@ -10,7 +10,7 @@ from labapp.bench import BenchFiles, open_bench
 from labapp.console import out, print_json, watched
 from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled, read_toml
+from labapp.files.reading import bundled, read_file
 from labapp.report import REPORT_FILES, as_data, print_tables, require_free, write_report
 from labapp.running import require_complete
 from labapp.stopwatch import Stopwatch
@@ -44,7 +44,7 @@ def first_light(
     UserError if a file is there already, or the folder can't be written.
     """
     progress = progress or Progress()
-    plan = read_toml(bundled("first_light.toml"), PlanFile)
+    plan = read_file(bundled("first_light.toml"), PlanFile)
     if seed is not None:
         plan = plan.model_copy(update={"seed": seed})
     require_free(folder, ("run.h5", *REPORT_FILES), force=force)

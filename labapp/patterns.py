@@ -11,13 +11,15 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.errors import UserError
-from labapp.files.plan_file import (
+from labapp.files.pattern_table import (
     AxiconPattern,
     ConstantPattern,
     ImagePattern,
     LensPattern,
     Pattern,
     RingPattern,
+    Still,
+    VideoPattern,
 )
 from labapp.files.reading import read_grey
 from optics import patterns, targets
@@ -49,7 +51,7 @@ def ring_design(spec: RingPattern, camera: Camera) -> Design:
 
 
 def compute_pattern(
-    spec: Pattern, camera: Camera, seed: int, progress: Progress, folder: Path
+    spec: Still, camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> NDArray[np.uint8]:
     """Grey levels of one pattern, (rows, columns) of the panel.
 
@@ -86,16 +88,42 @@ def compute_pattern(
 def compute_patterns(
     specs: Mapping[str, Pattern], camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> dict[str, NDArray[np.uint8]]:
-    """Grey levels of every pattern of a plan; UserError names the one that can't be shown."""
-    shown = {}
-    for number, (name, spec) in enumerate(specs.items()):
+    """Grey levels of every pattern of a plan; of a video, (frames, rows, columns).
+
+    UserError names the one that can't be shown.
+    """
+    shown: dict[str, NDArray[np.uint8]] = {}
+    # Videos last: they may be made of the others.
+    ordered = sorted(specs, key=lambda name: isinstance(specs[name], VideoPattern))
+    for number, name in enumerate(ordered):
+        spec = specs[name]
         part = progress.part(number / len(specs), (number + 1) / len(specs))
         try:
-            shown[name] = compute_pattern(spec, camera, seed, part, folder)
+            if isinstance(spec, VideoPattern):
+                shown[name] = _video(spec, shown, camera, seed, part, folder)
+            else:
+                shown[name] = compute_pattern(spec, camera, seed, part, folder)
         except ValueError as error:
             raise UserError(f"pattern {name!r}: {error}.") from error
         part.report(1.0, f"pattern {name}")
-    return shown
+    return {name: shown[name] for name in specs}
+
+
+def _video(
+    spec: VideoPattern,
+    stills: Mapping[str, NDArray[np.uint8]],
+    camera: Camera,
+    seed: int,
+    progress: Progress,
+    folder: Path,
+) -> NDArray[np.uint8]:
+    if spec.pattern is None:
+        return np.stack([stills[name] for name in spec.frames])
+    frames = []
+    for number in range(spec.length):
+        part = progress.part(number / spec.length, (number + 1) / spec.length)
+        frames.append(compute_pattern(spec.pattern, camera, seed + number, part, folder))
+    return np.stack(frames)
 
 
 def _from_file(path: Path, camera: Camera) -> NDArray[np.uint8]:

@@ -20,7 +20,7 @@ from labapp.bench import BenchFiles
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
-from labapp.files.reading import read_grey, read_toml
+from labapp.files.reading import read_file, read_grey
 from labapp.files.writing import require_writable, write_whole
 from labapp.speed import machine_speed
 from optics.accuracy import Account, Budget, MachineSpeed, describe
@@ -113,7 +113,7 @@ def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], 
 
 def _camera(asked: Asked) -> Camera:
     """The bench's panel behind which the asked lens stands."""
-    bench = read_toml(BenchFiles.default(asked.bench).bench, BenchFile).build_camera()
+    bench = read_file(BenchFiles.default(asked.bench).bench, BenchFile).build_camera()
     return replace(bench, lens=asked.case.lens)
 
 

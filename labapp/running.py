@@ -1,53 +1,99 @@
-"""`labapp run`: a plan file on a bench."""
+"""`labapp run` and `labapp resume`: plan files on a bench, and what is left of one."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from labapp.acquisition.runner import Outcome, run_plan
+from labapp.acquisition.queue import Request, run_all
+from labapp.acquisition.runner import Outcome, resume_run
 from labapp.acquisition.state import State
-from labapp.bench import BenchFiles, open_bench
-from labapp.console import out, print_json, watched
+from labapp.acquisition.taking import Ask
+from labapp.bench import BenchFiles, BenchSetup, open_bench
+from labapp.console import complain, out, print_json, say, watched
 from labapp.errors import UserError
+from labapp.files.fault_file import read_faults
+from labapp.files.finding import find_plan
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import read_toml
-from optics.progress import Cancelled
+from labapp.files.reading import read_file
+from labapp.keyboard import listening
+from labapp.record.reader import Record, digest
+from optics.progress import Cancelled, Progress
 
 
-def run_file(
-    plan_path: Path,
-    record_path: Path,
-    *,
-    bench: Path | None,
-    scene: Path | None,
-    image: Path | None,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """Run a plan file and say how it ended; anything but COMPLETE is an error."""
-    plan = read_toml(plan_path, PlanFile)
-    with open_bench(BenchFiles.default(bench, scene, image)) as opened, watched() as progress:
-        outcome = run_plan(
-            opened,
-            plan,
-            record_path,
-            source=str(plan_path),
-            folder=plan_path.parent,
-            force=force,
+@dataclass(frozen=True)
+class Manner:
+    """How a person wants runs to be done.
+
+    yes: prompts count as answered. speed: seconds of a virtual bench's time in a second.
+    """
+
+    force: bool = False
+    yes: bool = False
+    speed: float = math.inf
+    as_json: bool = False
+
+
+def run_files(plans: Sequence[Path], record: Path, files: BenchFiles, manner: Manner) -> None:
+    """Run plan files in turn and say how each ended; anything but COMPLETE is an error.
+
+    record: the file of one run; of several, the folder for their files.
+    """
+    requests = [_request(find_plan(plan), record, len(plans)) for plan in plans]
+    with open_bench(files, speed=manner.speed) as bench, _attended(manner) as (progress, ask):
+        outcomes = run_all(
+            bench,
+            requests,
+            force=manner.force,
             progress=progress,
+            ask=ask,
+            on_outcome=lambda outcome: _tell(outcome, manner),
         )
-    if as_json:
-        print_json(
-            {
-                "record": str(outcome.path),
-                "state": outcome.state,
-                "missing": outcome.missing,
-                "message": outcome.message,
-            }
-        )
-    elif outcome.state is State.COMPLETE:
-        out.print(f"{outcome.path}: COMPLETE. See it with: labapp show {outcome.path}")
+    if manner.as_json:
+        data = [_as_data(outcome) for outcome in outcomes]
+        print_json(data if len(plans) > 1 else data[0])
+    # Of several troubles the first; all of them were told as they came.
+    for outcome in outcomes:
+        require_complete(outcome)
+
+
+def resume_file(record: Path, bench: Path | None, faults: Path | None, manner: Manner) -> None:
+    """Take the frames that a record lacks, on the bench that it was begun on."""
+    with Record(record) as opened:
+        setup = setup_of(opened, faults)
+        missing = len(opened.missing())
+    made_from = setup if bench is None else _with_bench(setup, bench)
+    if not manner.as_json:
+        say(f"{record}: {missing} frames to take")
+    with (
+        open_bench(made_from, speed=manner.speed) as opened_bench,
+        _attended(manner) as (progress, ask),
+    ):
+        outcome = resume_run(opened_bench, record, progress=progress, ask=ask)
+    _tell(outcome, manner)
+    if manner.as_json:
+        print_json(_as_data(outcome))
     require_complete(outcome)
+
+
+def setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
+    """The bench that a record was taken on; UserError if a picture of its scene has changed."""
+    for file, known in record.pictures.items():
+        if digest(Path(file)) != known:
+            raise UserError(
+                f"{record.path}: {file} is not the picture any more that the run was begun with. "
+                "Put it back, or run the plan again."
+            )
+    return BenchSetup(
+        record.bench,
+        record.scene,
+        f"{record.path}: bench",
+        f"{record.path}: scene",
+        read_faults(faults) if faults else (),
+    )
 
 
 def require_complete(outcome: Outcome) -> None:
@@ -59,5 +105,50 @@ def require_complete(outcome: Outcome) -> None:
         raise UserError(
             f"{outcome.path}: FAILED: {outcome.message}\n"
             f"{len(outcome.missing)} frames are missing ({listed}"
-            f"{', ...' if len(outcome.missing) > 8 else ''}). Mend the cause and run it again."
+            f"{', ...' if len(outcome.missing) > 8 else ''}). Mend the cause, then: "
+            f"labapp resume {outcome.path}"
         )
+
+
+@contextmanager
+def _attended(manner: Manner) -> Iterator[tuple[Progress, Ask]]:
+    """A progress with a keyboard beside it, and somebody who answers prompts."""
+    with watched() as progress, listening(progress) as keyboard:
+
+        def ask(text: str, progress: Progress) -> None:
+            say(text)
+            if not manner.yes:
+                keyboard.wait_for_enter(progress)
+
+        yield progress, ask
+
+
+def _request(plan: Path, record: Path, runs: int) -> Request:
+    several = runs > 1 or record.is_dir()
+    path = record / f"{plan.stem}.h5" if several else record
+    return Request(read_file(plan, PlanFile), path, str(plan), plan.parent)
+
+
+def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
+    read = BenchFiles.default(bench).read()
+    return BenchSetup(read.bench, setup.scene, read.source, setup.scene_source, setup.faults)
+
+
+def _tell(outcome: Outcome, manner: Manner) -> None:
+    if manner.as_json or outcome.state is not State.COMPLETE:
+        return
+    took = f"{outcome.took:.1f} s of bench time, {outcome.expected:.1f} s expected"
+    out.print(f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}")
+    if outcome.message:
+        complain(outcome.message)
+
+
+def _as_data(outcome: Outcome) -> dict[str, object]:
+    return {
+        "record": str(outcome.path),
+        "state": outcome.state,
+        "missing": outcome.missing,
+        "message": outcome.message,
+        "expected_s": outcome.expected,
+        "took_s": outcome.took,
+    }

@@ -14,13 +14,14 @@ class Progress:
     """How far a long computation is, in words, and whether it should stop.
 
     `listener(fraction, message)` is called at every report, in the thread that
-    computes; fraction runs from 0 to 1. `cancel()` may be called from any thread
-    or from a signal handler.
+    computes; fraction runs from 0 to 1. `cancel()`, `pause()` and `resume()` may be called
+    from any thread or from a signal handler.
     """
 
     def __init__(self, listener: Callable[[float, str], None] | None = None) -> None:
         self._listener = listener
         self._stop = threading.Event()
+        self._rest = threading.Event()
 
     def report(self, fraction: float, message: str = "") -> None:
         """Tell how far the work is; raises Cancelled if it should stop."""
@@ -40,8 +41,19 @@ class Progress:
     def cancel(self) -> None:
         self._stop.set()
 
+    @property
+    def paused(self) -> bool:
+        """Whether the work should rest until `resume()`, where it can do so in order."""
+        return self._rest.is_set()
+
+    def pause(self) -> None:
+        self._rest.set()
+
+    def resume(self) -> None:
+        self._rest.clear()
+
     def part(self, start: float, stop: float) -> Progress:
         """A progress for one part of the work, from `start` to `stop` of the whole."""
         part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
-        part._stop = self._stop
+        part._stop, part._rest = self._stop, self._rest
         return part

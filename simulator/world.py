@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from optics.pupil import blur_radius
 from optics.slm import grey_to_phase
 from simulator.clock import VirtualClock
 from simulator.effects import EffectPlan, Situation, decide, phase_spread
+from simulator.faults import Fault, FaultScript
 from simulator.scene import Scene
 
 T = TypeVar("T")
@@ -63,6 +64,46 @@ def _name(grey: NDArray[np.uint8]) -> str:
     return hashlib.sha256(grey.tobytes()).hexdigest()
 
 
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Frames (n, rows, columns) on the panel, their names, and seconds that each stands.
+
+    shares: of the time that is looked at, which each has.
+    """
+
+    frames: NDArray[np.uint8]
+    names: tuple[str, ...]
+    shares: tuple[float, ...]
+    frame_time: float
+
+    @staticmethod
+    def of(video: NDArray[np.uint8], frame_time: float) -> _Shown:
+        # Named once, when it is shown, and not for every picture that is taken of it.
+        frames = video.copy()
+        frames.flags.writeable = False
+        n = len(frames)
+        return _Shown(frames, tuple(_name(grey) for grey in frames), (1 / n,) * n, frame_time)
+
+    def during(self, start: float, seconds: float) -> _Shown:
+        """What is seen from `start` on: of whole periods, every frame alike."""
+        n, periods = len(self.frames), seconds / (len(self.frames) * self.frame_time)
+        if n == 1 or abs(periods - round(periods)) < 1e-6:
+            return self
+        return replace(self, shares=shares_of_time(n, start / self.frame_time, periods * n))
+
+
+def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
+    """What each of `n` frames, shown in turn for a unit of time each, has of an interval."""
+
+    def shown_until(time: float) -> NDArray[np.float64]:
+        """Time for which each frame was shown since 0."""
+        rounds, rest = divmod(time, n)
+        return rounds + np.clip(rest - np.arange(n), 0, 1)
+
+    seen = shown_until(start % n + length) - shown_until(start % n)
+    return tuple((seen / seen.sum()).tolist())
+
+
 @dataclass(frozen=True)
 class _Grid:
     """Where light is rendered: a PSF `window` sensor pixels wide, `finer` samples a pixel."""
@@ -89,8 +130,9 @@ class World:
 
     camera: the description of the camera. scene: its targets. tol: relative L2 error of
     the mean picture that effects may be left out for. forced: effects that are on or off
-    whatever their size. The devices write `grey`, `wavelength`, `bandwidth` and `target`;
-    `light()` is computed from them, and only when they have changed.
+    whatever their size. clock: of the bench. faults: what will go wrong with its devices.
+    The devices write what is shown, `wavelength`, `bandwidth` and `target`; `light()` is
+    computed from them, and only when they have changed.
     """
 
     def __init__(
@@ -100,10 +142,13 @@ class World:
         *,
         tol: float = 1e-2,
         forced: Mapping[str, bool] | None = None,
+        clock: VirtualClock | None = None,
+        faults: Iterable[Fault] = (),
     ) -> None:
         self.camera, self.scene, self.tol = camera, scene, tol
         self.forced = dict(forced or {})
-        self.clock = VirtualClock()
+        self.clock = clock or VirtualClock()
+        self.faults = FaultScript(faults)
         self.wavelength = 550e-9
         self.bandwidth = 7e-9
         self.target = next(iter(scene.targets))
@@ -112,24 +157,43 @@ class World:
         self._spectra = _Cache(4)
         self._lights = _Cache(8)
         self._spreads = _Cache(16)
+        self.begin(0, 0, 0)
         self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
         # Wrong settings shall be heard of now, not at the first picture.
         self.effect_plan(self.grey, self.wavelength)
 
+    def begin(self, run: int, step: int, frame: int, *, index: int = 0, moment: float = 0) -> None:
+        """A frame of a run is about to be taken: its chance and its time follow from this alone.
+
+        index: of the planned frame. moment: seconds of the plan at which its exposure begins.
+        """
+        self._seed, self._draws = [run, step, frame], 0
+        self.faults.frame, self._moment = index, moment
+
+    def chance(self) -> torch.Generator:
+        """Chance for one picture; each that is asked for is another one."""
+        state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
+        self._draws += 1
+        return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
+
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """What the panel shows, (rows, columns); another pattern is a new array."""
-        return self._grey
+        """What the panel shows, (rows, columns); of a video, its first frame."""
+        return self._shown.frames[0]
 
     @grey.setter
     def grey(self, grey: NDArray[np.uint8]) -> None:
-        # Named once, when it is shown, and not for every picture that is taken of it.
-        self._grey, self._name = grey.copy(), _name(grey)
-        self._grey.flags.writeable = False
+        self.play(grey[None], math.inf)
 
-    def effect_plan(self, grey: NDArray[np.uint8], wavelength: float) -> EffectPlan:
-        """What a pattern at a wavelength calls for."""
-        return self._effect_plan(self._spread(_name(grey), grey, wavelength), wavelength)
+    def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
+        """Show frames (n, rows, columns) in turn for `frame_time` seconds each."""
+        self._shown = _Shown.of(video, frame_time)
+
+    def effect_plan(self, shown: NDArray[np.uint8], wavelength: float) -> EffectPlan:
+        """What a pattern, or a video (n, rows, columns), at a wavelength calls for."""
+        frames = shown if shown.ndim == 3 else shown[None]
+        spread = max(self._spread(_name(grey), grey, wavelength) for grey in frames)
+        return self._effect_plan(spread, wavelength)
 
     def _effect_plan(self, spread: float, wavelength: float) -> EffectPlan:
         situation = Situation(self.camera, wavelength, self.bandwidth, spread)
@@ -144,13 +208,23 @@ class World:
 
         return self._spreads.get((name, wavelength), compute)
 
-    def light(self) -> tuple[torch.Tensor, EffectPlan]:
-        """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan."""
-        causes = (self._name, self.wavelength, self.bandwidth, self.target)
-        return self._lights.get(causes, self._form)
+    def light(
+        self, exposure: float = 0.0, check: Callable[[], None] = lambda: None
+    ) -> tuple[torch.Tensor, EffectPlan]:
+        """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan.
 
-    def _form(self) -> tuple[torch.Tensor, EffectPlan]:
-        spread = self._spread(self._name, self.grey, self.wavelength)
+        It is the mean over an exposure in seconds, which matters when a video is shown.
+        check: is called between the steps of a long computation, and may raise.
+        """
+        shown = self._shown.during(self._moment, exposure)
+        causes = (shown.names, shown.shares, self.wavelength, self.bandwidth, self.target)
+        return self._lights.get(causes, lambda: self._form(shown, check))
+
+    def _form(self, shown: _Shown, check: Callable[[], None]) -> tuple[torch.Tensor, EffectPlan]:
+        spread = max(
+            self._spread(name, grey, self.wavelength)
+            for name, grey in zip(shown.names, shown.frames, strict=True)
+        )
         plan = self._effect_plan(spread, self.wavelength)
         target = self.scene.targets[self.target]
         rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
@@ -158,12 +232,14 @@ class World:
             return torch.zeros(self.camera.sensor.shape), plan
         grid = self._grid(target.distance, spread)
         plane = grid.plane(self.camera.sensor)
-        causes = (self._name, self.wavelength, self.bandwidth, target.distance)
-        psf = self._psfs.get(causes, lambda: self._psf(target.distance, grid, plan))
+        causes = (shown.names, shown.shares, self.wavelength, self.bandwidth, target.distance)
+        psf = self._psfs.get(causes, lambda: self._psf(shown, target.distance, grid, plan, check))
+        check()
         spectrum = self._spectra.get(
             (self.target, self.wavelength, grid),
             lambda: target.spectrum(plane, self.camera, self.wavelength),
         )
+        check()
         shares = form_image(
             spectrum,
             psf,
@@ -194,12 +270,22 @@ class World:
         window = min(max(blurred + 2 * spread / pitch, _SMALLEST_WINDOW), _LARGEST_WINDOW)
         return _Grid(_WINDOW_STEP * math.ceil(window / _WINDOW_STEP), finer)
 
-    def _psf(self, distance: float, grid: _Grid, plan: EffectPlan) -> torch.Tensor:
-        grey = torch.from_numpy(self.grey.copy())
+    def _psf(
+        self,
+        shown: _Shown,
+        distance: float,
+        grid: _Grid,
+        plan: EffectPlan,
+        check: Callable[[], None],
+    ) -> torch.Tensor:
+        """Of a point: the mean over what is shown, and over the filter's band."""
         psf = torch.zeros(grid.samples, grid.samples)
         for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
-            phase = grey_to_phase(self.camera.panel, grey, wavelength)
-            psf += weight * self._operator(distance, wavelength, grid, plan)(phase).to(psf)
+            operator = self._operator(distance, wavelength, grid, plan)
+            for grey, share in zip(shown.frames, shown.shares, strict=True):
+                check()
+                phase = grey_to_phase(self.camera.panel, torch.from_numpy(grey.copy()), wavelength)
+                psf += weight * share * operator(phase).to(psf)
         return psf
 
     def _band(self, nodes: int) -> list[tuple[float, float]]:

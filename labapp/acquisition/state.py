@@ -16,3 +16,7 @@ class State(StrEnum):
     FAILED = "FAILED"
     INTERRUPTED = "INTERRUPTED"
     """Never written: how a file reads whose writer is gone without a word."""
+
+
+ENDED = (State.COMPLETE, State.CANCELLED, State.FAILED)
+"""States that a run ends in and says so."""

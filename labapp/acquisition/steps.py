@@ -1,20 +1,29 @@
-"""What a plan asks for, frame by frame, and whether a bench can do it."""
+"""What a plan asks for, frame by frame, and when each is due."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import product
+from math import lcm
+from typing import Any
 
-from labapp.bench import Bench
-from labapp.errors import UserError
-from labapp.files.plan_file import Acquisition, PlanFile
+from labapp.acquisition.abilities import Abilities
+from labapp.files.plan_file import AXES, Acquisition, Axis, Interleaved, PlanFile, Role
+
+Setting = Mapping[Axis, Any]
+"""A value for every axis; wavelengths in metres with their slot, exposures in seconds."""
 
 
 @dataclass(frozen=True)
 class Shot:
     """One planned frame. index: in the record. step: of the plan. repeat: within the step.
 
-    wavelength: metres. exposure: seconds.
+    wavelength: metres. exposure: seconds. role: light, or what calibration frame it is.
+    place: the target's name on the bench. prompt: what a person does before it is placed.
+    slot: of a filter wheel; 0 sets the wavelength. moment: seconds from the beginning of the
+    run at which the exposure begins, if nothing goes wrong. lasts: seconds that it takes,
+    settling included.
     """
 
     index: int
@@ -24,53 +33,145 @@ class Shot:
     pattern: str
     wavelength: float
     exposure: float
+    role: Role = "light"
+    place: str = ""
+    prompt: str = ""
+    slot: int = 0
+    moment: float = 0.0
+    lasts: float = 0.0
 
 
-def shots(plan: PlanFile) -> list[Shot]:
-    """Every frame of a plan, in the order in which they are taken."""
+def shots(plan: PlanFile, abilities: Abilities) -> list[Shot]:
+    """Every frame of a plan on a bench, in the order in which they are taken."""
     listed: list[Shot] = []
-    step = 0
     for block in plan.acquire:
-        for target, pattern, nm, ms in _settings(block):
-            for repeat in range(block.repeats):
-                wavelength, exposure = round(nm * 1e3) * 1e-12, round(ms * 1e6) * 1e-9
-                shot = Shot(len(listed), step, repeat, target, pattern, wavelength, exposure)
-                listed.append(shot)
-            step += 1
-    return listed
+        listed += _block(block, plan, abilities, listed[-1].step + 1 if listed else 0)
+    listed = [replace(shot, index=index) for index, shot in enumerate(listed)]
+    return _timed(listed, abilities)
 
 
-def _settings(block: Acquisition) -> list[tuple[str, str, float, float]]:
-    """The slowest to change first: target, pattern, wavelength, exposure."""
-    return list(product(block.targets, block.patterns, block.wavelengths_nm, block.exposures_ms))
+def exposures(block: Acquisition, plan: PlanFile, abilities: Abilities) -> list[float]:
+    """The exposures of a block in seconds, whole microseconds as cameras count."""
+    if block.exposures_ms is not None:
+        return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
+    # A period of all videos, so that pictures of different patterns can be compared.
+    frames = lcm(*(video.length for video in plan.videos(block).values()))
+    return [round(n * frames * abilities.video_frame * 1e6) / 1e6 for n in block.periods or ()]
 
 
-def check(plan: PlanFile, bench: Bench, source: str) -> None:
-    """UserError if the plan asks for what the bench can't do; names key, value and range."""
-    low, high = bench.camera.exposure_range
-    shortest, longest = bench.filter.wavelength_range
-    for number, block in enumerate(plan.acquire):
-        where = f"{source}: key 'acquire.{number}"
-        for name in block.targets:
-            if name not in bench.targets.names:
-                raise UserError(
-                    f"{where}.targets' names {name!r}, which this bench doesn't have. "
-                    f"Choose among {', '.join(bench.targets.names)}."
-                )
-        for ms in block.exposures_ms:
-            if not low <= ms * 1e-3 <= high:
-                raise UserError(
-                    f"{where}.exposures_ms' has {ms:g}, out of the camera's range. "
-                    f"Choose {low * 1e3:g} to {high * 1e3:g} ms."
-                )
-        for nm in block.wavelengths_nm:
-            if not shortest <= nm * 1e-9 <= longest:
-                raise UserError(
-                    f"{where}.wavelengths_nm' has {nm:g}, out of the filter's range. "
-                    f"Choose {shortest * 1e9:.0f} to {longest * 1e9:.0f} nm."
-                )
+def _block(block: Acquisition, plan: PlanFile, abilities: Abilities, first: int) -> list[Shot]:
+    """The frames of a block, calibration frames between them; steps count from `first`."""
+    light = [_shot(setting, "light", plan) for setting in _settings(block, plan, abilities)]
+    listed: list[Shot] = []
+    for number, shot in enumerate(light):
+        for asked in block.interleave:
+            if number % (asked.every or len(light)) == 0:
+                group = light[number : number + (asked.every or len(light))]
+                listed += _calibration(asked, group, plan)
+        listed.append(shot)
+    return _numbered(listed, first)
 
 
-def expected_seconds(plan: PlanFile, bench: Bench) -> float:
-    """Exposures and read-outs of a plan, in the bench's own time; settling comes on top."""
-    return sum(shot.exposure + bench.camera.frame_time for shot in shots(plan))
+def _settings(block: Acquisition, plan: PlanFile, abilities: Abilities) -> Iterator[Setting]:
+    """Every combination of a block's axes, in its order; some axes may step together."""
+    if block.slots is not None:
+        wavelengths = [(n, abilities.slots[n - 1]) for n in block.slots]
+    else:
+        wavelengths = [(0, round(nm * 1e3) * 1e-12) for nm in block.wavelengths_nm or ()]
+    values: dict[Axis, list[Any]] = {
+        "target": list(block.targets),
+        "pattern": list(block.patterns),
+        "wavelength": wavelengths,
+        "exposure": exposures(block, plan, abilities),
+        "repeat": list(range(block.repeats)),
+    }
+    order = [*block.order, *(axis for axis in AXES if axis not in block.order)]
+    groups: list[tuple[Axis, ...]] = []
+    for axis in order:
+        group = next((g for g in block.together if axis in g), (axis,))
+        if group not in groups:
+            groups.append(group)
+    rows = [list(zip(*(values[axis] for axis in group), strict=True)) for group in groups]
+    for chosen in product(*rows):
+        yield {
+            axis: value
+            for group, row in zip(groups, chosen, strict=True)
+            for axis, value in zip(group, row, strict=True)
+        }
+
+
+def _shot(setting: Setting, role: Role, plan: PlanFile) -> Shot:
+    slot, wavelength = setting["wavelength"]
+    known = plan.targets.get(setting["target"])
+    return Shot(
+        index=0,
+        step=0,
+        repeat=setting["repeat"],
+        target=setting["target"],
+        pattern=setting["pattern"],
+        wavelength=wavelength,
+        exposure=setting["exposure"],
+        role=role,
+        place=(known.place if known else None) or setting["target"],
+        prompt=known.prompt if known else "",
+        slot=slot,
+    )
+
+
+def _calibration(asked: Interleaved, group: list[Shot], plan: PlanFile) -> list[Shot]:
+    """The calibration frames that a group of frames needs: each setting once, repeated."""
+    needed: dict[Any, Shot] = {}
+    for shot in group:
+        made = _shot(
+            {
+                "target": shot.target if asked.role == "neutral" else asked.target or asked.role,
+                "pattern": asked.pattern,
+                "wavelength": (shot.slot, shot.wavelength),
+                "exposure": shot.exposure,
+                "repeat": 0,
+            },
+            asked.role,
+            plan,
+        )
+        # No light, no colour: darks of every exposure are enough.
+        colour = None if asked.role == "dark" else made.wavelength
+        needed.setdefault((made.target, colour, made.exposure), made)
+    return [replace(shot, repeat=n) for shot in needed.values() for n in range(asked.frames)]
+
+
+def _numbered(listed: Iterable[Shot], first: int) -> list[Shot]:
+    """With a step for every setting; calibration frames that come again are a new step."""
+    numbered: list[Shot] = []
+    steps: dict[Any, int] = {}
+    following = first
+    for shot in listed:
+        setting = (shot.role, shot.target, shot.pattern, shot.wavelength, shot.exposure)
+        again = shot.role != "light" and shot.repeat == 0
+        if setting not in steps or again:
+            steps[setting] = following
+            following += 1
+        numbered.append(replace(shot, step=steps[setting]))
+    return numbered
+
+
+def _timed(listed: Iterable[Shot], abilities: Abilities) -> list[Shot]:
+    """With the moment at which each is due: what changes settles at once, then the exposure."""
+    timed: list[Shot] = []
+    now = 0.0
+    before: Shot | None = None
+    for shot in listed:
+        settling = _settling(before, shot, abilities)
+        lasts = settling + shot.exposure + abilities.readout
+        timed.append(replace(shot, moment=now + settling, lasts=lasts))
+        now, before = now + lasts, shot
+    return timed
+
+
+def _settling(before: Shot | None, shot: Shot, abilities: Abilities) -> float:
+    changes = (
+        (lambda s: s.place, abilities.target_settling),
+        (lambda s: s.pattern, abilities.slm_settling),
+        (lambda s: (s.wavelength, s.slot), abilities.filter_settling),
+    )
+    changed = [time for of, time in changes if before is None or of(before) != of(shot)]
+    return max(changed, default=0.0)

@@ -11,7 +11,8 @@ import torch
 
 from labapp.analysis.brackets import Bracket, Picture, find
 from labapp.errors import UserError
-from labapp.files.plan_file import Reconstruction, RingPattern
+from labapp.files.pattern_table import RingPattern
+from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
 from labapp.record.reader import Record
 from optics import metrics, targets

@@ -10,12 +10,12 @@ from labapp.acquisition.runner import OnFrame, Outcome, run_plan
 from labapp.acquisition.steps import Shot
 from labapp.bench import BenchFiles, open_bench
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled, read_toml
+from labapp.files.reading import bundled, read_file
 
 
 def run_bundled(path: Path, on_frame: OnFrame | None = None) -> Outcome:
     """The demo's plan on the bundled bench."""
-    plan = read_toml(bundled("first_light.toml"), PlanFile)
+    plan = read_file(bundled("first_light.toml"), PlanFile)
     with open_bench(BenchFiles.default()) as bench:
         return run_plan(bench, plan, path, on_frame=on_frame)
 

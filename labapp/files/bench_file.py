@@ -92,10 +92,24 @@ class SensorTable(FileModel):
 
 
 class DeviceTable(FileModel):
-    """A device: the name of its entry point, and the options that it is opened with."""
+    """A device: the name of its entry point, and the options that it is opened with.
+
+    own_process: whether its driver runs in a process of its own, which can be killed when
+    a library hangs.
+    """
 
     driver: str
     options: dict[str, Any] = Field(default_factory=dict)
+    own_process: bool = False
+
+    @property
+    def is_simulated(self) -> bool:
+        return self.driver.startswith("simulated-")
+
+    @property
+    def is_exclusive(self) -> bool:
+        """Whether only one application can have it: neither made up nor a person."""
+        return not self.is_simulated and self.driver != "manual-targets"
 
 
 class DevicesTable(FileModel):
@@ -103,6 +117,11 @@ class DevicesTable(FileModel):
     filter: DeviceTable
     camera: DeviceTable
     targets: DeviceTable
+
+    @property
+    def tables(self) -> dict[str, DeviceTable]:
+        """The devices by the names that the bench has for them."""
+        return {name: getattr(self, name) for name in DevicesTable.model_fields}
 
 
 class BenchFile(FileModel):
@@ -115,6 +134,11 @@ class BenchFile(FileModel):
     lens: LensTable
     sensor: SensorTable
     devices: DevicesTable
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether a device is simulated, so that there must be a scene before it."""
+        return any(table.is_simulated for table in self.devices.tables.values())
 
     def build_camera(self) -> Camera:
         return Camera(self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission)

@@ -1,7 +1,8 @@
-"""Reading TOML files and pictures, with errors that name file, key, value and remedy."""
+"""Reading TOML, JSON and pictures, with errors that name file, key, value and remedy."""
 
 from __future__ import annotations
 
+import json
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -27,16 +28,24 @@ def bundled(name: str) -> Path:
     return Path(str(resources.files("labapp") / "data" / name))
 
 
-def read_toml(path: Path, model: type[M]) -> M:
-    """A validated model from a TOML file; UserError names file, key, value and rule."""
+def read_file(path: Path, model: type[M]) -> M:
+    """A validated model from a TOML file, or a JSON file by its name.
+
+    UserError names file, key, value and rule.
+    """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
     except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give a TOML file.") from error
+        raise UserError(f"{path}: is not a text file. Give a TOML or JSON file.") from error
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{path}: is not valid TOML: {error}") from error
+    except json.JSONDecodeError as error:
+        raise UserError(f"{path}: is not valid JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise UserError(f"{path}: holds a {type(data).__name__}. Give an object of keys.")
     return validate(data, model, str(path))
 
 

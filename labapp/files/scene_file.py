@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.files.reading import FileModel, read_picture
@@ -18,7 +21,7 @@ Distance = Annotated[float, Field(gt=0)]
 class DarkTable(FileModel):
     kind: Literal["dark"]
 
-    def build(self, folder: Path) -> Target:
+    def build(self) -> Target:
         return Dark()
 
 
@@ -30,7 +33,7 @@ class StarTable(FileModel):
     distance_m: Distance
     radiance: Positive
 
-    def build(self, folder: Path) -> Target:
+    def build(self) -> Target:
         return Star(self.diameter_um * 1e-6, self.distance_m, self.radiance * 1e9)
 
 
@@ -47,8 +50,8 @@ class PhotographTable(FileModel):
     cover: Annotated[float, Field(gt=0, le=10)] = 1.05
     credit: str = ""
 
-    def build(self, folder: Path) -> Target:
-        picture = torch.from_numpy(read_picture(folder / self.file))
+    def build(self) -> Target:
+        picture = torch.from_numpy(_picture(self.file, _changed(self.file)))
         return Photograph(picture, self.distance_m, self.radiance * 1e9, self.cover)
 
 
@@ -68,6 +71,43 @@ class SceneFile(FileModel):
     effects: dict[str, bool] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]
 
-    def build(self, folder: Path) -> Scene:
-        """The scene; picture files are looked for in `folder`. UserError if one can't be read."""
-        return Scene({name: table.build(folder) for name, table in self.targets.items()})
+    def build(self) -> Scene:
+        """The scene; UserError if a picture can't be read."""
+        return Scene({name: table.build() for name, table in self.targets.items()})
+
+    @property
+    def pictures(self) -> list[Path]:
+        """The picture files that the scene needs."""
+        tables = self.targets.values()
+        return sorted({Path(t.file) for t in tables if isinstance(t, PhotographTable)})
+
+    def found_in(self, folder: Path) -> SceneFile:
+        """The scene with absolute paths of its pictures, looked for in `folder`."""
+        tables = {
+            name: table.model_copy(update={"file": str(folder / table.file)})
+            if isinstance(table, PhotographTable)
+            else table
+            for name, table in self.targets.items()
+        }
+        return self.model_copy(update={"targets": tables})
+
+    def with_photographs(self, changes: dict[str, str]) -> SceneFile:
+        """The scene with keys of all its photographs changed."""
+        tables = {
+            name: table.model_copy(update=changes) if isinstance(table, PhotographTable) else table
+            for name, table in self.targets.items()
+        }
+        return self.model_copy(update={"targets": tables})
+
+
+@lru_cache(maxsize=2)
+def _picture(file: str, changed: int) -> NDArray[np.float32]:
+    """Read once, though many targets may be prints of it; again when it has changed."""
+    return read_picture(Path(file))
+
+
+def _changed(file: str) -> int:
+    try:
+        return Path(file).stat().st_mtime_ns
+    except OSError:
+        return 0

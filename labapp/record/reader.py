@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Self
 
@@ -10,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.acquisition.state import State
+from labapp.acquisition.state import ENDED, State
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
@@ -31,7 +32,7 @@ class Record:
         if not path.is_file():
             raise UserError(f"{path}: there is no such file. Check the path.")
         try:
-            self._file = h5py.File(path, "r", libver="latest", swmr=True)
+            self._file = h5py.File(path, "r")
         except OSError as error:
             raise UserError(f"{path}: is not an HDF5 file. Give a record of a run.") from error
         written = self._file.attrs.get("labapp_format")
@@ -55,10 +56,14 @@ class Record:
     def state(self) -> State:
         """As written; INTERRUPTED if it was running and its writer is gone."""
         written = State(self._file["entry/state"][0].decode())
-        unfinished = written in (State.PLANNED, State.RUNNING, State.PAUSED)
-        if unfinished and not process.is_alive(self.text("writer")):
+        if written not in ENDED and not process.is_alive(self.writer):
             return State.INTERRUPTED
         return written
+
+    @property
+    def writer(self) -> str:
+        """Who wrote last: host, process, start of the process, as JSON."""
+        return self._file["entry/writer"][0].decode()
 
     @property
     def message(self) -> str:
@@ -103,7 +108,7 @@ class Record:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
-        """A scalar string of the entry: title, start_time, writer, plan, ..."""
+        """A scalar string of the entry: title, start_time, plan, ..."""
         return self._file[f"entry/{name}"][()].decode()
 
     @property
@@ -123,7 +128,26 @@ class Record:
         return [name.decode() for name in self._file["entry/patterns/names"][()]]
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
-        return self._file["entry/patterns/images"][self.pattern_names.index(name)]
+        """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
+        group, index = self._file[layout.PATTERNS], self.pattern_names.index(name)
+        first, count = int(group["first"][index]), int(group["frames"][index])
+        frames = group["images"][first : first + count]
+        return frames if group["frame_time"][index] else frames[0]
+
+    @property
+    def expected_seconds(self) -> float:
+        """Of bench time, settling included, if nothing goes wrong."""
+        return float(self._file["entry/expected_seconds"][()])
+
+    @property
+    def faults(self) -> list[dict[str, Any]]:
+        """The faults that a virtual bench was asked to have."""
+        return json.loads(self.text("faults"))
+
+    @property
+    def pictures(self) -> dict[str, str]:
+        """SHA-256 of the picture files of a simulated scene, by path."""
+        return json.loads(self.text("pictures"))
 
     def column(self, name: str) -> NDArray[Any]:
         """One value a planned frame; see labapp.record.layout."""
@@ -140,6 +164,10 @@ class Record:
     def log(self) -> list[tuple[float, str]]:
         rows = self._file["entry/log"][()]
         return [(float(r["time"]), r["text"].decode(errors="replace")) for r in rows if r["text"]]
+
+    def not_stored(self) -> list[int]:
+        """Indices of planned frames that were never acknowledged."""
+        return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing(self) -> list[int]:
         """Indices of planned frames that aren't stored, or don't read back as they were."""
@@ -164,15 +192,26 @@ class Record:
         return np.flatnonzero(keep).tolist()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array of the record that the seed decides, by its path.
+        """Every array of the record that plan, seed and bench decide, by its path.
 
-        Wall-clock times and the writer's name are left out; they differ from run to run.
+        What differs from run to run of the same plan is left out: wall-clock times, log,
+        the camera's own count, how often a frame was tried.
         """
         found: dict[str, NDArray[Any]] = {}
 
         def collect(path: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.shape and path != "entry/end_time":
+            group, _, name = path.rpartition("/")
+            decided = group != layout.ENTRY and name not in layout.UNSEEDED
+            if isinstance(item, h5py.Dataset) and item.shape and decided:
                 found[path] = item[()]
 
         self._file.visititems(collect)
         return found
+
+
+def digest(file: Path) -> str:
+    """SHA-256 of a file in hexadecimals; empty if it can't be read."""
+    try:
+        return sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""

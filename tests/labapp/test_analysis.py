@@ -10,13 +10,13 @@ from labapp.analysis import analyse
 from labapp.bench import open_bench
 from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import read_toml
+from labapp.files.reading import read_file
 from labapp.record.reader import Record
 from optics.progress import Cancelled, Progress
 
 
 def acquire(small, path, **changes):
-    plan = PlanFile.model_validate(read_toml(small.plan, PlanFile).model_dump() | changes)
+    plan = PlanFile.model_validate(read_file(small.plan, PlanFile).model_dump() | changes)
     with open_bench(small.bench_files) as bench:
         return run_plan(bench, plan, path).path
 
@@ -60,7 +60,7 @@ def test_a_part_that_the_plan_lacks_is_named(small, tmp_path, wrong):
 
 def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
     progress = Progress()
-    plan = read_toml(small.plan, PlanFile)
+    plan = read_file(small.plan, PlanFile)
     with open_bench(small.bench_files) as bench:
         outcome = run_plan(
             bench,

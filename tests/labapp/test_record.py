@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import subprocess
 import sys
+import zlib
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -14,10 +18,10 @@ from drivers.interfaces import Frame, Identity
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
-from labapp.figures.durability import kill_after
-from labapp.record import process
+from labapp.record import layout, making, process
+from labapp.record.making import Contents, make
 from labapp.record.reader import Record
-from labapp.record.writer import Contents, RecordWriter, mark
+from labapp.record.writer import CorruptFrame, RecordWriter
 
 
 def contents(frames: int = 3) -> Contents:
@@ -39,7 +43,16 @@ def contents(frames: int = 3) -> Contents:
 
 def frame(value: int) -> Frame:
     image = np.arange(35, dtype=np.uint16).reshape(5, 7) + np.uint16(value)
-    return Frame(image, 0.01, 2.6, 1.5 * value, value)
+    return Frame(image, 0.01, 2.6, 100.0 + value, value, zlib.crc32(image.tobytes()))
+
+
+def new(path, frames: int = 3) -> RecordWriter:
+    make(path, contents(frames))
+    return RecordWriter(path)
+
+
+def put(writer: RecordWriter, index: int, wavelength: float = 550e-9) -> None:
+    writer.store(contents().shots[index], frame(index), wavelength, moment=1.5 * index)
 
 
 @pytest.fixture
@@ -48,9 +61,9 @@ def path(tmp_path):
 
 
 def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
-    with RecordWriter(path, contents()) as writer:
+    with new(path) as writer:
         writer.set_state(State.RUNNING)
-        writer.store(contents().shots[1], frame(1), 550e-9)
+        put(writer, 1)
         # Another process, as a person's notebook would be.
         code = (
             "import sys; from pathlib import Path; from labapp.record.reader import Record\n"
@@ -63,15 +76,15 @@ def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
 
 
 def test_values_come_back_as_they_were_stored(path):
-    with RecordWriter(path, contents()) as writer:
+    with new(path) as writer:
         for index in range(3):
-            writer.store(contents().shots[index], frame(index), 551e-9)
+            put(writer, index, 551e-9)
         writer.log(0.5, "a line")
         writer.set_state(State.RUNNING)
-    mark(path, State.COMPLETE)
+        writer.set_state(State.COMPLETE, "done")
     with Record(path) as record:
         assert record.state is State.COMPLETE
-        assert record.missing() == []
+        assert (record.message, record.missing()) == ("done", [])
         np.testing.assert_array_equal(record.image(2), frame(2).image)
         np.testing.assert_array_equal(record.column("time"), [0, 1.5, 3.0])
         np.testing.assert_array_equal(record.column("wavelength"), 551e-9)
@@ -88,7 +101,7 @@ def test_values_come_back_as_they_were_stored(path):
 
 def test_any_program_finds_the_pictures_and_their_axes(path):
     """NeXus: the root names an entry, the entry its data, the data its signal and axes."""
-    RecordWriter(path, contents()).close()
+    new(path).close()
     with h5py.File(path, "r") as file:
         entry = file[file.attrs["default"]]
         data = entry[entry.attrs["default"]]
@@ -101,9 +114,9 @@ def test_any_program_finds_the_pictures_and_their_axes(path):
 
 
 def test_a_damaged_frame_counts_as_missing(path):
-    with RecordWriter(path, contents()) as writer:
+    with new(path) as writer:
         for index in range(3):
-            writer.store(contents().shots[index], frame(index), 550e-9)
+            put(writer, index)
     with h5py.File(path, "r+") as file:
         file["entry/data/images"][1, 2, 2] ^= 1
     with Record(path) as record:
@@ -111,13 +124,12 @@ def test_a_damaged_frame_counts_as_missing(path):
 
 
 def test_a_writer_that_is_gone_without_a_word_reads_as_interrupted(path):
-    with RecordWriter(path, contents()) as writer:
+    with new(path) as writer:
         writer.set_state(State.RUNNING)
     with h5py.File(path, "r+") as file:
-        gone = json.loads(file["entry/writer"][()])
-        del file["entry/writer"]
+        gone = json.loads(file["entry/writer"][0])
         # The number of a living process that isn't the one which wrote.
-        file["entry/writer"] = json.dumps(gone | {"start": "1"})
+        file["entry/writer"][0] = json.dumps(gone | {"start": "1"}).encode()
     with Record(path) as record:
         assert record.state is State.INTERRUPTED
 
@@ -129,30 +141,154 @@ def test_this_process_is_alive_and_a_finished_one_is_not():
     assert not process.is_alive(done.stdout)
 
 
-def test_no_acknowledged_frame_is_lost_by_kill_minus_nine(path):
-    acknowledged = kill_after(path, 9)
-    assert len(acknowledged) >= 9
-    with Record(path) as record:
-        assert record.state is State.INTERRUPTED
-        assert not set(acknowledged) & set(record.missing())
-
-
 def test_the_log_never_outgrows_its_room(path):
-    with RecordWriter(path, contents()) as writer:
-        for number in range(200):
+    room = layout.log_rows(3)
+    with new(path) as writer:
+        for number in range(room + 50):
             writer.log(number, f"line {number}")
     with Record(path) as record:
-        assert record.log[-1] == (199.0, "line 199")
+        assert len(record.log) == room
+        assert record.log[-1] == (room + 49.0, f"line {room + 49}")
 
 
-def test_a_draft_is_not_left_when_the_disk_refuses(path, monkeypatch):
-    def full(self):
-        raise OSError(28, "No space left on device")
+def test_the_log_goes_on_when_the_record_is_opened_again(path):
+    with new(path) as writer:
+        writer.log(1.0, "before")
+    with RecordWriter(path) as writer:
+        writer.log(0.5, "after")
+    with Record(path) as record:
+        assert record.log == [(1.0, "before"), (0.5, "after")]
 
-    monkeypatch.setattr(RecordWriter, "_prepare", full)
+
+def test_nothing_is_left_when_the_disk_refuses_the_record(path, monkeypatch):
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(making, "_fill", full)
     with pytest.raises(UserError, match="No space left"):
-        RecordWriter(path, contents())
+        make(path, contents())
     assert list(path.parent.iterdir()) == []
+
+
+def test_a_record_that_exists_is_not_replaced_unless_forced(path):
+    new(path).close()
+    with pytest.raises(UserError, match="exists already"):
+        make(path, contents())
+    make(path, contents(frames=2), force=True)
+    with Record(path) as record:
+        assert record.frames == 2
+
+
+def test_a_record_has_one_writer(path):
+    with new(path), pytest.raises(UserError, match=r"run.h5: is being written by another"):
+        RecordWriter(path)
+    RecordWriter(path).close()
+
+
+def test_a_reader_does_not_take_the_writers_lock_away(path):
+    with new(path):
+        Record(path).close()
+        with pytest.raises(UserError, match="being written"):
+            RecordWriter(path)
+
+
+def test_every_dataset_has_its_place_before_the_first_frame(path):
+    """What HDF5 has allocated it need not touch again, whatever happens to the writer."""
+    new(path).close()
+    with h5py.File(path, "r") as file:
+        data = file["entry/data"]
+        for name in ("images", *layout.MEASURED):
+            assert data[name].id.get_offset() is not None, name
+        size, end = path.stat().st_size, data["images"].id.get_offset() + data["images"].nbytes
+    assert size >= end
+
+
+def test_writing_leaves_all_but_the_values_as_it_was(path):
+    """Byte by byte: outside the datasets' own places the file never changes after making."""
+    new(path).close()
+    before = np.frombuffer(path.read_bytes(), np.uint8)
+    written = ("images", *layout.MEASURED)
+    with h5py.File(path, "r") as file:
+        places = [file["entry/data"][name] for name in written]
+        places += [file["entry"][n] for n in ("state", "message", "end_time", "writer", "log")]
+        ranges = [(d.id.get_offset(), d.nbytes) for d in places]
+    with RecordWriter(path) as writer:
+        for index in range(3):
+            put(writer, index)
+        writer.log(1.0, "line")
+        writer.set_state(State.FAILED, "why")
+    after = np.frombuffer(path.read_bytes(), np.uint8)
+    assert before.shape == after.shape
+    changed = before != after
+    for offset, size in ranges:
+        changed[offset : offset + size] = False
+    assert not changed.any()
+
+
+def test_a_corrupt_picture_is_not_stored(path):
+    torn = replace(frame(1), image=np.zeros((5, 7), np.uint16))
+    with new(path) as writer:
+        with pytest.raises(CorruptFrame, match="checksum"):
+            writer.store(contents().shots[1], torn, 550e-9, moment=0.0)
+        short = replace(frame(1), image=np.zeros((4, 7), np.uint16))
+        with pytest.raises(CorruptFrame, match=r"\(4, 7\) pixels"):
+            writer.store(contents().shots[1], short, 550e-9, moment=0.0)
+    with Record(path) as record:
+        assert record.missing() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("failing_write", range(9))
+def test_a_frame_that_the_disk_refused_does_not_count(path, monkeypatch, failing_write):
+    """Whichever of its writes fails, the frame isn't there until it is stored again."""
+    calls = iter(range(1000))
+    pwrite = os.pwrite
+
+    def refuse(handle, data, offset):
+        if next(calls) == failing_write:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return pwrite(handle, data, offset)
+
+    with new(path) as writer:
+        put(writer, 0)
+        monkeypatch.setattr(os, "pwrite", refuse)
+        with pytest.raises(OSError, match="No space"):
+            put(writer, 1)
+        monkeypatch.undo()
+        with Record(path) as record:
+            assert record.missing() == [1, 2]
+        writer.reopen()
+        put(writer, 1)
+        assert writer.read_back(1)
+    with Record(path) as record:
+        assert record.missing() == [2]
+        np.testing.assert_array_equal(record.image(1), frame(1).image)
+
+
+def test_short_writes_are_completed(path, monkeypatch):
+    pwrite = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda handle, data, at: pwrite(handle, data[:3], at))
+    with new(path) as writer:
+        put(writer, 2)
+    with Record(path) as record:
+        assert record.missing() == [0, 1]
+
+
+def test_reading_back_finds_what_is_not_as_it_was(path):
+    with new(path) as writer:
+        put(writer, 1)
+        with h5py.File(path, "r+") as file:
+            file["entry/data/images"][1, 0, 0] ^= 1
+        assert not writer.read_back(1)
+
+
+def test_a_video_comes_back_with_its_frames(path):
+    video = np.arange(3 * 24, dtype=np.uint8).reshape(3, 4, 6)
+    patterns = {"still": video[2], "video": video, "other": video[1]}
+    shots = [Shot(0, 0, 0, "star", "video", 550e-9, 0.01)]
+    make(path, replace(contents(), patterns=patterns, shots=shots, video_frame=1 / 60))
+    with Record(path) as record:
+        for name, image in patterns.items():
+            np.testing.assert_array_equal(record.pattern(name), image)
 
 
 def test_an_hdf5_file_of_others_is_refused(path):

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import threading
+import time
+
+import h5py
 import numpy as np
 import pytest
 
 from drivers.errors import DeviceError
-from labapp.acquisition.runner import run_plan
+from labapp.acquisition import checking, hooks, keeping
+from labapp.acquisition.abilities import Abilities
+from labapp.acquisition.checking import expect
+from labapp.acquisition.queue import Request, run_all
+from labapp.acquisition.runner import resume_run, run_plan
 from labapp.acquisition.state import State
-from labapp.acquisition.steps import expected_seconds, shots
+from labapp.acquisition.steps import shots
 from labapp.bench import open_bench
 from labapp.errors import UserError
+from labapp.figures.durability import differing_arrays
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import read_toml
+from labapp.files.reading import read_file
 from labapp.record.reader import Record
 from optics.progress import Progress
+from simulator.devices import SimulatedFilter
 
 
 @pytest.fixture
 def plan(small) -> PlanFile:
-    return read_toml(small.plan, PlanFile)
+    return read_file(small.plan, PlanFile)
 
 
 @pytest.fixture
@@ -32,17 +44,16 @@ def is_safe(bench) -> bool:
     return bench.slm.shown == "neutral" and not bench.world.grey.any()
 
 
-def test_a_plan_is_the_product_of_its_axes(plan):
-    taken = shots(plan)
-    # 2 targets x 2 patterns x 2 wavelengths x 2 exposures
-    assert len(taken) == 16
-    assert len({(s.target, s.pattern, s.wavelength, s.exposure) for s in taken}) == 16
-    assert [s.index for s in taken] == list(range(16))
+def test_the_expected_duration_is_that_of_exposures_read_outs_and_settling(plan, bench):
+    """8 frames of 1 ms and 8 of 8 ms, each read out in 8 ms; 8 changes settle for 50 ms."""
+    abilities = Abilities.of(bench)
+    expected = expect(shots(plan, abilities), plan, abilities)
+    assert expected.seconds == pytest.approx(8 * (1 + 8) * 1e-3 + 16 * 8e-3 + 8 * 50e-3)
 
 
-def test_the_expected_duration_is_that_of_exposures_and_read_outs(plan, bench):
-    # 8 frames of 1 ms and 8 of 8 ms, each read out in 8 ms.
-    assert expected_seconds(plan, bench) == pytest.approx(8 * (1 + 8) * 1e-3 + 16 * 8e-3)
+def test_a_virtual_run_takes_the_time_that_was_expected(plan, bench, tmp_path):
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert outcome.took == pytest.approx(outcome.expected)
 
 
 def test_a_run_is_complete_when_every_frame_reads_back(plan, bench, tmp_path):
@@ -91,6 +102,7 @@ def test_settling_overlaps(plan, bench, tmp_path):
         time, exposure = record.column("time"), record.column("exposure")
     gaps = np.diff(time) - exposure[:-1] - 8e-3
     assert gaps.max() == pytest.approx(50e-3, abs=1e-9)
+    assert time[0] == pytest.approx(50e-3)
 
 
 def test_the_record_says_what_each_frame_was_taken_with(plan, bench, tmp_path):
@@ -126,30 +138,73 @@ def test_a_cancelled_run_is_safe_readable_and_says_what_is_missing(plan, bench, 
         assert record.image(4).any()
 
 
+def changed(plan: PlanFile, **keys) -> PlanFile:
+    return PlanFile.model_validate(plan.model_dump() | keys)
+
+
 def failing(*args):
     raise DeviceError("camera", "capture", "link lost", "Check the cable")
 
 
-@pytest.mark.parametrize(
-    ("device", "call"),
-    [("camera", "capture"), ("slm", "show"), ("filter", "set_wavelength"), ("targets", "place")],
-)
-def test_a_failing_device_ends_the_run_as_failed(plan, bench, tmp_path, device, call, monkeypatch):
-    original = getattr(getattr(bench, device), call)
-    calls = iter(range(100))
+COMMANDS = [
+    ("camera", "capture"),
+    ("slm", "show"),
+    ("filter", "set_wavelength"),
+    ("targets", "place"),
+]
 
-    def fail_once(*args):
-        return failing() if next(calls) == 0 else original(*args)
 
-    monkeypatch.setattr(getattr(bench, device), call, fail_once)
+@pytest.mark.parametrize(("device", "call"), COMMANDS)
+def test_a_device_that_goes_on_failing_ends_the_run_as_failed(
+    plan, bench, tmp_path, device, call, monkeypatch
+):
+    monkeypatch.setattr(getattr(bench, device), call, failing)
     outcome = run_plan(bench, plan, tmp_path / "run.h5")
     assert outcome.state is State.FAILED
-    assert outcome.missing
+    assert outcome.missing == list(range(16))
     assert "link lost" in outcome.message
     assert is_safe(bench)
     with Record(outcome.path) as record:
         assert record.state is State.FAILED
         assert "Check the cable" in record.message
+        tried = [text for _, text in record.log if "attempt" in text]
+    for number, text in enumerate(tried, start=1):
+        assert text.startswith(f"frame 0, attempt {number} of 3: ")
+    assert len(tried) == 3
+
+
+@pytest.mark.parametrize(("device", "call"), COMMANDS)
+def test_a_failure_that_passes_is_tried_again_and_recorded(
+    plan, bench, tmp_path, device, call, monkeypatch
+):
+    original = getattr(getattr(bench, device), call)
+    calls = iter(range(1000))
+
+    def fail_once(*args):
+        return failing() if next(calls) == 1 else original(*args)
+
+    run_plan(bench, plan, tmp_path / "quiet.h5")
+    monkeypatch.setattr(getattr(bench, device), call, fail_once)
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.COMPLETE, [])
+    with Record(outcome.path) as record:
+        attempts = record.column("attempts")
+        assert sorted(attempts)[-2:] == [1, 2]
+        assert any("attempt 1 of 3" in text and "link lost" in text for _, text in record.log)
+    assert differing_arrays(tmp_path / "quiet.h5", outcome.path) == []
+
+
+def test_a_plan_may_ask_for_no_second_attempt(plan, bench, tmp_path, monkeypatch):
+    calls = iter(range(1000))
+    capture = bench.camera.capture
+
+    def fail_once(*args):
+        return failing() if next(calls) == 3 else capture(*args)
+
+    monkeypatch.setattr(bench.camera, "capture", fail_once)
+    once = changed(plan, retry={"attempts": 1})
+    outcome = run_plan(bench, once, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.FAILED, list(range(3, 16)))
 
 
 def test_a_frame_of_the_wrong_exposure_is_not_taken(plan, bench, tmp_path, monkeypatch):
@@ -168,16 +223,16 @@ def test_a_frame_of_the_wrong_exposure_is_not_taken(plan, bench, tmp_path, monke
 
 
 def test_every_device_is_made_safe_even_if_one_refuses(plan, bench, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.filter, "make_safe", failing)
+    monkeypatch.setattr(SimulatedFilter, "make_safe", failing)
     outcome = run_plan(bench, plan, tmp_path / "run.h5")
     assert is_safe(bench)
-    assert "not left safe" in outcome.message or "link lost" in outcome.message
+    assert outcome.state is State.COMPLETE
+    assert "not left safe" in outcome.message
+    assert "link lost" in outcome.message
     monkeypatch.undo()
 
 
 def test_same_seed_same_arrays_and_another_seed_others(small, plan, tmp_path):
-    from labapp.figures.durability import differing_arrays
-
     paths = [tmp_path / f"{name}.h5" for name in "abc"]
     for path, seed in zip(paths, (3, 3, 4), strict=True):
         with open_bench(small.bench_files) as bench:
@@ -218,8 +273,333 @@ def test_the_record_logs_what_was_set_and_how_the_run_ended(plan, bench, tmp_pat
     with Record(tmp_path / "run.h5") as record:
         texts = [text for _, text in record.log]
         times = [time for time, _ in record.log]
-    assert texts[0] == "started: 16 frames planned"
+    assert texts[0] == "started: 16 frames to take"
     assert texts[1:4] == ["target: dark", "pattern: neutral", "wavelength: 540 nm"]
     assert texts.count("pattern: lens") == 2
-    assert texts[-1] == "all frames taken"
+    assert texts[-2] == "all frames taken"
+    assert texts[-1] == "expected 0.600 s of bench time, took 0.600 s"
     assert times == sorted(times)
+
+
+def test_pausing_rests_after_the_frame_and_goes_on_where_it_was(plan, bench, tmp_path):
+    """While it rests nothing is taken, the file says PAUSED, and somebody moves the bench."""
+    progress, path, taken = Progress(), tmp_path / "run.h5", []
+    rested = []
+
+    def pause_at_three(shot, frame):
+        taken.append(shot.index)
+        if shot.index == 3:
+            progress.pause()
+            threading.Thread(target=look_and_go_on).start()
+
+    def look_and_go_on():
+        while state_of(path) is not State.PAUSED:
+            time.sleep(0.01)
+        rested.append(list(taken))
+        bench.filter.set_wavelength(700e-9)
+        progress.resume()
+
+    outcome = run_plan(bench, plan, path, progress=progress, on_frame=pause_at_three)
+    assert outcome.state is State.COMPLETE
+    assert rested == [[0, 1, 2, 3]]
+    run_plan(bench, plan, tmp_path / "quiet.h5")
+    assert differing_arrays(path, tmp_path / "quiet.h5") == []
+
+
+def state_of(path) -> State:
+    with Record(path) as record:
+        return record.state
+
+
+def test_a_paused_run_can_be_cancelled(plan, bench, tmp_path):
+    progress = Progress()
+
+    def rest(shot, frame):
+        progress.pause()
+        threading.Timer(0.1, progress.cancel).start()
+
+    outcome = run_plan(bench, plan, tmp_path / "run.h5", progress=progress, on_frame=rest)
+    assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(1, 16)))
+    assert is_safe(bench)
+
+
+def test_a_plan_may_pause_when_a_device_goes_on_failing(plan, bench, tmp_path, monkeypatch):
+    broken = threading.Event()
+    capture = bench.camera.capture
+
+    def fail_while_broken(cancelled):
+        return failing() if broken.is_set() else capture(cancelled)
+
+    def break_it(shot, frame):
+        if shot.index == 5:
+            broken.set()
+            threading.Thread(target=mend).start()
+
+    def mend():
+        while not progress.paused:
+            time.sleep(0.01)
+        broken.clear()
+        progress.resume()
+
+    progress = Progress()
+    monkeypatch.setattr(bench.camera, "capture", fail_while_broken)
+    patient = changed(plan, retry={"then": "pause", "wait_s": 0})
+    path = tmp_path / "run.h5"
+    outcome = run_plan(bench, patient, path, progress=progress, on_frame=break_it)
+    assert outcome.state is State.COMPLETE
+    with Record(path) as record:
+        assert any(text.startswith("paused: ") and "Mend it" in text for _, text in record.log)
+
+
+def test_resuming_takes_the_missing_frames_only(small, plan, tmp_path):
+    progress, path, again = Progress(), tmp_path / "run.h5", []
+    with open_bench(small.bench_files) as bench:
+        run_plan(bench, plan, tmp_path / "whole.h5")
+        outcome = run_plan(
+            bench,
+            plan,
+            path,
+            progress=progress,
+            on_frame=lambda shot, frame: progress.cancel() if shot.index == 6 else None,
+        )
+    assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(7, 16)))
+    with h5py.File(path, "r+") as file:
+        file["entry/data/images"][2, 0, 0] ^= 1
+    with open_bench(small.bench_files) as bench:
+        outcome = resume_run(bench, path, on_frame=lambda shot, frame: again.append(shot.index))
+        assert is_safe(bench)
+    assert outcome.state is State.COMPLETE
+    assert again == [2, *range(7, 16)]
+    assert differing_arrays(tmp_path / "whole.h5", path) == []
+    with Record(path) as record:
+        assert record.state is State.COMPLETE
+        assert any(text == "resumed: 10 frames to take" for _, text in record.log)
+
+
+def test_resuming_a_whole_record_changes_nothing_in_it(small, plan, tmp_path):
+    path = tmp_path / "run.h5"
+    with open_bench(small.bench_files) as bench:
+        run_plan(bench, plan, path)
+        with Record(path) as record:
+            before = record.arrays() | {"t": record.column("timestamp")}
+        assert resume_run(bench, path).state is State.COMPLETE
+    with Record(path) as record:
+        after = record.arrays() | {"t": record.column("timestamp")}
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+
+
+def test_a_record_is_not_resumed_on_another_bench(small, plan, tmp_path):
+    path = tmp_path / "run.h5"
+    with open_bench(small.bench_files) as bench:
+        run_plan(bench, plan, path)
+    small.bench.write_text(small.bench.read_text().replace("f_number = 5.0", "f_number = 8.0"))
+    with (
+        open_bench(small.bench_files) as bench,
+        pytest.raises(UserError, match=r"this bench differs .* Leave --bench out"),
+    ):
+        resume_run(bench, path)
+
+
+PROMPTS = {"star": {"prompt": "Place the star at 1.5 m, press Enter."}}
+
+
+def test_a_person_is_asked_once_before_a_target_and_waited_for(plan, bench, tmp_path):
+    asked, frames = [], []
+
+    def ask(text, progress):
+        asked.append((text, len(frames), state_of(tmp_path / "run.h5")))
+
+    run_plan(
+        bench,
+        changed(plan, targets=PROMPTS),
+        tmp_path / "run.h5",
+        ask=ask,
+        on_frame=lambda shot, frame: frames.append(shot.index),
+    )
+    assert asked == [("Place the star at 1.5 m, press Enter.", 8, State.PAUSED)]
+
+
+def test_a_plan_with_prompts_needs_somebody_who_answers(plan, bench, tmp_path):
+    with pytest.raises(UserError, match=r"asks a person 1 times, first: 'Place the star"):
+        run_plan(bench, changed(plan, targets=PROMPTS), tmp_path / "run.h5")
+    assert not (tmp_path / "run.h5").exists()
+
+
+def test_who_cancels_at_a_prompt_ends_the_run(plan, bench, tmp_path):
+    progress = Progress()
+    outcome = run_plan(
+        bench,
+        changed(plan, targets=PROMPTS),
+        tmp_path / "run.h5",
+        progress=progress,
+        ask=lambda text, progress: progress.cancel(),
+    )
+    assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(8, 16)))
+
+
+def test_a_run_that_has_no_room_does_not_begin(plan, bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(keeping, "free_bytes", lambda path: 100_000)
+    with pytest.raises(UserError, match=r"needs \d MB, and its disk has 0 MB free. Make space"):
+        run_plan(bench, plan, tmp_path / "run.h5")
+    assert list(tmp_path.glob("*.h5")) == []
+
+
+@pytest.mark.parametrize("where", ["before a frame", "in a frame"])
+def test_a_full_disk_pauses_the_run_until_there_is_space(
+    small, plan, bench, tmp_path, monkeypatch, where
+):
+    """In a frame: the disk refuses although it seemed to have room, as a quota does."""
+    path, full, messages = tmp_path / "run.h5", threading.Event(), []
+    pwrite = os.pwrite
+
+    def refuse(handle, data, offset):
+        # The few bytes of state and log have had their place since the beginning.
+        if full.is_set() and len(data) > 4000:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return pwrite(handle, data, offset)
+
+    def room(path):
+        return 0 if full.is_set() else 10**9
+
+    def fill(shot, frame):
+        if shot.index == 4:
+            full.set()
+            if where == "in a frame":
+                monkeypatch.setattr(keeping, "free_bytes", lambda path: 10**9)
+            threading.Thread(target=free).start()
+
+    def free():
+        while state_of(path) is not State.PAUSED:
+            time.sleep(0.005)
+        with Record(path) as record:
+            messages.append((record.message, record.missing()))
+        full.clear()
+
+    monkeypatch.setattr(os, "pwrite", refuse)
+    monkeypatch.setattr(keeping, "free_bytes", room)
+    outcome = run_plan(bench, plan, path, on_frame=fill)
+    monkeypatch.undo()
+    assert (outcome.state, outcome.missing) == (State.COMPLETE, [])
+    message, missing = messages[0]
+    assert "is full. Make space" in message
+    assert missing == list(range(5, 16))
+    run_plan(bench, plan, tmp_path / "quiet.h5")
+    assert differing_arrays(path, tmp_path / "quiet.h5") == []
+
+
+def test_a_disk_that_fails_for_good_ends_the_run(plan, bench, tmp_path, monkeypatch):
+    pwrite = os.pwrite
+
+    def break_down(handle, data, offset):
+        if len(data) > 4000:
+            raise OSError(errno.EIO, "Input/output error")
+        return pwrite(handle, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", break_down)
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.FAILED, list(range(16)))
+    assert "Input/output error" in outcome.message
+    assert is_safe(bench)
+
+
+def test_cancelling_ends_a_long_exposure_at_once(small, plan, tmp_path):
+    """The clock runs in real time, and the exposure would last 30 s."""
+    long = changed(plan, acquire=[plan.acquire[0].model_dump() | {"exposures_ms": [30000]}])
+    progress = Progress()
+    threading.Timer(0.5, progress.cancel).start()
+    with open_bench(small.bench_files, speed=1.0) as bench:
+        outcome = run_plan(bench, long, tmp_path / "run.h5", progress=progress)
+        assert is_safe(bench)
+        # Of the 30 s not even half have passed.
+        assert bench.clock.now() < 15
+    assert outcome.state is State.CANCELLED
+    assert outcome.missing == list(range(8))
+
+
+def test_a_video_is_exposed_for_whole_periods(small, plan, tmp_path):
+    spin = {"kind": "video", "frames": ["neutral", "lens"]}
+    patterns = plan.model_dump()["patterns"] | {"spin": spin}
+    block = {
+        "targets": ["star"],
+        "patterns": ["spin", "neutral"],
+        "wavelengths_nm": [550],
+        "periods": [1, 3],
+    }
+    with open_bench(small.bench_files) as bench:
+        outcome = run_plan(
+            bench, changed(plan, patterns=patterns, acquire=[block]), tmp_path / "run.h5"
+        )
+    assert outcome.state is State.COMPLETE
+    with Record(outcome.path) as record:
+        np.testing.assert_allclose(
+            record.column("exposure"), np.array([2, 6, 2, 6]) / 60, atol=1e-6
+        )
+        assert record.pattern("spin").shape == (2, 108, 192)
+
+
+def test_runs_in_a_queue_are_checked_together_and_run_in_turn(small, plan, bench, tmp_path):
+    told = []
+    requests = [Request(plan, tmp_path / f"{name}.h5", name) for name in "ab"]
+    outcomes = run_all(bench, requests, on_outcome=told.append)
+    assert [o.state for o in outcomes] == [State.COMPLETE] * 2
+    assert told == outcomes
+    wrong = changed(plan, acquire=[plan.acquire[0].model_dump() | {"wavelengths_nm": [900]}])
+    more = [Request(plan, tmp_path / "c.h5", "c"), Request(wrong, tmp_path / "d.h5", "d")]
+    with pytest.raises(UserError, match=r"d: key 'acquire.0.wavelengths_nm' has 900"):
+        run_all(bench, more)
+    assert not (tmp_path / "c.h5").exists()
+    twice = [Request(plan, tmp_path / "e.h5"), Request(plan, tmp_path / "e.h5")]
+    with pytest.raises(UserError, match="two runs would write it"):
+        run_all(bench, twice)
+
+
+def test_a_failed_run_does_not_keep_the_next_from_its_turn(plan, bench, tmp_path, monkeypatch):
+    capture = bench.camera.capture
+    calls = iter(range(1000))
+
+    def fail_thrice(*args):
+        return failing() if next(calls) < 3 else capture(*args)
+
+    monkeypatch.setattr(bench.camera, "capture", fail_thrice)
+    requests = [Request(plan, tmp_path / f"{name}.h5") for name in "ab"]
+    states = [outcome.state for outcome in run_all(bench, requests)]
+    assert states == [State.FAILED, State.COMPLETE]
+
+
+class Noting:
+    """A hook that notes when it was called."""
+
+    def __init__(self, notes):
+        self.notes = notes
+
+    def before_run(self, shots):
+        self.notes.append(f"run {len(shots)}")
+
+    def after_frame(self, shot, frame):
+        self.notes.append(f"frame {shot.index} {frame.image.shape}")
+        if shot.index == 2:
+            raise ValueError("enough")
+
+    def after_run(self, state):
+        self.notes.append(state)
+
+
+def test_a_hook_sees_the_run_and_its_failure_is_named(plan, bench, tmp_path, monkeypatch):
+    notes = []
+
+    class Entry:
+        name = "noting"
+
+        def load(self):
+            return lambda plan, bench: Noting(notes)
+
+    class Entries(list):
+        names = ("noting",)
+
+    for module in (hooks, checking):
+        monkeypatch.setattr(module, "entry_points", lambda group: Entries([Entry()]))
+    outcome = run_plan(bench, changed(plan, hooks=["noting"]), tmp_path / "run.h5")
+    assert notes == ["run 16", *(f"frame {n} (64, 96)" for n in range(3)), "FAILED"]
+    assert outcome.state is State.FAILED
+    assert outcome.message == "hook 'noting', after_frame: ValueError: enough"
+    assert outcome.missing == list(range(3, 16))

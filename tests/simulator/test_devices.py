@@ -13,7 +13,6 @@ from drivers.interfaces import (
     Camera,
     Device,
     Identity,
-    Seeded,
     SpectralFilter,
     Surroundings,
     TargetChanger,
@@ -47,7 +46,7 @@ def surroundings() -> Surroundings:
 
 def photograph(surroundings, seed=(1, 2, 3), exposure=0.01) -> np.ndarray:
     with SimulatedCamera(surroundings) as camera:
-        camera.reseed(*seed)
+        surroundings.world.begin(*seed)
         camera.set_exposure(exposure)
         return camera.capture(never).image
 
@@ -167,7 +166,6 @@ def test_every_part_of_the_seed_counts(surroundings, seed):
 
 def test_without_a_new_seed_every_frame_has_its_own_noise(surroundings):
     with SimulatedCamera(surroundings) as camera:
-        assert isinstance(camera, Seeded)
         assert not np.array_equal(camera.capture(never).image, camera.capture(never).image)
 
 

@@ -88,11 +88,9 @@ class Benchtop:
 
     def blame(self, error: DeviceError) -> str:
         """The bench's name of the device that failed, which is marked until it works again."""
-        for name, device in self._bench.devices.items():
-            if device.identity.model == error.device:
-                self._failed[name] = f"{error.command}: {error.reply}"
-                return name
-        return ""
+        if error.role:
+            self._failed[error.role] = f"{error.command}: {error.reply}"
+        return error.role
 
     def absolve(self) -> None:
         """Forget the failures: the devices did as they were told."""

@@ -7,15 +7,15 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from labapp.errors import UserError
-from labapp.files.plan_file import (
+from labapp.files.pattern_table import (
     AxiconPattern,
     ConstantPattern,
     ImagePattern,
     LensPattern,
-    Pattern,
-    PlanFile,
     RingPattern,
+    Still,
 )
+from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate
 from labapp.window.messages import Acquire, PatternTable
 
@@ -24,10 +24,10 @@ _DARKS, _STARS = 4, 2
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
 
-_pattern: TypeAdapter[Pattern] = TypeAdapter(Pattern)
+_pattern: TypeAdapter[Still] = TypeAdapter(Still)
 
 
-def read_pattern(table: PatternTable) -> Pattern:
+def read_pattern(table: PatternTable) -> Still:
     """A validated pattern; UserError names the key that is out of range."""
     try:
         return _pattern.validate_python(table)
@@ -35,7 +35,7 @@ def read_pattern(table: PatternTable) -> Pattern:
         raise UserError(explain(error, PlanFile, "pattern")) from error
 
 
-def pattern_name(pattern: Pattern) -> str:
+def pattern_name(pattern: Still) -> str:
     """What a pattern is called on the screen and in records: what it is, and its sizes."""
     if isinstance(pattern, ConstantPattern):
         return "neutral" if pattern.grey == 0 else f"grey {pattern.grey}"

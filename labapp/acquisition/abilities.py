@@ -1,0 +1,48 @@
+"""What a bench can do, as far as a plan depends on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from labapp.bench import Bench
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """Read from the devices once. Metres and seconds; shapes are (rows, columns).
+
+    slots: wavelengths of a filter wheel's slots, empty for a tunable filter. by_hand:
+    whether a person places the targets. video_frame: seconds that a frame of a video stands.
+    readout: from the end of an exposure to a picture. *_settling: until a new setting stands.
+    """
+
+    targets: tuple[str, ...]
+    by_hand: bool
+    wavelength_range: tuple[float, float]
+    slots: tuple[float, ...]
+    exposure_range: tuple[float, float]
+    frame_shape: tuple[int, int]
+    panel_shape: tuple[int, int]
+    video_frame: float
+    readout: float
+    target_settling: float
+    slm_settling: float
+    filter_settling: float
+
+    @staticmethod
+    def of(bench: Bench) -> Abilities:
+        wheel = bench.wheel
+        return Abilities(
+            targets=bench.targets.names,
+            by_hand=bench.targets.by_hand,
+            wavelength_range=bench.filter.wavelength_range,
+            slots=tuple(slot.wavelength for slot in wheel.slots) if wheel else (),
+            exposure_range=bench.camera.exposure_range,
+            frame_shape=bench.camera.shape,
+            panel_shape=bench.slm.shape,
+            video_frame=bench.slm.frame_time,
+            readout=bench.camera.frame_time,
+            target_settling=bench.targets.settling,
+            slm_settling=bench.slm.settling,
+            filter_settling=bench.filter.settling,
+        )

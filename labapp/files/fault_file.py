@@ -1,0 +1,44 @@
+"""The fault file: what shall go wrong on a virtual bench, and when."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from labapp.errors import UserError
+from labapp.files.reading import FileModel, read_file
+from simulator.faults import Fault, Kind, Role
+
+
+class FaultTable(FileModel):
+    """One fault; see simulator.faults.Fault.
+
+    frame: index of the planned frame from which on it strikes, at the device's next call.
+    times: calls that it strikes. seconds: how much longer a slow call takes, or how long a
+    device stays disconnected, in bench time.
+    """
+
+    device: Role
+    kind: Kind
+    frame: Annotated[int, Field(ge=0)] = 0
+    times: Annotated[int, Field(ge=1)] = 1
+    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 1.0
+
+
+class FaultFile(FileModel):
+    version: Literal[1]
+    fault: Annotated[tuple[FaultTable, ...], Field(min_length=1)]
+
+
+def read_faults(path: Path) -> tuple[Fault, ...]:
+    """The faults of a file; UserError names what is wrong with it."""
+    tables = read_file(path, FaultFile).fault
+    faults = []
+    for number, table in enumerate(tables):
+        try:
+            faults.append(Fault(**table.model_dump()))
+        except ValueError as error:
+            raise UserError(f"{path}: key 'fault.{number}': {error}.") from error
+    return tuple(faults)

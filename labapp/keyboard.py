@@ -1,0 +1,86 @@
+"""Keys that a person presses while a run is under way: pause, go on, and answers."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from labapp.errors import UserError
+from optics.progress import Progress
+
+_LOOK = 0.05
+"""Seconds between looks at whether somebody has answered, or has cancelled."""
+
+
+class Keyboard:
+    """Reads standard input beside a run: p pauses, r goes on, Enter answers a question.
+
+    progress: of the run. Use it as `with listening(progress) as keyboard`.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._entered = threading.Event()
+        self._gone = threading.Event()
+        self._done = threading.Event()
+        threading.Thread(target=self._read, name="keyboard", daemon=True).start()
+
+    def wait_for_enter(self, progress: Progress) -> None:
+        """Return when Enter is pressed from now on. UserError if nobody ever can."""
+        self._entered.clear()
+        while not self._entered.wait(_LOOK):
+            progress.check()
+            if self._gone.is_set() and not self._entered.is_set():
+                raise UserError(
+                    "the run asks a person, and standard input has ended. Run it in a terminal, "
+                    "or with --yes when all is in place."
+                )
+
+    def close(self) -> None:
+        self._done.set()
+
+    def _read(self) -> None:
+        source = sys.stdin.fileno()
+        while not self._done.is_set():
+            ready, _, _ = select.select([source], [], [], _LOOK)
+            if not ready:
+                continue
+            pressed = os.read(source, 1)
+            if not pressed:
+                self._gone.set()
+                return
+            self._press(pressed)
+            if pressed == b"\n":
+                # Each question takes one answer: the next line belongs to the next one.
+                while self._entered.is_set() and not self._done.wait(_LOOK):
+                    pass
+
+    def _press(self, key: bytes) -> None:
+        if key in b"pP":
+            self._progress.pause()
+        elif key in b"rR":
+            self._progress.resume()
+        elif key in b"\r\n":
+            self._entered.set()
+
+
+@contextmanager
+def listening(progress: Progress) -> Iterator[Keyboard]:
+    """A keyboard whose keys are heard one by one, without Enter, where it is a terminal."""
+    before = None
+    if sys.stdin.isatty():
+        before = termios.tcgetattr(sys.stdin)
+        tty.setcbreak(sys.stdin)
+    keyboard = Keyboard(progress)
+    try:
+        yield keyboard
+    finally:
+        keyboard.close()
+        if before is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

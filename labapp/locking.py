@@ -1,0 +1,61 @@
+"""One application at a time owns a device."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import IO
+
+from labapp.errors import UserError
+from labapp.files.bench_file import BenchFile, DeviceTable
+
+
+@contextmanager
+def lock_devices(bench: BenchFile) -> Iterator[None]:
+    """While the block runs, nobody else on this computer opens the bench's real devices.
+
+    UserError says who has one. Simulated devices are made anew by whoever opens them, and
+    need no lock. The system frees the lock of a process that dies.
+    """
+    with ExitStack() as stack:
+        for role, table in bench.devices.tables.items():
+            if table.is_exclusive:
+                stack.enter_context(_lock(role, table))
+        yield
+
+
+@contextmanager
+def _lock(role: str, table: DeviceTable) -> Iterator[None]:
+    # Never deleted: who deletes a lock may delete that of the next one.
+    handle = os.open(_path(table), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    with os.fdopen(handle, "r+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise UserError(
+                f"the {role} ({table.driver}) is in use by {_owner(file)}. Close that first."
+            ) from error
+        file.truncate(0)
+        command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:3]])
+        file.write(f"{command} (process {os.getpid()}, since {datetime.now():%H:%M})")
+        file.flush()
+        yield
+
+
+def _owner(file: IO[str]) -> str:
+    return file.read().strip() or "another application"
+
+
+def _path(table: DeviceTable) -> Path:
+    """By driver and options: two bench files may have the same device."""
+    named = json.dumps([table.driver, table.options], sort_keys=True).encode()
+    name = hashlib.sha256(named).hexdigest()[:24]
+    return Path(tempfile.gettempdir(), f"labapp-{name}.lock")

@@ -1,0 +1,190 @@
+"""Making a record: every dataset in its place before the first frame."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+import labapp
+from drivers.interfaces import Identity
+from labapp.acquisition.state import State
+from labapp.acquisition.steps import Shot
+from labapp.errors import UserError
+from labapp.files.writing import require_writable
+from labapp.record import layout, process
+
+_PACKAGES = ("numpy", "scipy", "torch", "h5py")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Everything about a run that is known before its first frame.
+
+    patterns: (rows, columns), or (frames, rows, columns) of a video. video_frame: seconds
+    that a frame of a video stands. pixel_pitch: metres. pictures: SHA-256 of the scene's
+    picture files. faults: that a virtual bench was asked to have.
+    """
+
+    title: str
+    seed: int
+    plan: dict[str, Any]
+    bench: dict[str, Any]
+    scene: dict[str, Any] | None
+    effect_plan: dict[str, Any] | None
+    identities: Mapping[str, Identity]
+    targets: Sequence[str]
+    patterns: Mapping[str, NDArray[np.uint8]]
+    shots: Sequence[Shot]
+    frame_shape: tuple[int, int]
+    pixel_pitch: float
+    video_frame: float = 0.0
+    pictures: Mapping[str, str] = field(default_factory=dict)
+    faults: Sequence[dict[str, Any]] = ()
+
+
+def make(path: Path, contents: Contents, *, force: bool = False) -> None:
+    """A record without a frame. force: whether an existing file may be replaced.
+
+    The file takes its name only when it is whole, so that nothing half-made is left and
+    nothing is lost if it can't be made. UserError says why it can't.
+    """
+    require_writable(path, force=force)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with h5py.File(draft, "w", libver="latest") as file:
+            _fill(file, contents)
+        _to_disk(draft)
+        os.replace(draft, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _fill(file: h5py.File, c: Contents) -> None:
+    file.attrs.update(
+        {
+            "NX_class": "NXroot",
+            "default": layout.ENTRY,
+            "creator": "labapp",
+            "creator_version": labapp.__version__,
+            "labapp_format": layout.FORMAT,
+        }
+    )
+    entry = _group(file, layout.ENTRY, "NXentry")
+    entry.attrs["default"] = "data"
+    entry["title"], entry["definition"] = c.title, "labapp_run"
+    entry["seed"], entry["start_time"] = c.seed, now()
+    entry["expected_seconds"] = math.fsum(shot.lasts for shot in c.shots)
+    for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
+        entry[name] = json.dumps(getattr(c, name))
+    entry["versions"] = json.dumps(_versions())
+    _allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
+    _allocate(entry, "message", np.zeros(1, layout.MESSAGE))
+    _allocate(entry, "end_time", np.zeros(1, layout.WHEN))
+    _allocate(entry, "writer", np.array([process.me().encode()], layout.WRITER))
+    _allocate(entry, "log", np.zeros(layout.log_rows(len(c.shots)), layout.LOG_ROW))
+    instrument = _group(entry, "instrument", "NXinstrument")
+    for name, identity in c.identities.items():
+        device = _group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
+        device["model"], device["serial"] = identity.model, identity.serial
+        device["simulated"] = identity.simulated
+    _fill_patterns(file, c)
+    _fill_data(file, c)
+
+
+def _fill_patterns(file: h5py.File, c: Contents) -> None:
+    patterns = _group(file, layout.PATTERNS, "NXcollection")
+    videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
+    lengths = [len(video) for video in videos]
+    patterns["images"] = np.concatenate(videos)
+    patterns["names"] = list(c.patterns)
+    patterns["first"] = np.cumsum([0, *lengths[:-1]])
+    patterns["frames"] = lengths
+    times = [c.video_frame if image.ndim == 3 else 0.0 for image in c.patterns.values()]
+    patterns["frame_time"] = times
+    patterns["frame_time"].attrs["units"] = "s"
+    patterns["sha256"] = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
+    _group(file, "entry/targets", "NXcollection")["names"] = list(c.targets)
+
+
+def _fill_data(file: h5py.File, c: Contents) -> None:
+    data = _group(file, layout.DATA, "NXdata")
+    n, (rows, columns) = len(c.shots), c.frame_shape
+    data.attrs.update({"signal": "images", "axes": ["frame", "y", "x"]})
+    _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
+    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
+    for name, size in (("y", rows), ("x", columns)):
+        data[name] = (np.arange(size) - size // 2) * c.pixel_pitch
+    names, targets = list(c.patterns), list(c.targets)
+    planned = {
+        "frame": [s.index for s in c.shots],
+        "step": [s.step for s in c.shots],
+        "repeat": [s.repeat for s in c.shots],
+        "role": [layout.ROLES.index(s.role) for s in c.shots],
+        "target": [targets.index(s.target) for s in c.shots],
+        "pattern": [names.index(s.pattern) for s in c.shots],
+        "slot": [s.slot for s in c.shots],
+        "exposure_asked": [s.exposure for s in c.shots],
+        "wavelength_asked": [s.wavelength for s in c.shots],
+    }
+    for name, dtype in layout.PLANNED.items():
+        _allocate(data, name, np.array(planned[name], dtype))
+    for name, dtype in layout.MEASURED.items():
+        _allocate(data, name, np.zeros(n, dtype))
+    for name, unit in layout.UNITS.items():
+        data[name].attrs["units"] = unit
+    data["role"].attrs["names"] = list(layout.ROLES)
+
+
+def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
+    """A contiguous dataset whose blocks are on the disk now: a full one can't take them."""
+    parent.create_dataset(name, data=values)
+
+
+def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
+    """A contiguous dataset that has its place in the file, and no blocks on the disk yet."""
+    how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    how.set_layout(h5py.h5d.CONTIGUOUS)
+    how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    kind = h5py.h5t.py_create(dtype, logical=True)
+    h5py.h5d.create(parent.id, name.encode(), kind, h5py.h5s.create_simple(shape), how)
+
+
+def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
+    group = parent.create_group(name)
+    group.attrs["NX_class"] = kind
+    return group
+
+
+def _versions() -> dict[str, str]:
+    found = {name: version(name) for name in _PACKAGES}
+    return {"labapp": labapp.__version__, "python": platform.python_version(), **found}

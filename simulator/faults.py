@@ -1,0 +1,153 @@
+"""What may go wrong on the virtual bench, by a script: device, moment and kind."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Clock
+
+Role = Literal["slm", "filter", "camera", "targets"]
+
+Kind = Literal[
+    "error",
+    "silence",
+    "slow",
+    "hung",
+    "disconnect",
+    "late frame",
+    "dropped frame",
+    "stale frame",
+    "wrong exposure",
+    "corrupt frame",
+]
+
+FRAME_KINDS: tuple[Kind, ...] = (
+    "late frame",
+    "dropped frame",
+    "stale frame",
+    "wrong exposure",
+    "corrupt frame",
+)
+"""Kinds that strike the frame of an exposure; only a camera has them."""
+
+_EVER = math.inf
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that goes wrong.
+
+    device: what the bench calls it. frame: index of the planned frame from which on it
+    strikes, at the device's next call. times: calls that it strikes. seconds: of bench time,
+    how much longer a slow call takes, or how long a device stays disconnected.
+    """
+
+    device: Role
+    kind: Kind
+    frame: int = 0
+    times: int = 1
+    seconds: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.device not in get_args(Role):
+            raise ValueError(f"device is {self.device!r}; choose {', '.join(get_args(Role))}")
+        if self.kind not in get_args(Kind):
+            raise ValueError(f"kind is {self.kind!r}; choose {', '.join(get_args(Kind))}")
+        if self.kind in FRAME_KINDS and self.device != "camera":
+            raise ValueError(
+                f"kind is {self.kind!r} for the {self.device}; only the camera has frames"
+            )
+        if self.frame < 0 or self.times < 1:
+            raise ValueError(
+                f"frame is {self.frame} and times {self.times}; "
+                "frame counts from 0, and a fault strikes once at least"
+            )
+        if not 0 <= self.seconds < math.inf:
+            raise ValueError(f"seconds is {self.seconds:g}; it must be finite and not negative")
+
+
+@dataclass
+class _Pending:
+    fault: Fault
+    left: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.left = self.fault.times
+
+
+class FaultScript:
+    """The faults that are still to come, and the devices that are unplugged now."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        self.script = tuple(faults)
+        self._pending = [_Pending(fault) for fault in self.script]
+        self._away_until: dict[str, float] = {}
+        self.frame = 0
+        """Index of the planned frame that the bench is at."""
+
+    def strike(self, role: str, frame: bool) -> Fault | None:
+        """The fault that strikes this call, if one does. frame: whether it asks for a frame."""
+        for pending in self._pending:
+            fault = pending.fault
+            fits = fault.device == role and (frame or fault.kind not in FRAME_KINDS)
+            if fits and pending.left and self.frame >= fault.frame:
+                pending.left -= 1
+                return fault
+        return None
+
+    def unplug(self, role: str, until: float) -> None:
+        self._away_until[role] = until
+
+    def is_away(self, role: str, now: float) -> bool:
+        return now < self._away_until.get(role, -_EVER)
+
+
+class Faulty:
+    """The bad luck of one opened device.
+
+    What strikes it is decided at the beginning of each call, so that nothing is half done.
+    """
+
+    def __init__(self, script: FaultScript, role: str, model: str, clock: Clock) -> None:
+        self._script, self._role, self._model, self._clock = script, role, model, clock
+        self._killed = threading.Event()
+        self._unplugged = False
+
+    def require_plugged(self) -> None:
+        """DeviceError while the device is unplugged, as when it is opened."""
+        if self._script.is_away(self._role, self._clock.now()):
+            raise self._error("open", "there is no such device", "Plug it in")
+
+    def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
+        """Suffer what a call suffers; the fault, if the call goes on all the same."""
+        if self._unplugged:
+            raise self._error(command, "the device is disconnected", "Plug it in")
+        fault = self._script.strike(self._role, frame)
+        if fault is None or fault.kind in FRAME_KINDS:
+            return fault
+        now = self._clock.now()
+        if fault.kind == "slow":
+            self._clock.wait_until(now + fault.seconds, self._killed.is_set)
+            return fault
+        if fault.kind == "disconnect":
+            self._unplugged = True
+            self._script.unplug(self._role, now + fault.seconds)
+            raise self._error(command, "the device was disconnected", "Plug it in")
+        if fault.kind == "hung":
+            self._killed.wait()
+            raise self._error(command, "the device was killed", "Open it again")
+        if fault.kind == "silence":
+            self._clock.wait_until(now + reply_time, self._killed.is_set)
+            raise self._error(command, f"no reply within {reply_time:g} s", "Check the cable")
+        raise self._error(command, "the device answers ERROR", "Switch it off and on")
+
+    def kill(self) -> None:
+        self._killed.set()
+
+    def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self._model, command, reply, remedy)
