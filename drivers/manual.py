@@ -23,7 +23,7 @@ class ManualTargets:
     ) -> None:
         if isinstance(names, str) or not names or not all(isinstance(n, str) for n in names):
             raise ValueError(f"names is {names!r}; give a list of one name or more")
-        if not 0 <= settling_ms < 1e6:
+        if not 0 <= settling_ms <= 1e6:
             raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 1000000")
         self._clock = surroundings.clock
         self.names = tuple(names)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from typing import Any, Self
 
@@ -21,8 +22,8 @@ OPENING = 60.0
 _MARGIN = 1.0
 """Seconds beyond a device's documented time, after which nobody waits for it any more."""
 
-_GRACE = 0.5
-"""Seconds in which a camera may end an exposure by itself once it is cancelled."""
+_GRACE = 1.0
+"""Seconds in which a call may end, by itself or because it is due, once it is cancelled."""
 
 _KILLING = 0.5
 """Seconds in which a killed device's call must end."""
@@ -39,36 +40,48 @@ class Supervised:
     """Stands for a device, in the words of the device's own interface.
 
     role: what the bench calls it. make: makes the device, which is entered at once. Every
-    call runs in the device's own thread. A call that doesn't end within the device's
-    documented time and a second makes the device a dead one: it is killed where it can be
-    and given up where it can't, and this and every later call is a DeviceError that names
-    it, until `revive()` has opened a new one.
+    call runs in the device's own thread, one after the other whoever asks. A call that
+    doesn't end within the device's documented time and a second makes the device a dead one:
+    it is killed where it can be and given up where it can't, and this and every later call
+    is a DeviceError that names it, until `revive()` has opened a new one. So does a call that
+    goes on for a second after `cancelled` has turned true.
     """
 
     def __init__(self, role: str, make: Callable[[], Any]) -> None:
         self.role = role
+        self.cancelled: Callable[[], bool] = _never
+        """Asked while calls last; who has begun something that can be cancelled sets it."""
         self._make = make
+        self._made: list[Any] = []
         self._device: Any = None
         self._model = role
         self._reply_time = OPENING
-        self._death = ""
+        self._entered = False
+        self._death = "is not open"
+        self._turn = threading.RLock()
 
     def __enter__(self) -> Self:
         self._open()
+        self._entered = True
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._entered = False
         self._leave()
 
     def __getattr__(self, name: str) -> Any:
-        device = self.__dict__.get("_device")
-        if name.startswith("_") or device is None:
+        if name.startswith("_"):
             raise AttributeError(f"{self.__dict__.get('role', 'device')} has no {name}")
         # Looked up in its thread, too: what looks like a value may be a question on the wire.
-        found = self._call(name, lambda: getattr(device, name))
+        found = self._call(name, lambda device: getattr(device, name))
         if not callable(found):
             return found
-        return lambda *given: self._call(name, lambda: found(*given))
+
+        def forwarded(*given: Any, **named: Any) -> Any:
+            # Of the device that is there then: this one may have been replaced.
+            return self._call(name, lambda device: getattr(device, name)(*given, **named))
+
+        return forwarded
 
     @property
     def dead(self) -> str:
@@ -80,18 +93,30 @@ class Supervised:
 
         A dead device is opened again first, for it may have been left in any state.
         """
+        if self._death and self._entered:
+            helper = Worker(f"{self.role} again")
+            again = helper.submit(self._revive_safely)
+            helper.end()
+            return again.result
         if self._death:
-            return self._revive_safely
-        done = self._worker.submit(self._device.make_safe)
-        return lambda: self._wait("make safe", done, self._reply_time + _MARGIN)
+            return lambda: self._require_alive("make safe")
+        device = self._device
+        done = self._worker.submit(lambda: device.make_safe())
+
+        def finish() -> None:
+            with self._only_device_errors("make safe"):
+                self._wait("make safe", done, self._reply_time + _MARGIN)
+
+        return finish
 
     def make_safe(self) -> None:
         self.begin_make_safe()()
 
     def revive(self) -> None:
         """Open a new device in place of this one. DeviceError if that fails, too."""
-        self._leave()
-        self._open()
+        with self._turn, self._only_device_errors("open"):
+            self._leave()
+            self._open()
         log.info("%s: opened again", self.role)
 
     def _revive_safely(self) -> None:
@@ -99,40 +124,75 @@ class Supervised:
         self.make_safe()
 
     def _open(self) -> None:
-        self._worker = Worker(self.role)
-        self._reply_time, self._death = OPENING, ""
-        self._device = None
-        try:
-            self._device = self._ask("open", self._make_and_enter, OPENING)
-            self._model = self._call("identity", lambda: self._device.identity.model)
-            self._reply_time = self._call("reply_time", lambda: self._device.reply_time)
-        except BaseException as error:
-            self._death = self._death or f"could not be opened: {error}"
-            self._worker.end()
-            raise
+        with self._turn:
+            self._worker = worker = Worker(self.role)
+            self._made, self._device = [], None
+            made = self._made
+            try:
+                self._device = device = self._ask(
+                    "open", lambda: self._make_and_enter(worker, made), OPENING
+                )
+                self._model = self._ask("identity", lambda: device.identity.model, OPENING)
+                self._reply_time = self._ask("reply_time", lambda: device.reply_time, OPENING)
+                self._death = ""
+            except BaseException as error:
+                if not worker.ended:
+                    self._death = f"could not be opened: {error}"
+                    if self._device is not None:
+                        self._close()
+                worker.give_up()
+                raise
 
-    def _make_and_enter(self) -> Any:
+    def _make_and_enter(self, worker: Worker, made: list[Any]) -> Any:
+        """Open a device. made: is told of it meanwhile, so that it can be killed."""
         device = self._make()
-        return device.__enter__()
+        made.append(device)
+        if worker.ended:
+            return None
+        entered = device.__enter__()
+        made.append(entered)
+        if worker.ended:
+            # Nobody waits for it any more, and who tries again shall not find it in use.
+            entered.__exit__(None, None, None)
+        return entered
 
     def _leave(self) -> None:
-        """Close the device, however it stands; what it says to that is only logged."""
-        if self._device is not None and not self._death:
+        """Close the device, if it isn't dead."""
+        with self._turn:
+            if self._death:
+                return
             try:
-                self._ask("close", lambda: self._device.__exit__(None, None, None), OPENING)
-            except Exception as error:
-                log.warning("%s: closing: %s", self.role, error)
-        if not self._death:
-            self._death = "is closed"
-        self._worker.end()
+                self._close()
+            finally:
+                self._death = self._death or "is closed"
+                self._worker.end()
+
+    def _close(self) -> None:
+        """What the device says to that is only logged."""
+        device = self._device
+        try:
+            self._ask("close", lambda: device.__exit__(None, None, None), OPENING)
+        except Exception as error:
+            log.warning("%s: closing: %s", self.role, error)
 
     def _require_alive(self, command: str) -> None:
         if self._death:
             raise self._error(command, f"the device {self._death}", "Open the bench again")
 
-    def _call(self, command: str, work: Callable[[], Any]) -> Any:
-        self._require_alive(command)
-        return self._ask(command, work, self._reply_time + _MARGIN)
+    def _call(
+        self,
+        command: str,
+        work: Callable[[Any], Any],
+        exposing: float = 0.0,
+        cancelled: Callable[[], bool] = _never,
+    ) -> Any:
+        """Have the device do something, which may take as long as it documents."""
+        with self._turn:
+            self._require_alive(command)
+            device, seconds = self._device, exposing + self._reply_time + _MARGIN
+            return self._ask(
+                command, lambda: work(device), seconds, lambda: cancelled() or self.cancelled()
+            )
 
     def _ask(
         self,
@@ -160,6 +220,9 @@ class Supervised:
             if now > late:
                 after = " after it was cancelled" if heard else ""
                 self._give_up(command, done, f"hangs: no answer within {seconds:.1f} s{after}")
+        if done.cancelled():
+            # Given up because of another call, before this one's turn.
+            self._require_alive(command)
         try:
             return done.result()
         except DeviceError as error:
@@ -168,16 +231,36 @@ class Supervised:
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
         """Kill the device if it can be killed, give its thread up if not, and say so."""
-        device = self._device
-        end = "it was given up"
-        if callable(getattr(type(device), "kill", None)):
-            with contextlib.suppress(Exception):
-                device.kill()
-            wait([done], timeout=_KILLING)
-            end = "it was killed"
+        end = "it was killed" if self._kill(done) else "it was given up"
         self._death = f"hung at {command}, and {end}"
-        self._worker.end()
+        self._worker.give_up()
         raise self._error(command, f"{why}; {end}", "Look at the device and its cable")
+
+    def _kill(self, done: Future[Any]) -> bool:
+        """Whether the call has ended because the device could be killed."""
+        device: Any = self._made[-1] if self._made else None
+        if not callable(getattr(type(device), "kill", None)):
+            return False
+        # Who knows whether that hangs, too?
+        killer = Worker(f"{self.role} killed")
+        killer.submit(lambda: device.kill())
+        killer.end()
+        if not wait([done], timeout=_KILLING).done:
+            return False
+        # It frees what it holds here.
+        wait([self._worker.submit(lambda: device.__exit__(None, None, None))], timeout=_KILLING)
+        return True
+
+    @contextlib.contextmanager
+    def _only_device_errors(self, command: str) -> Iterator[None]:
+        """Whatever a driver raises where nobody expects but a DeviceError."""
+        try:
+            yield
+        except DeviceError:
+            raise
+        except Exception as error:
+            reply = f"{type(error).__name__}: {error}"
+            raise self._error(command, reply, "Look at the device and its cable") from error
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         error = DeviceError(self._model, command, reply, remedy)
@@ -193,15 +276,25 @@ class SupervisedCamera(Supervised):
         self._frame_time = 0.0
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        def work() -> tuple[Setting[float], float]:
-            setting = self._device.set_exposure(exposure)
-            return setting, setting.actual + self._device.frame_time
+        def work(device: Any) -> tuple[Setting[float], float]:
+            setting = device.set_exposure(exposure)
+            return setting, setting.actual + device.frame_time
 
         setting, self._frame_time = self._call("set exposure", work)
         return setting
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """DeviceError if the frame isn't there in time; see Camera.capture()."""
-        device, seconds = self._device, self._frame_time + self._reply_time + _MARGIN
-        self._require_alive("capture")
-        return self._ask("capture", lambda: device.capture(cancelled), seconds, cancelled)
+        unwanted = threading.Event()
+
+        def stop() -> bool:
+            return unwanted.is_set() or cancelled()
+
+        try:
+            return self._call(
+                "capture", lambda device: device.capture(stop), self._frame_time, cancelled
+            )
+        except BaseException:
+            # Broken off, by Ctrl-C for example: the camera, too, needs to wait no longer.
+            unwanted.set()
+            raise

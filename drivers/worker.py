@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 Job = tuple[Callable[[], Any], "Future[Any]"]
@@ -19,25 +19,59 @@ class Worker:
 
     def __init__(self, name: str) -> None:
         self._jobs: SimpleQueue[Job | None] = SimpleQueue()
+        self._ended = False
+        self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will be done than what was submitted."""
+        return self._ended
+
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Have something done after what was submitted before."""
+        """Have something done after what was submitted before; cancelled if it has ended."""
         done: Future[Any] = Future()
-        self._jobs.put((work, done))
+        with self._lock:
+            if self._ended:
+                _cancel(done)
+            else:
+                self._jobs.put((work, done))
         return done
 
     def end(self) -> None:
-        """Let the thread end when it has done, if ever, what it does now."""
-        self._jobs.put(None)
+        """Let the thread end when it has done, if ever, what was submitted."""
+        with self._lock:
+            if not self._ended:
+                self._ended = True
+                self._jobs.put(None)
+
+    def give_up(self) -> None:
+        """Let the thread end when it has done, if ever, what it does now; cancel the rest."""
+        with self._lock:
+            self._ended = True
+            try:
+                while True:
+                    job = self._jobs.get_nowait()
+                    if job is not None:
+                        _cancel(job[1])
+            except Empty:
+                self._jobs.put(None)
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
             work, done = job
+            if not done.set_running_or_notify_cancel():
+                continue
             try:
                 done.set_result(work())
             except BaseException as error:
                 done.set_exception(error)
             # A kept result would keep a frame alive until the next one comes.
             del job, work, done
+
+
+def _cancel(done: Future[Any]) -> None:
+    done.cancel()
+    # Until that is said, who waits for it goes on waiting.
+    done.set_running_or_notify_cancel()

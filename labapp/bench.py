@@ -92,6 +92,21 @@ class Bench:
                 failures.append(error)
         return failures
 
+    def deaths(self) -> list[str]:
+        """The devices that were given up, and why."""
+        return [f"the {role} {one.dead}" for role, one in self.watched.items() if one.dead]
+
+    @contextmanager
+    def heeding(self, cancelled: Callable[[], bool]) -> Iterator[None]:
+        """While the block runs, no call of a device outlasts `cancelled` by much."""
+        for device in self.watched.values():
+            device.cancelled = cancelled
+        try:
+            yield
+        finally:
+            for device in self.watched.values():
+                device.cancelled = lambda: False
+
     def error(self, role: str, command: str, reply: str) -> DeviceError:
         """What is wrong with a device, in the words of those who use it."""
         device = self.devices[role]

@@ -175,6 +175,43 @@ def report(
     report_record(record, out or record.parent, force=force, as_json=json)
 
 
+@app.command()
+def verify(record: RecordArgument, json: JsonOption = False) -> None:
+    """Check that a record is whole: every frame, its checksum, patterns, settings, state.
+
+    The exit code is 0 only if all is well. For a record that isn't, the last line says what
+    to do about it.
+    """
+    from labapp.verifying import verify_record
+
+    raise typer.Exit(0 if verify_record(record, as_json=json) else 1)
+
+
+@app.command()
+def export(
+    record: RecordArgument,
+    to: Annotated[str, typer.Option(metavar="KIND", help="tiff, png, ome-tiff or npy.")],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where to; made if need be.")],
+    frames: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Only these frames: 0-9,12.")
+    ] = None,
+    target: Annotated[str | None, typer.Option(help="Only frames of this target.")] = None,
+    pattern: Annotated[str | None, typer.Option(help="Only frames of this pattern.")] = None,
+    force: ForceOption = False,
+) -> None:
+    """Write frames as files that other programs read, raw and lossless.
+
+    **tiff**, **png**: a 16-bit picture a frame. **ome-tiff**: one file with exposure and time
+    of each plane. **npy**: one array, and what is known of it as JSON. With every kind comes
+    a table, frames.csv. Digital numbers aren't scaled, so that pictures of a 12-bit camera
+    look dark in a viewer that doesn't stretch them. Frames that the record lacks are named,
+    and the exit code is 1.
+    """
+    from labapp.exporting import Choice, export_record
+
+    export_record(record, to, out, Choice(frames, target, pattern), force=force)
+
+
 FocalLength = Annotated[float, typer.Option(help="Of the lens, in metres.")]
 FNumber = Annotated[float, typer.Option(help="Focal length over the stop's diameter.")]
 Focus = Annotated[float, typer.Option(help="Plane in focus, in metres; inf is allowed.")]
@@ -373,6 +410,69 @@ def accuracy_psf_(
     from labapp.accuracy.command import accuracy_psf
 
     accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
+
+
+plan = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+app.add_typer(plan, name="plan")
+
+PlanArgument = Annotated[
+    Path, typer.Argument(metavar="PLAN", help="Plan file (TOML, JSON) or name of a ready plan.")
+]
+
+
+@plan.callback()
+def plan_() -> None:
+    """Look at acquisition plans before they run, and find ready ones."""
+
+
+@plan.command("check")
+def plan_check_(
+    plan: PlanArgument,
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Say what a plan takes, and whether a bench can do it; nothing moves.
+
+    Frames, expected duration, prompts of a person, room on the disk, and what is asked for
+    beside what the bench has. Patterns are tried. Exit code 1 if the run could not be begun,
+    or its pictures not be reconstructed as the plan says.
+    """
+    from labapp.planning import check_plan
+
+    check_plan(plan, bench, scene, as_json=json)
+
+
+@plan.command("show")
+def plan_show_(
+    plan: PlanArgument,
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    every_row: Annotated[
+        bool, typer.Option("--all", help="Print every row, however many there are.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Print a plan's steps in the order in which they are taken, and when each is due.
+
+    Frames that differ in exposure and repeat alone are one row, darks and prompts stand
+    where they come. **--json** gives every frame.
+    """
+    from labapp.planning import show_plan
+
+    show_plan(plan, bench, scene, every_row=every_row, as_json=json)
+
+
+@plan.command("list")
+def plan_list_(json: JsonOption = False) -> None:
+    """List the ready plans: what each is for, and what it needs.
+
+    They run as they are on the virtual bench. Each file's comments say what to change for a
+    bench of your own: copy it, and pass the copy's path.
+    """
+    from labapp.ready import list_plans
+
+    list_plans(as_json=json)
 
 
 @app.command()

@@ -39,7 +39,7 @@ def print_json(data: Any) -> None:
 
 def say(text: str) -> None:
     """A line for the person on standard error, so that standard output stays data."""
-    err.print(text, markup=False)
+    err.print(text, markup=False, soft_wrap=True)
 
 
 def complain(text: str) -> None:

@@ -46,7 +46,10 @@ class Keyboard:
         self._done.set()
 
     def _read(self) -> None:
-        source = sys.stdin.fileno()
+        source = _standard_input()
+        if source is None:
+            self._gone.set()
+            return
         while not self._done.is_set():
             ready, _, _ = select.select([source], [], [], _LOOK)
             if not ready:
@@ -70,17 +73,26 @@ class Keyboard:
             self._entered.set()
 
 
+def _standard_input() -> int | None:
+    """Its number, None where there is none, as in a service or under a test."""
+    try:
+        return sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
 @contextmanager
 def listening(progress: Progress) -> Iterator[Keyboard]:
     """A keyboard whose keys are heard one by one, without Enter, where it is a terminal."""
-    before = None
-    if sys.stdin.isatty():
-        before = termios.tcgetattr(sys.stdin)
-        tty.setcbreak(sys.stdin)
+    source = _standard_input()
+    terminal = source if source is not None and os.isatty(source) else None
+    before = termios.tcgetattr(terminal) if terminal is not None else None
+    if terminal is not None:
+        tty.setcbreak(terminal)
     keyboard = Keyboard(progress)
     try:
         yield keyboard
     finally:
         keyboard.close()
-        if before is not None:
-            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        if terminal is not None and before is not None:
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)

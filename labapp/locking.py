@@ -34,12 +34,18 @@ def lock_devices(bench: BenchFile) -> Iterator[None]:
 
 @contextmanager
 def _lock(role: str, table: DeviceTable) -> Iterator[None]:
-    # Never deleted: who deletes a lock may delete that of the next one.
-    handle = os.open(_path(table), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    with os.fdopen(handle, "r+") as file:
+    path = _path(table)
+    try:
+        handle = _opened(path)
+    except OSError as error:
+        raise UserError(
+            f"the {role} ({table.driver}) can't be locked: {path}: {error.strerror}. "
+            "Remove that file when nobody uses the device."
+        ) from error
+    with os.fdopen(handle, "r+", encoding="utf-8", errors="backslashreplace") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             raise UserError(
                 f"the {role} ({table.driver}) is in use by {_owner(file)}. Close that first."
             ) from error
@@ -50,12 +56,27 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
         yield
 
 
+def _opened(path: Path) -> int:
+    """The file of a lock, which all users of the computer may lock.
+
+    Never deleted: who deletes a lock may delete that of the next one.
+    """
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        # In a folder for all, Linux lets nobody "create" a file that another user owns.
+        return os.open(path, flags)
+    except FileNotFoundError:
+        handle = os.open(path, flags | os.O_CREAT, 0o666)
+        os.fchmod(handle, 0o666)
+        return handle
+
+
 def _owner(file: IO[str]) -> str:
     return file.read().strip() or "another application"
 
 
 def _path(table: DeviceTable) -> Path:
     """By driver and options: two bench files may have the same device."""
-    named = json.dumps([table.driver, table.options], sort_keys=True).encode()
+    named = json.dumps([table.driver, table.options], sort_keys=True, default=str).encode()
     name = hashlib.sha256(named).hexdigest()[:24]
     return Path(tempfile.gettempdir(), f"labapp-{name}.lock")

@@ -138,7 +138,8 @@ def _tell(outcome: Outcome, manner: Manner) -> None:
     if manner.as_json or outcome.state is not State.COMPLETE:
         return
     took = f"{outcome.took:.1f} s of bench time, {outcome.expected:.1f} s expected"
-    out.print(f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}")
+    text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}"
+    out.print(text, markup=False, soft_wrap=True)
     if outcome.message:
         complain(outcome.message)
 

@@ -83,6 +83,12 @@ class SimulatedSLM(_Simulated):
         self._frame_time = 1 / frame_rate_hz
         self._shown = "neutral"
 
+    def __enter__(self) -> Self:
+        super().__enter__()
+        # Whatever was shown before it was opened.
+        self._world.grey = np.zeros(self.shape, dtype=np.uint8)
+        return self
+
     @property
     def shape(self) -> tuple[int, int]:
         return self._world.camera.panel.shape
@@ -100,24 +106,24 @@ class SimulatedSLM(_Simulated):
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        return self._present(identifier, np.asarray(grey)[None])
+        return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")
-        return self._present(identifier, video)
+        return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
-    def _present(self, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
-        self._luck.begin(f"show {identifier}", self.reply_time)
+    def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
+        self._luck.begin(command, self.reply_time)
         try:
             for grey in frames:
                 require_grey(self._world.camera.panel, grey)
         except (TypeError, ValueError) as error:
-            raise self._refuse(f"show {identifier}", str(error), "Compute it again") from error
+            raise self._refuse(command, str(error), "Compute it again") from error
         self._world.play(frames, self._frame_time)
         self._shown = identifier
         return Setting(identifier, identifier, self._clock.now() + self.settling)
@@ -208,7 +214,12 @@ class SimulatedWheel(_Simulated):
         )
         self._step = step_ms * 1e-3
         self.settling = self._step * (len(self._slots) // 2)
+        self._slot = 1
+
+    def __enter__(self) -> Self:
+        super().__enter__()
         self._turn_to(1)
+        return self
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -266,19 +277,21 @@ class SimulatedCamera(_Simulated):
     """A camera whose every picture follows from the state of the world and a seed.
 
     readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
-    beyond the exposure, that a picture may take to be computed.
+    beyond the exposure, that a picture may take to be computed; by default 5, and 5 more a
+    megapixel.
     """
 
     model = "simulated camera"
     role = "camera"
 
     def __init__(
-        self, surroundings: Surroundings, readout_ms: float = 8.0, reply_s: float = 60.0
+        self, surroundings: Surroundings, readout_ms: float = 8.0, reply_s: float | None = None
     ) -> None:
         super().__init__(surroundings)
         require_duration("readout_ms", readout_ms)
-        require_positive("reply_s", reply_s, "s")
-        self.reply_time = reply_s
+        if reply_s is not None:
+            require_positive("reply_s", reply_s, "s")
+        self.reply_time = reply_s or 5.0 + 5e-6 * math.prod(self.shape)
         self._readout = readout_ms * 1e-3
         self._exposure = 0.01
         self._number = 0
@@ -318,8 +331,11 @@ class SimulatedCamera(_Simulated):
         """The next picture in the host's queue, which is this one unless one came too late."""
         fault = self._luck.begin("capture", self.reply_time, frame=True)
         kind = fault.kind if fault else ""
-        if kind == "stale frame" and self._last is not None:
-            return self._last
+        if fault and kind == "stale frame":
+            if self._last is not None:
+                return self._last
+            # A first frame can't be an old one; the next one can.
+            self._luck.put_off(fault)
         frame = self._expose(cancelled, self._wrong_exposure() if kind == "wrong exposure" else 0)
         if kind == "dropped frame":
             raise self._refuse("capture", f"frame {frame.number} was lost", "Check the network")
@@ -336,11 +352,14 @@ class SimulatedCamera(_Simulated):
         def check() -> None:
             if cancelled():
                 raise self._refuse("capture", "it was cancelled", "Take it again")
+            self._luck.require_alive("capture")
 
         try:
             rate, plan = self._world.light(seconds, check)
         except ValueError as error:
             raise self._refuse("capture", str(error), "Change the scene or the bench") from error
+        # The world's chance is for those who are alive.
+        self._luck.require_alive("capture")
         sensor = self._world.camera.sensor
         numbers = expose(
             rate,
@@ -351,7 +370,10 @@ class SimulatedCamera(_Simulated):
             read_noise=plan.is_on("read noise"),
             dark_current=plan.is_on("dark current"),
         )
-        self._clock.wait_until(began + seconds + self._readout, cancelled)
+        self._clock.wait_until(
+            began + seconds + self._readout, lambda: cancelled() or self._luck.killed
+        )
+        self._luck.require_alive("capture")
         self._number += 1
         image = numbers.numpy().astype(np.uint16)
         return Frame(image, seconds, sensor.gain, began, self._number, _checksum(image))
@@ -369,7 +391,8 @@ def _checksum(image: NDArray[np.uint16]) -> int:
 def _corrupted(frame: Frame) -> Frame:
     """A frame of which the lower half is what was in memory before: a packet was lost."""
     image = frame.image.copy()
-    image[len(image) // 2 :] = 0
+    lower = image[len(image) // 2 :]
+    lower[:] = 0 if lower.any() else 1
     return replace(frame, image=image)
 
 

@@ -100,6 +100,15 @@ class FaultScript:
                 return fault
         return None
 
+    def put_off(self, fault: Fault) -> None:
+        """A fault that could not strike strikes the next call."""
+        next(pending for pending in self._pending if pending.fault is fault).left += 1
+
+    @property
+    def untouched(self) -> bool:
+        """Whether no fault has struck yet."""
+        return all(pending.left == pending.fault.times for pending in self._pending)
+
     def unplug(self, role: str, until: float) -> None:
         self._away_until[role] = until
 
@@ -125,6 +134,7 @@ class Faulty:
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
         """Suffer what a call suffers; the fault, if the call goes on all the same."""
+        self.require_alive(command)
         if self._unplugged:
             raise self._error(command, "the device is disconnected", "Plug it in")
         fault = self._script.strike(self._role, frame)
@@ -133,6 +143,7 @@ class Faulty:
         now = self._clock.now()
         if fault.kind == "slow":
             self._clock.wait_until(now + fault.seconds, self._killed.is_set)
+            self.require_alive(command)
             return fault
         if fault.kind == "disconnect":
             self._unplugged = True
@@ -140,14 +151,27 @@ class Faulty:
             raise self._error(command, "the device was disconnected", "Plug it in")
         if fault.kind == "hung":
             self._killed.wait()
-            raise self._error(command, "the device was killed", "Open it again")
+            self.require_alive(command)
         if fault.kind == "silence":
             self._clock.wait_until(now + reply_time, self._killed.is_set)
+            self.require_alive(command)
             raise self._error(command, f"no reply within {reply_time:g} s", "Check the cable")
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
 
+    def put_off(self, fault: Fault) -> None:
+        self._script.put_off(fault)
+
     def kill(self) -> None:
         self._killed.set()
+
+    @property
+    def killed(self) -> bool:
+        return self._killed.is_set()
+
+    def require_alive(self, command: str) -> None:
+        """DeviceError once the device was killed: whoever called it is gone."""
+        if self.killed:
+            raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self._model, command, reply, remedy)

@@ -57,6 +57,26 @@ class Star:
 
 
 @dataclass(frozen=True)
+class Flat:
+    """An evenly lit field without an end: a diffuser that fills more than the frame.
+
+    distance: metres; an even field has nothing to blur, but the blur is rendered, and is
+    smallest in focus. radiance: W / (sr m² m).
+    """
+
+    distance: float
+    radiance: float
+
+    def __post_init__(self) -> None:
+        require_positive("distance", self.distance, "m")
+        _require_radiance(self.radiance)
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        """Of samples that are all one: white everywhere."""
+        return spectrum_of_samples(torch.ones(plane.shape, dtype=torch.float64))
+
+
+@dataclass(frozen=True)
 class Photograph:
     """A flat, matt print across the axis, evenly lit.
 
@@ -105,7 +125,7 @@ class Photograph:
         return spectrum_of_samples(centred_pad(cropped, plane.shape))
 
 
-Target = Dark | Star | Photograph
+Target = Dark | Star | Flat | Photograph
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -42,6 +43,10 @@ _WINDOW_STEP = 64
 _WINDOW_MARGIN = 128
 """Sensor pixels around the light that geometric optics predicts, for its diffraction."""
 
+_EVEN = 1e-4
+"""Share of an exposure by which it may miss whole periods of a video and show its frames
+evenly: cameras count whole microseconds."""
+
 
 class _Cache:
     """The last few results, by what they follow from."""
@@ -49,14 +54,20 @@ class _Cache:
     def __init__(self, size: int) -> None:
         self._size = size
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
+        self._lock = threading.Lock()
 
     def get(self, causes: Hashable, compute: Callable[[], T]) -> T:
-        if causes not in self._kept:
-            self._kept[causes] = compute()
+        with self._lock:
+            if causes in self._kept:
+                self._kept.move_to_end(causes)
+                return self._kept[causes]  # type: ignore[return-value]
+        # A camera that was given up may still compute when the next one does.
+        result = compute()
+        with self._lock:
+            self._kept[causes] = result
             while len(self._kept) > self._size:
                 self._kept.popitem(last=False)
-        self._kept.move_to_end(causes)
-        return self._kept[causes]  # type: ignore[return-value]
+        return result
 
 
 def _name(grey: NDArray[np.uint8]) -> str:
@@ -66,30 +77,57 @@ def _name(grey: NDArray[np.uint8]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """Frames (n, rows, columns) on the panel, their names, and seconds that each stands.
+    """What the panel shows: names of frames in their order, and seconds that each stands.
 
-    shares: of the time that is looked at, which each has.
+    pictures: the different frames by name.
     """
 
-    frames: NDArray[np.uint8]
     names: tuple[str, ...]
-    shares: tuple[float, ...]
+    pictures: Mapping[str, NDArray[np.uint8]]
     frame_time: float
 
     @staticmethod
     def of(video: NDArray[np.uint8], frame_time: float) -> _Shown:
         # Named once, when it is shown, and not for every picture that is taken of it.
-        frames = video.copy()
-        frames.flags.writeable = False
-        n = len(frames)
-        return _Shown(frames, tuple(_name(grey) for grey in frames), (1 / n,) * n, frame_time)
+        names = tuple(_name(grey) for grey in video)
+        pictures: dict[str, NDArray[np.uint8]] = {}
+        for name, grey in zip(names, video, strict=True):
+            if name not in pictures:
+                pictures[name] = grey.copy()
+                pictures[name].flags.writeable = False
+        return _Shown(names, pictures, frame_time)
 
-    def during(self, start: float, seconds: float) -> _Shown:
-        """What is seen from `start` on: of whole periods, every frame alike."""
-        n, periods = len(self.frames), seconds / (len(self.frames) * self.frame_time)
-        if n == 1 or abs(periods - round(periods)) < 1e-6:
-            return self
-        return replace(self, shares=shares_of_time(n, start / self.frame_time, periods * n))
+    @property
+    def first(self) -> NDArray[np.uint8]:
+        return self.pictures[self.names[0]]
+
+    def during(self, start: float, seconds: float) -> tuple[tuple[str, float], ...]:
+        """The share of a time that each picture has, by name; of no time, that it has of all."""
+        n = len(self.names)
+        periods = seconds / (n * self.frame_time)
+        if n == 1 or seconds == 0 or abs(periods - round(periods)) <= _EVEN * round(periods):
+            shares: tuple[float, ...] = (1.0,) * n
+        else:
+            shares = shares_of_time(n, start / self.frame_time, periods * n)
+        # In whichever order the pictures come.
+        mixed = dict.fromkeys(sorted(self.pictures), 0.0)
+        for name, share in zip(self.names, shares, strict=True):
+            mixed[name] += share
+        total = sum(mixed.values())
+        return tuple((name, share / total) for name, share in mixed.items())
+
+
+@dataclass(frozen=True)
+class _State:
+    """All that a picture's light follows from, as it was when the picture was begun.
+
+    seen: names of what was on the panel, and the share of the exposure that each has.
+    """
+
+    seen: tuple[tuple[str, float], ...]
+    wavelength: float
+    bandwidth: float
+    target: str
 
 
 def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
@@ -179,7 +217,7 @@ class World:
     @property
     def grey(self) -> NDArray[np.uint8]:
         """What the panel shows, (rows, columns); of a video, its first frame."""
-        return self._shown.frames[0]
+        return self._shown.first
 
     @grey.setter
     def grey(self, grey: NDArray[np.uint8]) -> None:
@@ -193,10 +231,10 @@ class World:
         """What a pattern, or a video (n, rows, columns), at a wavelength calls for."""
         frames = shown if shown.ndim == 3 else shown[None]
         spread = max(self._spread(_name(grey), grey, wavelength) for grey in frames)
-        return self._effect_plan(spread, wavelength)
+        return self._effect_plan(spread, wavelength, self.bandwidth)
 
-    def _effect_plan(self, spread: float, wavelength: float) -> EffectPlan:
-        situation = Situation(self.camera, wavelength, self.bandwidth, spread)
+    def _effect_plan(self, spread: float, wavelength: float, bandwidth: float) -> EffectPlan:
+        situation = Situation(self.camera, wavelength, bandwidth, spread)
         return decide(situation, self.tol, self.forced)
 
     def _spread(self, name: str, grey: NDArray[np.uint8], wavelength: float) -> float:
@@ -216,28 +254,32 @@ class World:
         It is the mean over an exposure in seconds, which matters when a video is shown.
         check: is called between the steps of a long computation, and may raise.
         """
-        shown = self._shown.during(self._moment, exposure)
-        causes = (shown.names, shown.shares, self.wavelength, self.bandwidth, self.target)
-        return self._lights.get(causes, lambda: self._form(shown, check))
+        shown = self._shown
+        seen = shown.during(self._moment, exposure)
+        # The devices may be set anew while the light of this state is still computed.
+        state = _State(seen, self.wavelength, self.bandwidth, self.target)
+        return self._lights.get(state, lambda: self._form(state, shown.pictures, check))
 
-    def _form(self, shown: _Shown, check: Callable[[], None]) -> tuple[torch.Tensor, EffectPlan]:
-        spread = max(
-            self._spread(name, grey, self.wavelength)
-            for name, grey in zip(shown.names, shown.frames, strict=True)
-        )
-        plan = self._effect_plan(spread, self.wavelength)
-        target = self.scene.targets[self.target]
-        rate = electron_rate(self.camera, target.radiance, self.bandwidth, self.wavelength)
+    def _form(
+        self, state: _State, pictures: Mapping[str, NDArray[np.uint8]], check: Callable[[], None]
+    ) -> tuple[torch.Tensor, EffectPlan]:
+        wavelength, bandwidth = state.wavelength, state.bandwidth
+        spread = max(self._spread(name, grey, wavelength) for name, grey in pictures.items())
+        plan = self._effect_plan(spread, wavelength, bandwidth)
+        target = self.scene.targets[state.target]
+        rate = electron_rate(self.camera, target.radiance, bandwidth, wavelength)
         if rate == 0:
             return torch.zeros(self.camera.sensor.shape), plan
-        grid = self._grid(target.distance, spread)
+        grid = self._grid(target.distance, spread, wavelength)
         plane = grid.plane(self.camera.sensor)
-        causes = (shown.names, shown.shares, self.wavelength, self.bandwidth, target.distance)
-        psf = self._psfs.get(causes, lambda: self._psf(shown, target.distance, grid, plan, check))
+        psf = self._psfs.get(
+            (state.seen, wavelength, bandwidth, target.distance),
+            lambda: self._psf(state, pictures, target.distance, grid, plan, check),
+        )
         check()
         spectrum = self._spectra.get(
-            (self.target, self.wavelength, grid),
-            lambda: target.spectrum(plane, self.camera, self.wavelength),
+            (state.target, wavelength, grid),
+            lambda: target.spectrum(plane, self.camera, wavelength),
         )
         check()
         shares = form_image(
@@ -251,13 +293,13 @@ class World:
         per_sample = rate * plane.pitch[0] * plane.pitch[1]
         return (shares * per_sample).clamp(min=0).to(torch.float32), plan
 
-    def _grid(self, distance: float, spread: float) -> _Grid:
+    def _grid(self, distance: float, spread: float, wavelength: float) -> _Grid:
         """Fine enough for the finest fringe, and wide enough for the light of a point.
 
         Light that a wild pattern scatters beyond the largest window is lost. Raises
         ValueError if defocus alone goes beyond it.
         """
-        camera, wavelength = self.camera, self.wavelength
+        camera = self.camera
         finer = max(_FINER, math.ceil(_TO_SPARE * nyquist_samples(camera, wavelength)))
         pitch = camera.sensor.pitch
         blurred = 2 * blur_radius(camera, distance) / pitch + _WINDOW_MARGIN
@@ -272,27 +314,31 @@ class World:
 
     def _psf(
         self,
-        shown: _Shown,
+        state: _State,
+        pictures: Mapping[str, NDArray[np.uint8]],
         distance: float,
         grid: _Grid,
         plan: EffectPlan,
         check: Callable[[], None],
     ) -> torch.Tensor:
-        """Of a point: the mean over what is shown, and over the filter's band."""
+        """Of a point: the mean over what is seen, and over the filter's band."""
         psf = torch.zeros(grid.samples, grid.samples)
-        for wavelength, weight in self._band(plan["filter bandwidth"].nodes):
+        for wavelength, weight in self._band(state, plan["filter bandwidth"].nodes):
             operator = self._operator(distance, wavelength, grid, plan)
-            for grey, share in zip(shown.frames, shown.shares, strict=True):
+            for name, share in state.seen:
+                if share == 0:
+                    continue
                 check()
-                phase = grey_to_phase(self.camera.panel, torch.from_numpy(grey.copy()), wavelength)
+                grey = torch.from_numpy(pictures[name].copy())
+                phase = grey_to_phase(self.camera.panel, grey, wavelength)
                 psf += weight * share * operator(phase).to(psf)
         return psf
 
-    def _band(self, nodes: int) -> list[tuple[float, float]]:
+    def _band(self, state: _State, nodes: int) -> list[tuple[float, float]]:
         """Gauss-Hermite wavelengths and weights of the filter's Gaussian band."""
         x, weights = np.polynomial.hermite.hermgauss(nodes)
-        sigma = self.bandwidth / (2 * math.sqrt(2 * math.log(2)))
-        wavelengths = self.wavelength + math.sqrt(2) * sigma * x
+        sigma = state.bandwidth / (2 * math.sqrt(2 * math.log(2)))
+        wavelengths = state.wavelength + math.sqrt(2) * sigma * x
         return list(zip(wavelengths.tolist(), (weights / weights.sum()).tolist(), strict=True))
 
     def _operator(

@@ -46,3 +46,13 @@ class Abilities:
             slm_settling=bench.slm.settling,
             filter_settling=bench.filter.settling,
         )
+
+    def metres(self, nm: float) -> float:
+        """A wavelength as a plan writes it: whole picometres, or exactly an end of the range.
+
+        400e3 * 1e-12 and 400 * 1e-9 differ in the last bit, and a filter from 400 nm on
+        refuses the smaller one.
+        """
+        asked = round(nm * 1e3) * 1e-12
+        ends = (end for end in self.wavelength_range if abs(end - asked) < 0.5e-12)
+        return next(ends, asked)

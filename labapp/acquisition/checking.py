@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from math import prod
 
 from labapp.acquisition.abilities import Abilities
 from labapp.acquisition.hooks import GROUP
 from labapp.acquisition.steps import Shot, exposures
 from labapp.errors import UserError
 from labapp.files.plan_file import Acquisition, PlanFile
+from labapp.record.layout import LOG_ROW, MEASURED, PLANNED, log_rows
 
-_FRAME_ROW = 128
-"""Bytes that a record keeps of a frame beside its picture, and of its log."""
+_FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
+"""Bytes that a record keeps of a frame beside its picture."""
 
-_RECORD = 1_000_000
-"""Bytes of a record without a frame, at most."""
+_DECISIONS = 2_000
+"""Bytes of what a simulator decides for one pattern at one wavelength."""
+
+_RECORD = 100_000
+"""Bytes of the rest, at most: bench, scene, and the file's own books."""
 
 _CUT = 1e-3
 """Share of a video's frame by which an exposure may miss the end of its period."""
@@ -33,25 +38,41 @@ class Expected:
 
 
 def expect(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) -> Expected:
-    rows, columns = abilities.frame_shape
-    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
-    size = len(listed) * (2 * rows * columns + _FRAME_ROW)
-    size += shown * abilities.panel_shape[0] * abilities.panel_shape[1] + _RECORD
     return Expected(
         frames=len(listed),
         seconds=sum(shot.lasts for shot in listed),
-        disk_bytes=size,
+        disk_bytes=_disk_bytes(listed, plan, abilities),
         prompts=tuple(prompts(listed, abilities)),
+    )
+
+
+def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) -> int:
+    """Of the finished record, or a little more."""
+    picture, panel = prod(abilities.frame_shape), prod(abilities.panel_shape)
+    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
+    decided = {(shot.pattern, shot.wavelength) for shot in listed}
+    return (
+        len(listed) * (2 * picture + _FRAME_ROW)
+        + shown * panel
+        + log_rows(len(listed)) * LOG_ROW.itemsize
+        + len(plan.model_dump_json())
+        + len(decided) * _DECISIONS
+        + _RECORD
     )
 
 
 def prompts(listed: Sequence[Shot], abilities: Abilities) -> list[str]:
     """What a person will be asked, in order: once whenever another target is placed."""
-    asked = []
+    return list(prompts_by_frame(listed, abilities).values())
+
+
+def prompts_by_frame(listed: Sequence[Shot], abilities: Abilities) -> dict[int, str]:
+    """What a person will be asked, by the index of the frame that waits for it."""
+    asked = {}
     placed = ""
     for shot in listed:
         if shot.target != placed and (text := prompt(shot, abilities.by_hand)):
-            asked.append(text)
+            asked[shot.index] = text
         placed = shot.target
     return asked
 
@@ -102,7 +123,7 @@ def _check_wavelengths(block: Acquisition, abilities: Abilities, where: str) -> 
                 f"{len(abilities.slots) or 'no'} slots. Choose {have}."
             )
     for nm in block.wavelengths_nm or ():
-        metres = round(nm * 1e3) * 1e-12
+        metres = abilities.metres(nm)
         if not shortest <= metres <= longest:
             raise UserError(
                 f"{where}.wavelengths_nm' has {nm:g}, out of the filter's range. "

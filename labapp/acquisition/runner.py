@@ -168,11 +168,13 @@ class _Run:
             self._writer.set_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
             self._hooks.before_run(listed)
-            for shot in listed:
-                self._take_one(shot, keeper, on_frame)
+            with self._bench.heeding(lambda: self._progress.cancelled):
+                for shot in listed:
+                    self._take_one(shot, keeper, on_frame)
             state = State.COMPLETE
         except (Cancelled, KeyboardInterrupt):
-            state, message = State.CANCELLED, "cancelled by the user"
+            state = State.CANCELLED
+            message = "; ".join(["cancelled by the user", *self._bench.deaths()])
         except (DeviceError, HookError, UserError, OSError) as error:
             message = str(error)
         except Exception as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -45,7 +46,8 @@ def shots(plan: PlanFile, abilities: Abilities) -> list[Shot]:
     """Every frame of a plan on a bench, in the order in which they are taken."""
     listed: list[Shot] = []
     for block in plan.acquire:
-        listed += _block(block, plan, abilities, listed[-1].step + 1 if listed else 0)
+        first = max((shot.step for shot in listed), default=-1) + 1
+        listed += _block(block, plan, abilities, first)
     listed = [replace(shot, index=index) for index, shot in enumerate(listed)]
     return _timed(listed, abilities)
 
@@ -77,7 +79,7 @@ def _settings(block: Acquisition, plan: PlanFile, abilities: Abilities) -> Itera
     if block.slots is not None:
         wavelengths = [(n, abilities.slots[n - 1]) for n in block.slots]
     else:
-        wavelengths = [(0, round(nm * 1e3) * 1e-12) for nm in block.wavelengths_nm or ()]
+        wavelengths = [(0, abilities.metres(nm)) for nm in block.wavelengths_nm or ()]
     values: dict[Axis, list[Any]] = {
         "target": list(block.targets),
         "pattern": list(block.patterns),
@@ -134,23 +136,25 @@ def _calibration(asked: Interleaved, group: list[Shot], plan: PlanFile) -> list[
             plan,
         )
         # No light, no colour: darks of every exposure are enough.
-        colour = None if asked.role == "dark" else made.wavelength
+        colour = None if asked.role == "dark" else (made.slot, made.wavelength)
         needed.setdefault((made.target, colour, made.exposure), made)
     return [replace(shot, repeat=n) for shot in needed.values() for n in range(asked.frames)]
 
 
 def _numbered(listed: Iterable[Shot], first: int) -> list[Shot]:
-    """With a step for every setting; calibration frames that come again are a new step."""
+    """With a step for every setting; a setting that comes again, repeat and all, is a new one.
+
+    A frame's chance follows from step and repeat, so that no two frames may share both.
+    """
     numbered: list[Shot] = []
     steps: dict[Any, int] = {}
-    following = first
+    seen: Counter[Any] = Counter()
     for shot in listed:
-        setting = (shot.role, shot.target, shot.pattern, shot.wavelength, shot.exposure)
-        again = shot.role != "light" and shot.repeat == 0
-        if setting not in steps or again:
-            steps[setting] = following
-            following += 1
-        numbered.append(replace(shot, step=steps[setting]))
+        colour = (shot.slot, shot.wavelength)
+        setting = (shot.role, shot.target, shot.pattern, colour, shot.exposure)
+        came = setting, seen[setting, shot.repeat]
+        seen[setting, shot.repeat] += 1
+        numbered.append(replace(shot, step=steps.setdefault(came, first + len(steps))))
     return numbered
 
 

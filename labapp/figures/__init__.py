@@ -31,7 +31,18 @@ Measurement = Callable[[Path], Iterable[Figure]]
 
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
-    from labapp.figures import closed_forms, durability, first_light, peers, problems, psf, startup
+    from labapp.figures import (
+        closed_forms,
+        durability,
+        first_light,
+        full_disk,
+        peers,
+        problems,
+        promptness,
+        psf,
+        startup,
+        troubles,
+    )
 
     return {
         "help": startup.help_time,
@@ -46,7 +57,12 @@ def measurements() -> dict[str, Measurement]:
         "tolerance": problems.tolerance_figure,
         "regret": problems.regret_figure,
         "seed": durability.same_seed,
-        "kill": durability.after_a_kill,
+        "kill": durability.after_kills,
+        "disk": full_disk.full_disk_figure,
+        "faults": troubles.fault_figure,
+        "cancel": promptness.cancel_figure,
+        "overhead": promptness.overhead_figure,
+        "sustained": promptness.sustained_figure,
     }
 
 

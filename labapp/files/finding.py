@@ -16,7 +16,8 @@ def ready_plans() -> dict[str, Path]:
 def find_plan(name: Path | str) -> Path:
     """The plan file of a path, or of a ready plan's name; UserError lists the names."""
     path = Path(name)
-    if path.exists():
+    # A folder of that name is the place of somebody's records, and no plan.
+    if path.is_file():
         return path
     ready = ready_plans()
     if str(name) in ready:

@@ -33,7 +33,7 @@ class LensPattern(FileModel):
     """A Fresnel lens of a focal length; negative diverges."""
 
     kind: Literal["lens"]
-    focal_length_m: float
+    focal_length_m: Annotated[float, Field(allow_inf_nan=False)]
     wavelength_nm: Positive = 550
 
 

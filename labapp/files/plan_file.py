@@ -11,6 +11,7 @@ from labapp.files.reading import FileModel
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
 
@@ -153,7 +154,7 @@ class PlanFile(FileModel):
     version: Literal[1]
     title: str
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    metadata: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    metadata: dict[str, str | int | Finite | bool] = Field(default_factory=dict)
     targets: dict[str, PlannedTarget] = Field(default_factory=dict)
     patterns: Annotated[dict[str, Pattern], Field(min_length=1)]
     acquire: Annotated[tuple[Acquisition, ...], Field(min_length=1)]

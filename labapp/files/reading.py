@@ -59,21 +59,35 @@ def validate(data: dict[str, Any], model: type[M], source: str) -> M:
 
 def explain(error: ValidationError, model: type[BaseModel], source: str) -> str:
     """The first problems of a validation, one a line."""
-    problems = error.errors()
+    problems = _causes(error)
     lines = [f"{source}: {_problem(dict(p), model)}" for p in problems[:2]]
     if len(problems) > 2:
         lines[-1] += f" (and {len(problems) - 2} more)"
     return "\n".join(lines)
 
 
+def _causes(error: ValidationError) -> list[Any]:
+    """Without the complaint about a table that comes from one about something in it."""
+    problems = error.errors()
+    places = [problem["loc"] for problem in problems]
+
+    def holds_another(place: tuple[int | str, ...]) -> bool:
+        return any(other != place and other[: len(place)] == place for other in places)
+
+    return [problem for problem in problems if not holds_another(problem["loc"])]
+
+
 def _problem(problem: dict[str, Any], model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in problem["loc"]) or "the file"
+    key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return f"key {key!r} is unknown. Remove it, or check its spelling."
     if problem["type"] == "missing":
         return f"key {key!r} is missing. Add it."
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
+    if isinstance(problem["input"], dict):
+        # A whole table tells nobody what is wrong in it.
+        return f"key {key!r}: {message}." if key else f"{message}."
     return f"key {key!r} is {problem['input']!r}: {message}."
 
 

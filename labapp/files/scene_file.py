@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.files.reading import FileModel, read_picture
-from simulator.scene import Dark, Photograph, Scene, Star, Target
+from simulator.scene import Dark, Flat, Photograph, Scene, Star, Target
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Distance = Annotated[float, Field(gt=0)]
@@ -37,6 +37,17 @@ class StarTable(FileModel):
         return Star(self.diameter_um * 1e-6, self.distance_m, self.radiance * 1e9)
 
 
+class FlatTable(FileModel):
+    """An evenly lit field. radiance: W / (sr m² nm)."""
+
+    kind: Literal["flat"]
+    distance_m: Distance
+    radiance: Positive
+
+    def build(self) -> Target:
+        return Flat(self.distance_m, self.radiance * 1e9)
+
+
 class PhotographTable(FileModel):
     """A print of a picture file. radiance: of its white, W / (sr m² nm).
 
@@ -55,7 +66,9 @@ class PhotographTable(FileModel):
         return Photograph(picture, self.distance_m, self.radiance * 1e9, self.cover)
 
 
-TargetTable = Annotated[DarkTable | StarTable | PhotographTable, Field(discriminator="kind")]
+TargetTable = Annotated[
+    DarkTable | StarTable | FlatTable | PhotographTable, Field(discriminator="kind")
+]
 
 
 class SceneFile(FileModel):

@@ -63,6 +63,7 @@ def make(path: Path, contents: Contents, *, force: bool = False) -> None:
     nothing is lost if it can't be made. UserError says why it can't.
     """
     require_writable(path, force=force)
+    _remove_drafts(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         with h5py.File(draft, "w", libver="latest") as file:
@@ -78,6 +79,15 @@ def make(path: Path, contents: Contents, *, force: bool = False) -> None:
 
 def now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _remove_drafts(path: Path) -> None:
+    """Of processes that were killed while they made a record of this name."""
+    for draft in path.parent.glob(f".{path.name}.*.new"):
+        pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            with contextlib.suppress(OSError):
+                draft.unlink()
 
 
 def _to_disk(path: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Self
@@ -20,11 +23,17 @@ from labapp.files.scene_file import SceneFile
 from labapp.record import layout, process
 from labapp.record.writer import checksum
 
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+_BROKEN = (KeyError, OSError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
+"""What h5py raises, and what decoding raises, where a file is damaged."""
+
 
 class Record:
     """A record opened for reading; a context manager.
 
-    UserError if the file isn't a record of this application.
+    UserError if the file isn't a record of this application; every property and method
+    raises it where the file is damaged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,9 +42,14 @@ class Record:
             raise UserError(f"{path}: there is no such file. Check the path.")
         try:
             self._file = h5py.File(path, "r")
-        except OSError as error:
-            raise UserError(f"{path}: is not an HDF5 file. Give a record of a run.") from error
-        written = self._file.attrs.get("labapp_format")
+        except (OSError, RuntimeError) as error:
+            raise UserError(f"{path}: {_why_closed(path, error)}") from error
+        try:
+            with self._reading("labapp_format"):
+                written = self._file.attrs.get("labapp_format")
+        except UserError:
+            self.close()
+            raise
         if written != layout.FORMAT:
             self.close()
             raise UserError(
@@ -55,53 +69,55 @@ class Record:
     @property
     def state(self) -> State:
         """As written; INTERRUPTED if it was running and its writer is gone."""
-        written = State(self._file["entry/state"][0].decode())
-        if written not in ENDED and not process.is_alive(self.writer):
-            return State.INTERRUPTED
-        return written
+        with self._reading("entry/state"):
+            written = State(self._read("entry/state")[0].decode())
+        with self._reading("entry/writer"):
+            gone = written not in ENDED and not process.is_alive(self.writer)
+        return State.INTERRUPTED if gone else written
 
     @property
     def writer(self) -> str:
         """Who wrote last: host, process, start of the process, as JSON."""
-        return self._file["entry/writer"][0].decode()
+        with self._reading("entry/writer"):
+            return self._read("entry/writer")[0].decode()
 
     @property
     def message(self) -> str:
-        return self._file["entry/message"][0].decode(errors="replace")
+        return self._read("entry/message")[0].decode(errors="replace")
 
     @property
     def plan(self) -> PlanFile:
-        return validate(json.loads(self.text("plan")), PlanFile, f"{self.path}: plan")
+        return validate(self._json("plan"), PlanFile, f"{self.path}: plan")
 
     @property
     def bench(self) -> BenchFile:
-        return validate(json.loads(self.text("bench")), BenchFile, f"{self.path}: bench")
+        return validate(self._json("bench"), BenchFile, f"{self.path}: bench")
 
     @property
     def scene(self) -> SceneFile | None:
         """The scene before simulated devices, None for a real one."""
-        data = json.loads(self.text("scene"))
+        data = self._json("scene")
         return None if data is None else validate(data, SceneFile, f"{self.path}: scene")
 
     @property
     def effect_plan(self) -> dict[str, Any] | None:
-        return json.loads(self.text("effect_plan"))
+        return self._json("effect_plan")
 
     @property
     def versions(self) -> dict[str, str]:
-        return json.loads(self.text("versions"))
+        return self._json("versions")
 
     @property
     def devices(self) -> dict[str, dict[str, Any]]:
-        group = self._file["entry/instrument"]
-        return {
-            name: {
-                "model": device["model"][()].decode(),
-                "serial": device["serial"][()].decode(),
-                "simulated": bool(device["simulated"][()]),
+        with self._reading("entry/instrument"):
+            return {
+                name: {
+                    "model": device["model"][()].decode(),
+                    "serial": device["serial"][()].decode(),
+                    "simulated": bool(device["simulated"][()]),
+                }
+                for name, device in self._file["entry/instrument"].items()
             }
-            for name, device in group.items()
-        }
 
     @property
     def simulated(self) -> list[str]:
@@ -109,61 +125,74 @@ class Record:
 
     def text(self, name: str) -> str:
         """A scalar string of the entry: title, start_time, plan, ..."""
-        return self._file[f"entry/{name}"][()].decode()
+        with self._reading(f"entry/{name}"):
+            return self._read(f"entry/{name}").decode()
 
     @property
     def end_time(self) -> str:
-        return self._file["entry/end_time"][0].decode()
+        with self._reading("entry/end_time"):
+            return self._read("entry/end_time")[0].decode()
 
     @property
     def seed(self) -> int:
-        return int(self._file["entry/seed"][()])
+        return int(self._read("entry/seed"))
 
     @property
     def target_names(self) -> list[str]:
-        return [name.decode() for name in self._file["entry/targets/names"][()]]
+        return self._texts("entry/targets/names")
 
     @property
     def pattern_names(self) -> list[str]:
-        return [name.decode() for name in self._file["entry/patterns/names"][()]]
+        return self._texts(f"{layout.PATTERNS}/names")
+
+    @property
+    def pattern_sums(self) -> dict[str, str]:
+        """SHA-256 of the grey levels of each pattern, by name, as they were when the run began."""
+        sums = self._texts(f"{layout.PATTERNS}/sha256")
+        return dict(zip(self.pattern_names, sums, strict=False))
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
         """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
-        group, index = self._file[layout.PATTERNS], self.pattern_names.index(name)
-        first, count = int(group["first"][index]), int(group["frames"][index])
-        frames = group["images"][first : first + count]
-        return frames if group["frame_time"][index] else frames[0]
+        index = self.pattern_names.index(name)
+        with self._reading(layout.PATTERNS):
+            group = self._file[layout.PATTERNS]
+            first, count = int(group["first"][index]), int(group["frames"][index])
+            frames = group["images"][first : first + count]
+            return frames if group["frame_time"][index] else frames[0]
 
     @property
     def expected_seconds(self) -> float:
         """Of bench time, settling included, if nothing goes wrong."""
-        return float(self._file["entry/expected_seconds"][()])
+        return float(self._read("entry/expected_seconds"))
 
     @property
     def faults(self) -> list[dict[str, Any]]:
         """The faults that a virtual bench was asked to have."""
-        return json.loads(self.text("faults"))
+        return self._json("faults")
 
     @property
     def pictures(self) -> dict[str, str]:
         """SHA-256 of the picture files of a simulated scene, by path."""
-        return json.loads(self.text("pictures"))
+        return self._json("pictures")
 
     def column(self, name: str) -> NDArray[Any]:
         """One value a planned frame; see labapp.record.layout."""
-        return self._file[f"{layout.DATA}/{name}"][()]
+        return self._read(f"{layout.DATA}/{name}")
 
     def image(self, index: int) -> NDArray[np.uint16]:
-        return self._file[f"{layout.DATA}/images"][index]
+        return self._read(f"{layout.DATA}/images", index)
 
     @property
     def frames(self) -> int:
-        return int(self._file[f"{layout.DATA}/images"].shape[0])
+        with self._reading(f"{layout.DATA}/images"):
+            return int(self._file[f"{layout.DATA}/images"].shape[0])
 
     @property
     def log(self) -> list[tuple[float, str]]:
-        rows = self._file["entry/log"][()]
-        return [(float(r["time"]), r["text"].decode(errors="replace")) for r in rows if r["text"]]
+        rows = self._read("entry/log")
+        with self._reading("entry/log"):
+            lines = [(float(r["time"]), r["text"]) for r in rows if r["text"]]
+        return [(time, text.decode(errors="replace")) for time, text in lines]
 
     def not_stored(self) -> list[int]:
         """Indices of planned frames that were never acknowledged."""
@@ -207,6 +236,44 @@ class Record:
 
         self._file.visititems(collect)
         return found
+
+    def _read(self, name: str, rows: Any = ()) -> Any:
+        """The values of a dataset by its path, or some rows of it."""
+        with self._reading(name):
+            return self._file[name][rows]
+
+    def _texts(self, name: str) -> list[str]:
+        with self._reading(name):
+            return [text.decode() for text in self._read(name)]
+
+    def _json(self, name: str) -> Any:
+        with self._reading(f"entry/{name}"):
+            return json.loads(self.text(name))
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        """UserError that names a part of the file, if reading it fails."""
+        try:
+            yield
+        except _BROKEN as error:
+            raise UserError(
+                f"{self.path}: is damaged: {name} is missing or can't be read. "
+                "Restore the file from a copy."
+            ) from error
+
+
+def _why_closed(path: Path, error: Exception) -> str:
+    """Why HDF5 doesn't open a file, and what to do."""
+    if isinstance(error, PermissionError):
+        return "may not be read. Ask its owner, or copy it."
+    with path.open("rb") as file:
+        if file.read(len(_SIGNATURE)) != _SIGNATURE:
+            return "is not an HDF5 file, or has lost its beginning. Give a record of a run."
+    sizes = re.search(r"truncated file: eof = (\d+),.*stored_eof = (\d+)", str(error))
+    if sizes:
+        there, full = sizes.groups()
+        return f"is cut short: {there} of {full} bytes are there. Restore it from a copy."
+    return f"is damaged: HDF5 can't open it ({error}). Restore it from a copy."
 
 
 def digest(file: Path) -> str:

@@ -10,8 +10,8 @@ from labapp.window.badge import Badge
 
 _GROUPS = (
     ("live",),
-    ("acquire", "reconstruct", "cancel"),
-    ("open",),
+    ("acquire", "pause", "cancel"),
+    ("reconstruct",),
     ("contrast", "marks"),
     ("reset",),
 )

@@ -21,9 +21,12 @@ class Declared:
 
 DECLARED = (
     Declared("live", "Live", "F5", "Take one picture after the other", checkable=True),
-    Declared("acquire", "Acquire bracket", "F6", "Take the bracket into a new file"),
+    Declared("acquire", "Acquire bracket", "F6", "Put the bracket in line, into a new file"),
     Declared("reconstruct", "Reconstruct", "F7", "Undo the coding of the last complete run"),
+    Declared("pause", "Pause", "F8", "Let the run rest after its frame, or go on"),
     Declared("cancel", "Cancel", "Esc", "Stop the run or the computation"),
+    Declared("plan", "Run plan …", "Ctrl+P", "Put the run of a plan file in line"),
+    Declared("resume", "Resume run …", "Ctrl+R", "Take the frames that a record lacks"),
     Declared("open", "Open run …", "Ctrl+O", "Reconstruct a run that was taken earlier"),
     Declared("contrast", "Auto contrast", "A", "Contrast follows the picture", checkable=True),
     Declared("marks", "Clipping marks", "C", "Saturated red, zero blue", checkable=True),
@@ -41,12 +44,23 @@ class Actions:
     def __getitem__(self, name: str) -> QAction:
         return self._actions[name]
 
+    def retitle(self, name: str, text: str) -> None:
+        """Call an action something else; its key stays."""
+        action = self._actions[name]
+        action.setText(_with_key(text, action.shortcut().toString()))
+
+
+def _with_key(text: str, key: str) -> str:
+    return f"{text}  {key}" if key else text
+
 
 def _make(declared: Declared, window: QMainWindow) -> QAction:
-    key = f"  {declared.key}" if declared.key else ""
-    action = QAction(declared.text + key, window, checkable=declared.checkable)
+    text = _with_key(declared.text, declared.key)
+    action = QAction(text, window, checkable=declared.checkable)
     action.setObjectName(declared.name)
-    action.setToolTip(declared.tip)
+    action.setToolTip(
+        _with_key(declared.tip, f"({declared.key})") if declared.key else declared.tip
+    )
     if declared.key:
         action.setShortcut(QKeySequence(declared.key))
     return action

@@ -10,8 +10,11 @@ from PySide6.QtCore import QObject, QProcess, Signal
 from labapp.window.messages import Command, FrameSeen, LiveFrame
 from labapp.window.stream import Unpacker, pack
 
-_PATIENCE = 5000
-"""Milliseconds that a closing window gives the engine to leave the bench safe."""
+_PATIENCE = 12_000
+"""Milliseconds that a closing window gives the engine to leave the bench safe.
+
+More than the engine gives itself, which then ends on its own.
+"""
 
 _KEPT = 2000
 """Characters of the engine's error output that are kept for the message about its death."""
@@ -32,10 +35,11 @@ class Connection(QObject):
         bench: Path | None = None,
         scene: Path | None = None,
         image: Path | None = None,
+        faults: Path | None = None,
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
-        files = {"--bench": bench, "--scene": scene, "--image": image}
+        files = {"--bench": bench, "--scene": scene, "--image": image, "--faults": faults}
         self._arguments = ["-m", "labapp.window.engine"]
         for option, path in files.items():
             if path is not None:

@@ -4,21 +4,49 @@ from __future__ import annotations
 
 from html import escape
 
-from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.label import label
 from labapp.window.messages import DeviceInfo
+from labapp.window.panel import Panel
 from labapp.window.theme import ERROR, FAINT, REAL, SIMULATED
 
-_TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
+TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
 
 
-class DeviceList(QWidget):
-    """Two lines a device; a failed one is red until it does as it is told."""
+class DeviceRow(QWidget):
+    """Two lines about a device; of a failed one, what is wrong and a button against it."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.text = label(self, wrap=True)
+        self.reconnect = QPushButton("Reconnect", self)
+        self.reconnect.setToolTip("Open the device again")
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.text, 1)
+        layout.addWidget(self.reconnect)
+        self.reconnect.hide()
+
+    def show_device(self, device: DeviceInfo) -> None:
+        self.text.setText(_describe(device))
+        self.reconnect.setVisible(device.state == "failed")
+        self.reconnect.setText("Reconnect")
+
+
+class DeviceList(Panel):
+    """A row a device; a failed one is red until it does as it is told.
+
+    reconnect_asked: the bench's name of a device that the person wants opened again.
+    """
+
+    reconnect_asked = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._rows: dict[str, QLabel] = {}
+        self.rows: dict[str, DeviceRow] = {}
+        self._in_run = False
         self._layout = QVBoxLayout(self)
         self._layout.setContentsMargins(8, 4, 8, 6)
         self._layout.setSpacing(4)
@@ -28,33 +56,53 @@ class DeviceList(QWidget):
 
     def clear(self, text: str) -> None:
         """No devices are known; say why."""
-        for row in self._rows.values():
+        for row in self.rows.values():
             self._layout.removeWidget(row)
             row.deleteLater()
-        self._rows.clear()
+        self.rows.clear()
         self._empty.setText(text)
         self._empty.show()
 
     def show_devices(self, devices: tuple[DeviceInfo, ...]) -> None:
         self._empty.hide()
         for device in devices:
-            if device.name not in self._rows:
-                row = label(self, wrap=True)
-                self._rows[device.name] = row
-                self._layout.insertWidget(len(self._rows), row)
-            self._rows[device.name].setText(_describe(device))
+            if device.name not in self.rows:
+                self._add(device.name)
+            self.rows[device.name].show_device(device)
+        self.set_in_run(self._in_run)
+
+    def set_in_run(self, on: bool) -> None:
+        """A run mends its devices itself; nobody else opens them meanwhile."""
+        self._in_run = on
+        for row in self.rows.values():
+            row.reconnect.setEnabled(not on)
 
     def text(self, name: str) -> str:
-        return self._rows[name].text()
+        return self.rows[name].text.text()
+
+    def _add(self, name: str) -> None:
+        row = DeviceRow(self)
+        row.reconnect.clicked.connect(lambda: self._ask(name))
+        self.rows[name] = row
+        self._layout.insertWidget(len(self.rows), row)
+
+    def _ask(self, name: str) -> None:
+        button = self.rows[name].reconnect
+        button.setEnabled(False)
+        button.setText("opening …")
+        self.reconnect_asked.emit(name)
 
 
 def _describe(device: DeviceInfo) -> str:
     kind, kind_colour = ("simulated", SIMULATED) if device.simulated else ("real", REAL)
     state_colour = ERROR if device.state == "failed" else REAL
-    title = _TITLES.get(device.name, device.name)
-    return (
+    title = TITLES.get(device.name, device.name)
+    text = (
         f"<span style='color:{state_colour}'>●</span> <b>{escape(title)}</b> "
         f"<span style='color:{state_colour}'>{escape(device.state)}</span> "
         f"<span style='color:{kind_colour}'>{kind}</span><br>"
         f"<span style='color:{FAINT}'>{escape(device.model)}:</span> {escape(device.value)}"
     )
+    if device.error:
+        text += f"<br><span style='color:{ERROR}'>{escape(device.error)}</span>"
+    return text

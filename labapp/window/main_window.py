@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QByteArray, QSize, Qt
-from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QDockWidget, QMainWindow, QMessageBox, QTabWidget, QWidget
+from PySide6.QtGui import QCloseEvent, QKeyEvent
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QComboBox,
+    QDockWidget,
+    QLineEdit,
+    QMainWindow,
+    QMessageBox,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import Actions
+from labapp.window.call_line import CallLine
 from labapp.window.connection import Connection
 from labapp.window.device_list import DeviceList
 from labapp.window.live_view import LiveView
 from labapp.window.message_line import MessageLine
 from labapp.window.pattern_panel import PatternPanel
+from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
 from labapp.window.remembered import Remembered
 from labapp.window.run_panel import RunPanel
@@ -20,8 +32,11 @@ from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
 
 _SIZE = QSize(1600, 900)
-_SIDE = 310
-_LAYOUT_VERSION = 1
+_LEFT, _RIGHT = 310, 370
+_LAYOUT_VERSION = 2
+
+_FIELDS = (QAbstractSpinBox, QComboBox, QLineEdit)
+"""Where Enter means that what was typed holds."""
 
 
 class MainWindow(QMainWindow):
@@ -39,15 +54,19 @@ class MainWindow(QMainWindow):
         self.tabs = QTabWidget(self)
         self.tabs.addTab(self.live_view, "Live")
         self.tabs.addTab(self.reconstruction, "Reconstruction")
-        self.setCentralWidget(self.tabs)
+        self.call = CallLine(self.actions_["pause"], self)
+        self.setCentralWidget(self._central())
         self.devices = DeviceList(self)
         self.settings = SettingsPanel(self)
         self.pattern = PatternPanel(self)
         self.run = RunPanel([self.actions_["acquire"], self.actions_["reconstruct"]], self)
+        files = [self.actions_[name] for name in ("plan", "resume", "open")]
+        self.queue = QueuePanel(files, self)
         self._dock("Devices", self.devices, Qt.DockWidgetArea.LeftDockWidgetArea)
         self._dock("Pattern", self.pattern, Qt.DockWidgetArea.LeftDockWidgetArea)
         self._dock("Settings", self.settings, Qt.DockWidgetArea.RightDockWidgetArea)
         self._dock("Bracket and run", self.run, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._dock("Queue", self.queue, Qt.DockWidgetArea.RightDockWidgetArea)
         self.message = MessageLine(self)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addWidget(self.message, 1)
@@ -60,7 +79,7 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask before a run is lost; then keep the settings and end the engine in order."""
-        if self.session.in_run and not self._may_end_run():
+        if (question := self._question()) and not self._may(question):
             event.ignore()
             return
         self._keep()
@@ -68,6 +87,26 @@ class MainWindow(QMainWindow):
         self.hide()
         self.connection.close()
         event.accept()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Enter says that what a run asked for is done, but never what was meant for a field."""
+        if event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter) or not self.call.asks:
+            super().keyPressEvent(event)
+            return
+        field = self.focusWidget()
+        if isinstance(field, _FIELDS):
+            field.clearFocus()
+        elif not event.isAutoRepeat():
+            self.call.done_button.click()
+
+    def _central(self) -> QWidget:
+        central = QWidget(self)
+        layout = QVBoxLayout(central)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(4)
+        layout.addWidget(self.call)
+        layout.addWidget(self.tabs, 1)
+        return central
 
     def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> None:
         dock = QDockWidget(title, self)
@@ -79,8 +118,12 @@ class MainWindow(QMainWindow):
 
     def _arrange_docks(self) -> None:
         docks = self.findChildren(QDockWidget)
-        self.resizeDocks(docks, [_SIDE] * len(docks), Qt.Orientation.Horizontal)
-        short = [dock for dock in docks if dock.widget() in (self.devices, self.settings)]
+        left = Qt.DockWidgetArea.LeftDockWidgetArea
+        widths = [_LEFT if self.dockWidgetArea(dock) == left else _RIGHT for dock in docks]
+        self.resizeDocks(docks, widths, Qt.Orientation.Horizontal)
+        # What has a list or a picture in it takes the height that the others leave.
+        tall = (self.pattern, self.queue)
+        short = [dock for dock in docks if dock.widget() not in tall]
         self.resizeDocks(short, [1] * len(short), Qt.Orientation.Vertical)
 
     def _reset_layout(self) -> None:
@@ -88,8 +131,15 @@ class MainWindow(QMainWindow):
         self.resize(_SIZE.boundedTo(self.screen().availableSize()))
         self._arrange_docks()
 
-    def _may_end_run(self) -> bool:
-        question = "A run is under way. Cancel it and close? Frames taken so far are kept."
+    def _question(self) -> str:
+        """What to ask before the window closes; empty if nothing would be lost."""
+        queue = self.session.queue
+        lost = f" {queue.waiting} that wait will not be taken." if queue.waiting else ""
+        if queue.under_way is not None:
+            return f"A run is under way. Cancel it and close? Frames taken so far are kept.{lost}"
+        return f"Runs are in line. Close all the same?{lost}" if lost else ""
+
+    def _may(self, question: str) -> bool:
         button = QMessageBox.StandardButton
         answer = QMessageBox.question(self, "labapp", question, button.Yes | button.No, button.No)
         return answer == button.Yes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.window.bracket import Bracket
+from labapp.window.run_state import RunState
 
 PatternTable = dict[str, Any]
 """A pattern as a plan file writes it: its kind, and the keys of that kind."""
@@ -61,13 +62,66 @@ class Show:
 
 @dataclass(frozen=True)
 class Acquire:
-    """Take a bracket of the star and of the photograph into the record at `path`."""
+    """Put a bracket of the star and of the photograph in line; its record goes to `folder`."""
 
     pattern: PatternTable
     wavelength: float
     star: Bracket
     photograph: Bracket
+    folder: Path
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """Put the run of a plan file in line; its record goes to `folder`."""
+
+    plan: Path
+    folder: Path
+
+
+@dataclass(frozen=True)
+class ResumeRun:
+    """Put the frames that a record lacks in line."""
+
     path: Path
+
+
+@dataclass(frozen=True)
+class RemoveRuns:
+    """Take runs that still wait out of the line."""
+
+    numbers: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class ClearRuns:
+    """Forget the runs that have ended; their files stay."""
+
+
+@dataclass(frozen=True)
+class GoOn:
+    """Begin the next run, though the last one didn't end well."""
+
+
+@dataclass(frozen=True)
+class PauseRun:
+    """Let the run under way rest after its frame, or go on."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a run asked for is done. number: of the prompt."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Reconnect:
+    """Open a device that has failed again. device: the bench's name of it."""
+
+    device: str
 
 
 @dataclass(frozen=True)
@@ -77,7 +131,7 @@ class Reconstruct:
 
 @dataclass(frozen=True)
 class Cancel:
-    """Stop the work that is under way."""
+    """Stop the work that is under way; runs that wait go on waiting."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +140,24 @@ class FrameSeen:
 
 
 Command = (
-    SetLive | Place | Tune | Expose | Preview | Show | Acquire | Reconstruct | Cancel | FrameSeen
+    SetLive
+    | Place
+    | Tune
+    | Expose
+    | Preview
+    | Show
+    | Acquire
+    | RunPlan
+    | ResumeRun
+    | RemoveRuns
+    | ClearRuns
+    | GoOn
+    | PauseRun
+    | Answer
+    | Reconnect
+    | Reconstruct
+    | Cancel
+    | FrameSeen
 )
 
 
@@ -95,13 +166,17 @@ Command = (
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device of the bench: what it is, how it is, and the last value read from it."""
+    """A device of the bench: what it is, how it is, and the last value read from it.
+
+    error: what is wrong with it, if its state is "failed".
+    """
 
     name: str
     model: str
     simulated: bool
     state: str = "ready"
     value: str = ""
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -119,7 +194,7 @@ class BenchOpened:
 
 @dataclass(frozen=True)
 class BenchState:
-    """What the devices are really set to, read back from them."""
+    """What the devices are really set to, read back from them; of a dead one, the last."""
 
     devices: tuple[DeviceInfo, ...]
     target: str
@@ -168,13 +243,78 @@ class CancelHeard:
 
 
 @dataclass(frozen=True)
+class RunInfo:
+    """A run of the queue. number: counts the runs, and names this one in commands.
+
+    message: what it does, or why it rests or failed. stored, planned: frames. fraction: of
+    the work, 0 to 1. expected, took: seconds of the bench's time, `took` once it has ended.
+    elapsed, left: real seconds; left is None while nobody can tell. pausing: whether a
+    person, or a device that failed, wants it to rest until a person lets it go on.
+    """
+
+    number: int
+    title: str
+    path: Path
+    state: RunState
+    message: str
+    stored: int
+    planned: int
+    fraction: float
+    expected: float
+    took: float
+    elapsed: float
+    left: float | None
+    pausing: bool
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """What a run asks a person to do. number: counts the prompts."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class QueueState:
+    """All runs in their order. held: why no further run begins, empty while none is held."""
+
+    runs: tuple[RunInfo, ...]
+    held: str = ""
+    prompt: Prompt | None = None
+
+    @property
+    def under_way(self) -> RunInfo | None:
+        return next((run for run in self.runs if run.state.is_under_way), None)
+
+    @property
+    def waiting(self) -> int:
+        """How many runs wait."""
+        return sum(run.state is RunState.WAITING for run in self.runs)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run has the bench, or is about to."""
+        return self.under_way is not None or (self.waiting > 0 and not self.held)
+
+
+@dataclass(frozen=True)
 class RunEnded:
-    """How a run ended. path: None if nothing was written."""
+    """How a run ended. path: None if nothing was written. expected, took: as in RunInfo."""
 
     path: Path | None
-    state: str
+    state: RunState
     missing: int
     message: str
+    expected: float = 0.0
+    took: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reconnected:
+    """A device that had failed is open again."""
+
+    device: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +356,9 @@ Report = (
     | PatternPreview
     | JobProgress
     | CancelHeard
+    | QueueState
     | RunEnded
+    | Reconnected
     | Reconstructed
     | JobEnded
     | Failure

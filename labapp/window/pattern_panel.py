@@ -58,6 +58,10 @@ class PatternPanel(QWidget):
             self._wavelength_nm = nanometres
             self.refresh()
 
+    def set_in_run(self, on: bool) -> None:
+        """A run has the SLM; a pattern can be chosen for the bracket that follows."""
+        self.show_button.setEnabled(not on)
+
     def refresh(self) -> None:
         """Compute the preview once nothing has changed for a moment."""
         self.note.setText("computing the preview …")

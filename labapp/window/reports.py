@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from labapp.window.device_list import TITLES
 from labapp.window.messages import (
     BenchOpened,
     BenchState,
@@ -15,9 +16,12 @@ from labapp.window.messages import (
     LiveFrame,
     OpeningFailed,
     PatternPreview,
+    QueueState,
+    Reconnected,
     Reconstructed,
     RunEnded,
 )
+from labapp.window.run_state import RunState
 from labapp.window.tone import Scale
 
 if TYPE_CHECKING:
@@ -28,7 +32,6 @@ _HINT = (
     "First steps: choose a pattern and show it on the SLM, acquire a bracket (F6), "
     "then reconstruct (F7)."
 )
-_LONG_JOBS = ("run", "reconstruction")
 
 
 class Reports:
@@ -37,6 +40,7 @@ class Reports:
     def __init__(self, window: MainWindow, session: Session) -> None:
         self._window, self._session = window, session
         self._why_not_open = ""
+        self._under_way = 0
         self._show: dict[type, Callable[[Any], None]] = {
             BenchOpened: self._bench_opened,
             BenchState: self._bench_state,
@@ -45,6 +49,8 @@ class Reports:
             JobProgress: self._job_progress,
             JobEnded: self._job_ended,
             CancelHeard: lambda _: window.run.message.setText("cancelling …"),
+            QueueState: self._queue_state,
+            Reconnected: self._reconnected,
             RunEnded: self._run_ended,
             Reconstructed: self._reconstructed,
             Failure: lambda report: window.message.complain(report.message),
@@ -64,12 +70,21 @@ class Reports:
         window.live_view.set_running(False)
         window.run.show_end("", done=False)
         window.devices.clear("the engine is not running")
-        if self._why_not_open:
-            text = f"The bench didn't open. {self._why_not_open}"
-        else:
-            text = f"{how} Frames that were stored are safe. Restart the engine to go on."
-        window.message.complain(text, restart=True)
+        window.queue.show_queue(QueueState(()))
+        window.call.show_queue(QueueState(()))
+        window.message.complain(self._why_dead(how), restart=True)
         self._why_not_open = ""
+
+    def _why_dead(self, how: str) -> str:
+        if self._why_not_open:
+            return f"The bench didn't open. {self._why_not_open}"
+        queue = self._session.queue
+        text = f"{how} Frames that were stored are safe. Restart the engine to go on"
+        if (run := queue.under_way) is not None:
+            text += f", then resume {run.path} (Ctrl+R)"
+        if queue.waiting:
+            text += f", and put in line again what waited: {queue.waiting}"
+        return text + "."
 
     def _bench_opened(self, report: BenchOpened) -> None:
         window = self._window
@@ -78,6 +93,7 @@ class Reports:
         window.devices.show_devices(report.devices)
         window.live_view.set_scale(Scale(report.full_scale))
         window.run.set_frame_shape(report.camera_shape)
+        window.run.times.set_virtual(any(device.simulated for device in report.devices))
         window.message.say(_HINT)
         self._session.opened(report)
 
@@ -88,9 +104,10 @@ class Reports:
         window.pattern.show_shown(report.pattern)
         window.actions_["live"].setChecked(report.live)
         window.live_view.set_running(report.live)
+        self._session.bench_stands(report)
 
     def _job_progress(self, report: JobProgress) -> None:
-        if report.job in _LONG_JOBS:
+        if report.job == "reconstruction":
             self._window.run.show_progress(report)
 
     def _job_ended(self, report: JobEnded) -> None:
@@ -100,19 +117,35 @@ class Reports:
             self._session.finish()
             self._window.run.show_end("", done=False)
 
+    def _queue_state(self, report: QueueState) -> None:
+        window = self._window
+        window.queue.show_queue(report)
+        window.call.show_queue(report)
+        ended = [run for run in report.runs if run.state.has_ended]
+        if (run := report.under_way) is not None:
+            window.run.show_run(run)
+            if run.number != self._under_way:
+                self._under_way = run.number
+                window.message.say(f"{run.title}: taken into {run.path} …")
+        elif ended and not self._session.job:
+            window.run.show_run(ended[-1])
+        self._session.show_queue(report)
+
     def _run_ended(self, report: RunEnded) -> None:
         window = self._window
-        complete = report.state == "COMPLETE"
         if report.path is not None:
             window.run.show_last_run(report.path)
-        if complete and report.path is not None:
+        if report.state is RunState.COMPLETE and report.path is not None:
             self._session.completed(report.path)
             window.message.say(f"The run is complete: {report.path}. Reconstruct it with F7.")
-        elif report.state == "CANCELLED":
+        elif report.state is RunState.CANCELLED:
             window.message.say(f"The run was cancelled. {_rest(report)}")
         else:
             window.message.complain(f"The run failed: {report.message}. {_rest(report)}")
-        window.run.show_end(report.state.lower(), done=complete)
+
+    def _reconnected(self, report: Reconnected) -> None:
+        name = TITLES.get(report.device, report.device)
+        self._window.message.say(f"{name} is open again. Live view starts with F5.")
 
     def _reconstructed(self, report: Reconstructed) -> None:
         window = self._window
@@ -131,6 +164,6 @@ def _rest(report: RunEnded) -> str:
     if report.path is None:
         return "Nothing was moved or written."
     return (
-        f"{report.missing} frames are missing in {report.path}. "
+        f"{report.missing} frames are missing in {report.path}: resume it with Ctrl+R. "
         "The bench is safe; live view starts again with F5."
     )

@@ -1,8 +1,7 @@
-"""Acquire: the brackets, where the run is kept, and how far it is."""
+"""Acquire: the brackets, where runs are kept, and how far the one under way is."""
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -23,7 +22,11 @@ from PySide6.QtWidgets import (
 from labapp.window.bracket import Bracket
 from labapp.window.bracket_row import BracketRow
 from labapp.window.label import label
-from labapp.window.messages import JobProgress
+from labapp.window.messages import JobProgress, RunInfo
+from labapp.window.panel import Panel
+from labapp.window.run_state import RunState
+from labapp.window.run_times import RunTimes
+from labapp.window.spoken import spoken
 
 _DARKS, _STARS, _PATTERNS = 4, 2, 2
 
@@ -32,7 +35,7 @@ def default_folder() -> Path:
     return Path.home() / "labapp-runs"
 
 
-class RunPanel(QWidget):
+class RunPanel(Panel):
     """What will be taken, in words, before it is taken; then progress and time left."""
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
@@ -44,6 +47,7 @@ class RunPanel(QWidget):
         self.browse = QPushButton("Browse …", self)
         self.bar = QProgressBar(self, minimum=0, maximum=1000)
         self.message = label(self, look="faint", wrap=True)
+        self.times = RunTimes(self)
         self.last_run = label(self, look="faint", wrap=True)
         self.last_run.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._frame_bytes = 0
@@ -57,19 +61,28 @@ class RunPanel(QWidget):
         self._frame_bytes = 2 * shape[0] * shape[1]
         self._sum_up()
 
-    def new_path(self, now: datetime) -> Path:
-        """A file in the chosen folder, named after the moment."""
-        folder = Path(self.folder.text().strip() or ".").expanduser()
-        return folder / f"{now:%Y-%m-%d_%H%M%S}_bracket.h5"
+    @property
+    def chosen_folder(self) -> Path:
+        return Path(self.folder.text().strip() or ".").expanduser()
 
     def begin(self, message: str) -> None:
         self.bar.setValue(0)
         self.message.setText(message)
 
+    def show_run(self, run: RunInfo) -> None:
+        """The run under way, or the one that ended last."""
+        under_way = run.state.is_under_way
+        shown = under_way or run.state is RunState.COMPLETE
+        self.bar.setValue(round(1000 * run.fraction) if shown else 0)
+        self.message.setText(_describe(run) if under_way else run.state.value.lower())
+        self.times.show_run(run)
+
     def show_progress(self, progress: JobProgress) -> None:
         self.bar.setValue(round(1000 * progress.fraction))
         left = progress.seconds_left
-        self.message.setText(progress.message + ("" if left is None else f"  –  {_spoken(left)}"))
+        self.message.setText(
+            progress.message + ("" if left is None else f"  –  {spoken(left)} left")
+        )
 
     def show_end(self, message: str, *, done: bool) -> None:
         self.bar.setValue(self.bar.maximum() if done else 0)
@@ -107,6 +120,7 @@ class RunPanel(QWidget):
         layout.addLayout(buttons)
         layout.addWidget(self.bar)
         layout.addWidget(self.message)
+        layout.addWidget(self.times)
         layout.addWidget(self.last_run)
         layout.addStretch(1)
 
@@ -128,9 +142,8 @@ class RunPanel(QWidget):
             self.folder.setText(folder)
 
 
-def _spoken(seconds: float) -> str:
-    if seconds < 60:
-        return f"{seconds:.0f} s left"
-    if seconds < 3600:
-        return f"{seconds / 60:.0f} min left"
-    return f"{seconds / 3600:.1f} h left"
+def _describe(run: RunInfo) -> str:
+    """What the run does now."""
+    if run.state is RunState.PAUSED:
+        return "paused"
+    return f"pausing after this frame: {run.message}" if run.pausing else run.message

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,18 +10,21 @@ from PySide6.QtWidgets import QFileDialog
 
 from labapp.window.connection import Connection
 from labapp.window.messages import (
-    Acquire,
     BenchOpened,
+    BenchState,
     Cancel,
     Expose,
     Place,
     Preview,
+    QueueState,
+    Reconnect,
     Reconstruct,
     SetLive,
     Show,
     Tune,
 )
 from labapp.window.reports import Reports
+from labapp.window.run_requests import RunRequests
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
 class Session(QObject):
     """Panels' signals become commands, and only what can be done can be clicked.
 
-    job: "run" or "reconstruction" while one is under way, else "". first_target: the
-    target of the last session, for when the bench opens.
+    job: "reconstruction" while one is under way, else "". queue: the runs. first_target:
+    the target of the last session, for when the bench opens.
     """
 
     def __init__(self, window: MainWindow, connection: Connection) -> None:
@@ -41,10 +43,13 @@ class Session(QObject):
         self._reports = Reports(window, self)
         self._open = False
         self._last_run: Path | None = None
+        self._untold = False
         self.job = ""
+        self.queue = QueueState(())
         self.first_target = ""
         connection.received.connect(self._reports.show)
         connection.died.connect(self._engine_died)
+        self._runs = RunRequests(window, connection)
         self._connect_panels()
         self._connect_actions()
         self._allow()
@@ -52,7 +57,8 @@ class Session(QObject):
 
     @property
     def in_run(self) -> bool:
-        return self.job == "run"
+        """Whether a run has the bench, or is about to."""
+        return self.queue.busy
 
     def opened(self, bench: BenchOpened) -> None:
         """A bench has opened, and knows nothing of what the person wants."""
@@ -74,10 +80,20 @@ class Session(QObject):
         self.job = ""
         self._allow()
 
+    def show_queue(self, queue: QueueState) -> None:
+        self.queue = queue
+        self._runs.show_queue(queue)
+        self._tell_wavelength()
+        self._allow()
+
+    def bench_stands(self, state: BenchState) -> None:
+        self._tell_wavelength()
+
     def _engine_died(self, how: str) -> None:
         self._open = False
-        self.finish()
         self._reports.show_death(how)
+        self.show_queue(QueueState(()))
+        self.finish()
 
     def _connect_panels(self) -> None:
         window, send = self._window, self._connection.send
@@ -86,13 +102,13 @@ class Session(QObject):
         window.settings.exposure_asked.connect(lambda seconds: send(Expose(seconds)))
         window.pattern.preview_asked.connect(self._preview)
         window.pattern.show_asked.connect(lambda table: send(Show(table)))
+        window.devices.reconnect_asked.connect(lambda device: send(Reconnect(device)))
         window.message.restart_asked.connect(self._restart)
         window.live_view.auto_changed.connect(window.actions_["contrast"].setChecked)
 
     def _connect_actions(self) -> None:
         actions, view = self._window.actions_, self._window.live_view
         actions["live"].triggered.connect(lambda on: self._connection.send(SetLive(on)))
-        actions["acquire"].triggered.connect(self._acquire)
         actions["reconstruct"].triggered.connect(self._reconstruct_last)
         actions["open"].triggered.connect(self._open_run)
         actions["cancel"].triggered.connect(self._cancel)
@@ -101,41 +117,44 @@ class Session(QObject):
             actions[name].triggered.connect(change)
 
     def _allow(self) -> None:
-        window, idle = self._window, self._open and not self.job
-        for name in ("live", "acquire", "open"):
-            window.actions_[name].setEnabled(idle)
-        window.actions_["reconstruct"].setEnabled(idle and self._last_run is not None)
-        window.actions_["cancel"].setEnabled(self._open and bool(self.job))
-        free = self._open and not self.in_run
-        window.settings.setEnabled(free)
-        window.pattern.setEnabled(free)
-        for row in (window.run.star, window.run.photograph):
-            row.set_enabled(not self.in_run)
+        window, free = self._window, self._open and not self.job
+        idle = free and not self.in_run
+        # The next run can be prepared and put in line while one is under way.
+        allowed = {
+            "live": idle,
+            "acquire": free,
+            "plan": free,
+            "resume": free,
+            "pause": self._open and self.queue.under_way is not None,
+            "cancel": self._open and (self.in_run or bool(self.job)),
+            "open": idle,
+            "reconstruct": idle and self._last_run is not None,
+        }
+        for name, on in allowed.items():
+            window.actions_[name].setEnabled(on)
+        window.settings.setEnabled(self._open)
+        window.pattern.setEnabled(self._open)
+        for panel in (window.settings, window.pattern, window.devices):
+            panel.set_in_run(self.in_run)
+        window.queue.go_on.setEnabled(free)
 
     def _tune(self, wavelength: float) -> None:
-        self._connection.send(Tune(wavelength))
         self._window.pattern.set_wavelength(self._window.settings.wavelength.value())
+        if self.in_run:
+            self._untold = True
+        else:
+            self._connection.send(Tune(wavelength))
+
+    def _tell_wavelength(self) -> None:
+        """What was chosen for a bracket during a run holds for the live view after it, too."""
+        if self._untold and not self.in_run and self._window.actions_["live"].isChecked():
+            self._untold = False
+            self._connection.send(Tune(self._window.settings.wavelength.value() * 1e-9))
 
     def _preview(self, table: dict[str, Any]) -> None:
         if self._open:
             wavelength = self._window.settings.wavelength.value() * 1e-9
             self._connection.send(Preview(table, wavelength))
-
-    def _acquire(self) -> None:
-        window = self._window
-        path = window.run.new_path(datetime.now())
-        self._begin("run", "starting the run …")
-        window.message.say(f"Taking the bracket into {path} …")
-        window.tabs.setCurrentWidget(window.live_view)
-        self._connection.send(
-            Acquire(
-                pattern=window.pattern.table(),
-                wavelength=window.settings.wavelength.value() * 1e-9,
-                star=window.run.star.bracket,
-                photograph=window.run.photograph.bracket,
-                path=path,
-            )
-        )
 
     def _reconstruct_last(self) -> None:
         if self._last_run is not None:
@@ -148,7 +167,9 @@ class Session(QObject):
             self._reconstruct(Path(path))
 
     def _reconstruct(self, path: Path) -> None:
-        self._begin("reconstruction", "reconstructing …")
+        self.job = "reconstruction"
+        self._window.run.begin("reconstructing …")
+        self._allow()
         self._connection.send(Reconstruct(path))
 
     def _cancel(self) -> None:
@@ -160,8 +181,3 @@ class Session(QObject):
         self._window.message.say("Opening the bench …")
         self._window.devices.clear("opening the bench …")
         self._connection.start()
-
-    def _begin(self, job: str, message: str) -> None:
-        self.job = job
-        self._window.run.begin(message)
-        self._allow()

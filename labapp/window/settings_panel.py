@@ -70,6 +70,11 @@ class SettingsPanel(QWidget):
         self.wavelength_asked.emit(self.wavelength.value() * 1e-9)
         self.exposure_asked.emit(self.exposure.value() * 1e-3)
 
+    def set_in_run(self, on: bool) -> None:
+        """A run has target and exposure; a wavelength is for the bracket that follows."""
+        self.target.setEnabled(not on)
+        self.exposure.setEnabled(not on)
+
     def show_state(self, state: BenchState) -> None:
         nm, ms = state.wavelength * 1e9, state.exposure * 1e3
         _read(self.target_read, state.target, state.target != self.target.currentText())

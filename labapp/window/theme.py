@@ -5,6 +5,8 @@ from __future__ import annotations
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
+from labapp.window.run_state import RunState
+
 BACKGROUND = "#131416"
 PANEL = "#1b1d20"
 FIELD = "#101113"
@@ -18,6 +20,19 @@ REAL = "#5fa777"
 ERROR = "#e0584f"
 ALARM = "#5e211d"
 ALARM_TEXT = "#ffd6cf"
+
+CALL = "#4a3a14"
+CALL_TEXT = "#f4dca6"
+"""Something waits for the person."""
+
+RUN_STATES = {
+    RunState.WAITING: FAINT,
+    RunState.RUNNING: "#7fa3c7",
+    RunState.PAUSED: SIMULATED,
+    RunState.COMPLETE: REAL,
+    RunState.CANCELLED: "#b58863",
+    RunState.FAILED: ERROR,
+}
 
 SATURATED = (255, 0, 0)
 BLACK = (40, 90, 255)
@@ -44,7 +59,13 @@ QTabBar::tab:selected {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
 QProgressBar {{ background: {FIELD}; border: 1px solid {EDGE}; border-radius: 3px;
   text-align: center; min-height: 17px; }}
 QProgressBar::chunk {{ background: #6b5126; }}
+QTableView {{ background: {FIELD}; border: 1px solid {EDGE}; border-radius: 3px;
+  selection-background-color: #3a2f1c; selection-color: {TEXT}; }}
+QHeaderView::section {{ background: {PANEL}; color: {FAINT}; border: 0; padding: 2px 4px; }}
 QLabel#faint {{ color: {FAINT}; }}
+QLabel#paused {{ color: {SIMULATED}; }}
+QWidget#call {{ background: {CALL}; border-radius: 3px; }}
+QWidget#call QLabel {{ color: {CALL_TEXT}; font-weight: bold; }}
 QLabel#readBack {{ font-family: monospace; color: {REAL}; }}
 QLabel[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}

@@ -1,4 +1,5 @@
 import math
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,9 @@ from drivers.interfaces import (
     SLM,
     Camera,
     Device,
+    FilterWheel,
     Identity,
+    Slot,
     SpectralFilter,
     Surroundings,
     TargetChanger,
@@ -23,11 +26,14 @@ from simulator.devices import (
     SimulatedFilter,
     SimulatedSLM,
     SimulatedTargets,
+    SimulatedWheel,
 )
 
 KINDS = [
     (SimulatedSLM, SLM),
     (SimulatedFilter, SpectralFilter),
+    (SimulatedWheel, SpectralFilter),
+    (SimulatedWheel, FilterWheel),
     (SimulatedCamera, Camera),
     (SimulatedTargets, TargetChanger),
 ]
@@ -104,6 +110,72 @@ def test_the_panel_refuses_what_is_no_pattern(grey, words, surroundings):
         slm.show("x", grey)
 
 
+def test_the_panel_plays_a_video_and_keeps_its_own_copy(surroundings):
+    video = np.stack([ring_pattern(100e-6), NEUTRAL, ring_pattern(60e-6)])
+    first = video[0].copy()
+    with SimulatedSLM(surroundings, frame_rate_hz=50.0) as slm:
+        assert slm.frame_time == pytest.approx(0.02)
+        setting = slm.play("turn", video)
+        assert (setting.asked, setting.actual) == ("turn", "turn")
+        assert setting.ready_at == pytest.approx(CAMERA.panel.settling)
+        assert slm.shown == "turn"
+        video[:] = 7
+        assert np.array_equal(surroundings.world.grey, first)
+        slm.show("still", NEUTRAL)
+        assert slm.shown == "still"
+        slm.play("turn", video)
+    assert slm.shown == "neutral"
+    assert np.array_equal(surroundings.world.grey, NEUTRAL)
+
+
+def test_a_panel_shows_sixty_frames_a_second_unless_it_says_otherwise(surroundings):
+    assert SimulatedSLM(surroundings).frame_time == pytest.approx(1 / 60)
+
+
+@pytest.mark.parametrize(
+    ("video", "words"),
+    [
+        (np.zeros((48, 64), np.uint8), r"play x: a video of shape \(48, 64\); it needs frames"),
+        (np.zeros((0, 48, 64), np.uint8), r"play x: a video of shape \(0, 48, 64\); it needs"),
+        (np.zeros((2, 64, 48), np.uint8), r"play x: .*48x64 pixels; the panel needs 64x48"),
+        (np.zeros((2, 48, 64)), r"play x: .*float64; the panel shows uint8"),
+    ],
+)
+def test_the_panel_refuses_what_is_no_video(video, words, surroundings):
+    grey = ring_pattern(100e-6)
+    with SimulatedSLM(surroundings) as slm:
+        slm.show("ring", grey)
+        with pytest.raises(DeviceError, match=words):
+            slm.play("x", video)
+        assert slm.shown == "ring"
+        assert np.array_equal(surroundings.world.grey, grey)
+
+
+def test_one_bad_frame_spoils_a_video():
+    w = world(replace(CAMERA, panel=replace(CAMERA.panel, levels=16)))
+    video = np.zeros((3, 48, 64), np.uint8)
+    video[2, 5, 5] = 16
+    with (
+        SimulatedSLM(Surroundings(w.clock, w)) as slm,
+        pytest.raises(DeviceError, match=r"play x: .*level 16; the panel's levels are 0 to 15"),
+    ):
+        slm.play("x", video)
+
+
+@pytest.mark.parametrize("rate", [0.0, -60.0, math.nan, math.inf])
+def test_a_frame_rate_that_is_none_is_refused(rate, surroundings):
+    with pytest.raises(ValueError, match=r"frame_rate_hz is .*; it must be positive and finite"):
+        SimulatedSLM(surroundings, rate)
+
+
+def test_a_panel_that_is_opened_again_shows_what_it_says(surroundings):
+    """Nobody has closed it in order: it was killed, or its cable was pulled."""
+    SimulatedSLM(surroundings).__enter__().show("ring", ring_pattern(100e-6))
+    with SimulatedSLM(surroundings) as slm:
+        assert slm.shown == "neutral"
+        assert np.array_equal(surroundings.world.grey, NEUTRAL)
+
+
 def test_the_filter_tunes_to_whole_steps_and_says_so(surroundings):
     """A VariSpec resolves 0.01 nm."""
     with SimulatedFilter(surroundings, (430.0, 700.0), 10.0, 80.0) as tuned:
@@ -124,6 +196,109 @@ def test_the_filter_refuses_what_it_cannot_pass(wavelength, surroundings):
         pytest.raises(DeviceError, match=r"tune to .* nm: out of range, 430 to 700 nm. Choose a"),
     ):
         tuned.set_wavelength(wavelength)
+
+
+SLOTS = ((450, 10), (532, 20), (632.8, 3), (550, 40), (600, 10))
+
+
+@pytest.fixture
+def wheel(surroundings):
+    with SimulatedWheel(surroundings, slots_nm=SLOTS, step_ms=100.0) as opened:
+        yield opened
+
+
+def test_a_wheel_tells_its_slots(wheel):
+    assert isinstance(wheel, FilterWheel)
+    assert [slot.name for slot in wheel.slots] == [
+        "450 nm", "532 nm", "632.8 nm", "550 nm", "600 nm"
+    ]  # fmt: skip
+    assert wheel.slots[2] == Slot("632.8 nm", pytest.approx(632.8e-9), pytest.approx(3e-9))
+    assert wheel.wavelength_range == pytest.approx((450e-9, 632.8e-9))
+
+
+def test_a_tunable_filter_is_no_wheel(surroundings):
+    with SimulatedFilter(surroundings) as tuned:
+        assert not isinstance(tuned, FilterWheel)
+        assert not hasattr(tuned, "set_slot")
+
+
+def test_a_wheel_is_opened_and_left_at_its_first_slot(surroundings):
+    with SimulatedWheel(surroundings, slots_nm=SLOTS) as wheel:
+        assert wheel.slot == 1
+        assert surroundings.world.wavelength == pytest.approx(450e-9)
+        wheel.set_slot(4)
+        wheel.make_safe()
+        assert wheel.slot == 1
+        wheel.set_slot(4)
+    assert surroundings.world.wavelength == pytest.approx(450e-9)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+def test_a_slot_brings_its_wavelength_and_its_bandwidth(number, wheel, surroundings):
+    setting = wheel.set_slot(number)
+    centre, width = SLOTS[number - 1]
+    assert (setting.asked, setting.actual, wheel.slot) == (number, number, number)
+    assert wheel.wavelength == surroundings.world.wavelength == pytest.approx(centre * 1e-9)
+    assert wheel.bandwidth == surroundings.world.bandwidth == pytest.approx(width * 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "steps"), [(1, 1, 0), (1, 3, 2), (1, 4, 2), (1, 5, 1), (5, 2, 2), (4, 3, 1)]
+)
+def test_a_wheel_turns_the_shorter_way(start, end, steps, wheel, surroundings):
+    """Of five slots none is more than two steps away."""
+    wheel.set_slot(start)
+    surroundings.clock.wait_until(7.0, never)
+    assert wheel.set_slot(end).ready_at == pytest.approx(7.0 + 0.1 * steps)
+    assert 0.1 * steps <= wheel.settling == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("slots", "settling"), [(1, 0.0), (2, 0.1), (6, 0.3)])
+def test_a_wheel_settles_in_half_a_turn(slots, settling, surroundings):
+    listed = [(500 + 10 * n, 5) for n in range(slots)]
+    wheel = SimulatedWheel(surroundings, slots_nm=listed, step_ms=100.0)
+    assert wheel.settling == pytest.approx(settling)
+
+
+def test_a_wheel_turns_to_the_slot_that_passes_a_wavelength(wheel):
+    setting = wheel.set_wavelength(632.8e-9)
+    assert wheel.slot == 3
+    assert setting.asked == 632.8e-9
+    assert setting.actual == wheel.wavelength == pytest.approx(632.8e-9)
+    assert setting.ready_at == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("wavelength", [540e-9, 532.01e-9, math.nan, 0.0])
+def test_a_wheel_refuses_a_wavelength_between_its_slots(wavelength, wheel):
+    wheel.set_slot(2)
+    with pytest.raises(
+        DeviceError,
+        match=r"tune to .* nm: no slot passes it\. Choose one of 450 nm, 532 nm, 632\.8",
+    ):
+        wheel.set_wavelength(wavelength)
+    assert wheel.slot == 2
+
+
+@pytest.mark.parametrize("number", [0, 6, -1])
+def test_a_wheel_refuses_a_slot_that_it_has_not(number, wheel):
+    with pytest.raises(DeviceError, match=rf"turn to slot {number}: no such slot\. Choose 1 to 5"):
+        wheel.set_slot(number)
+    assert wheel.slot == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"slots_nm": ()}, "slots_nm is empty; a wheel has one slot at least"),
+        ({"slots_nm": [(0, 10)]}, "slots_nm's centre is 0 nm; it must be positive"),
+        ({"slots_nm": [(500, -10)]}, "slots_nm's width is -10 nm; it must be positive"),
+        ({"step_ms": -1.0}, r"step_ms is -1\.0; it must be finite and not negative"),
+        ({"step_ms": math.nan}, "step_ms is nan; it must be finite"),
+    ],
+)
+def test_a_wheel_that_is_none_is_refused(options, words, surroundings):
+    with pytest.raises(ValueError, match=words):
+        SimulatedWheel(surroundings, **options)
 
 
 def test_the_camera_counts_microseconds_and_says_so(surroundings):
@@ -153,6 +328,55 @@ def test_a_frame_carries_its_settings_and_the_clock_moves(surroundings):
     assert (first.number, second.number) == (1, 2)
     assert first.gain == CAMERA.sensor.gain
     assert second.time - first.time == pytest.approx(0.51)
+
+
+def test_a_frame_carries_the_checksum_of_its_bytes(surroundings):
+    with SimulatedCamera(surroundings) as camera:
+        frame = camera.capture(never)
+    assert frame.checksum == zlib.crc32(frame.image.tobytes())
+
+
+def test_a_camera_sees_a_video_as_the_mean_of_its_frames():
+    """Over one period, to half a digital number of rounding for each picture."""
+    off = dict.fromkeys(("shot noise", "read noise", "dark current"), False)
+    w = world(forced=off)
+    w.target = "star"
+    surroundings = Surroundings(w.clock, w)
+    video = np.stack([NEUTRAL, ring_pattern(60e-6)])
+    pictures = []
+    with SimulatedSLM(surroundings, 50.0) as slm, SimulatedCamera(surroundings) as camera:
+        camera.set_exposure(0.04)
+        for grey in video:
+            slm.show("still", grey)
+            pictures.append(camera.capture(never).image.astype(float))
+        slm.play("both", video)
+        seen = camera.capture(never).image.astype(float)
+    assert np.abs(pictures[0] - pictures[1]).max() > 50
+    assert np.abs(seen - np.mean(pictures, axis=0)).max() <= 1.01
+
+
+def test_a_camera_documents_the_time_that_it_is_given(surroundings):
+    assert SimulatedCamera(surroundings, reply_s=2.5).reply_time == 2.5
+    for none in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError, match=r"reply_s is .*; it must be positive and finite"):
+            SimulatedCamera(surroundings, reply_s=none)
+
+
+def test_a_cancelled_picture_is_not_computed(surroundings):
+    with (
+        SimulatedCamera(surroundings) as camera,
+        pytest.raises(DeviceError, match=r"capture: it was cancelled\. Take it again"),
+    ):
+        camera.capture(lambda: True)
+
+
+def test_a_cancelled_exposure_ends_early():
+    w = world(clock=VirtualClock(1.0))
+    with SimulatedCamera(Surroundings(w.clock, w)) as camera:
+        camera.set_exposure(30.0)
+        w.light(30.0)
+        camera.capture(lambda: w.clock.now() > 0)
+    assert w.clock.now() < 30.0
 
 
 def test_the_same_seed_gives_the_same_bits(surroundings):

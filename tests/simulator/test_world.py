@@ -10,6 +10,7 @@ from judges import line_share, quadrature_psf, relative
 from virtual_bench import (
     CAMERA,
     GREY_CARD,
+    NEUTRAL,
     WIDE_OPEN,
     lens_pattern,
     light_of,
@@ -21,6 +22,7 @@ import optics.formation
 import simulator.world
 from optics.slm import grey_to_phase
 from simulator.scene import Dark, Photograph, Scene, Star
+from simulator.world import shares_of_time
 
 WAVELENGTH = 550e-9
 
@@ -271,3 +273,236 @@ def test_a_target_blurred_beyond_what_can_be_rendered_is_refused():
     scene = Scene({"star": Star(1e-4, 0.005, 1.0)})
     with pytest.raises(ValueError, match=r"blurred over \d+ pixels and 1024 can be rendered"):
         light_of(world(scene=scene))
+
+
+# Videos.
+
+FRAME = 1 / 60
+"""Seconds that each frame of a video stands."""
+
+STILLS = (NEUTRAL, ring_pattern(60e-6), lens_pattern(3.0))
+
+
+def video_of(w, frames, exposure, moment=0.0, target="star"):
+    """The light of a video during an exposure that begins at a moment of the plan."""
+    w.wavelength, w.target = WAVELENGTH, target
+    w.begin(1, 2, 3, moment=moment)
+    w.play(np.stack(frames), FRAME)
+    return w.light(exposure)[0].numpy().astype(np.float64)
+
+
+def mean_of(weights, **options):
+    """The weighted mean of the lights of stills, each from a world of its own."""
+    lights = [light_of(world(**options), grey) for grey in STILLS]
+    return np.tensordot(np.asarray(weights) / np.sum(weights), lights, 1)
+
+
+@pytest.mark.parametrize("exposure", [0.0, 1e-4, 0.7 * FRAME, 3 * FRAME, 10.0])
+def test_a_video_of_equal_frames_is_a_still(exposure):
+    w, grey = world(), ring_pattern(80e-6)
+    still = light_of(world(), grey)
+    assert np.array_equal(video_of(w, [grey] * 3, exposure, moment=0.01), still)
+
+
+@pytest.mark.parametrize("target", ["star", "card"])
+@pytest.mark.parametrize("periods", [1, 2, 7])
+def test_a_video_over_whole_periods_is_the_mean_of_its_frames(periods, target):
+    seen = video_of(world(), STILLS, periods * 3 * FRAME, moment=0.4 * FRAME, target=target)
+    lights = [light_of(world(), grey, target=target) for grey in STILLS]
+    assert relative(seen, np.mean(lights, axis=0)) <= 1e-4
+    if target == "star":
+        assert min(relative(light, seen) for light in lights) > 0.05
+
+
+def test_a_frame_that_comes_twice_counts_twice():
+    seen = video_of(world(), [STILLS[0], STILLS[1], STILLS[0]], 3 * FRAME)
+    assert relative(seen, mean_of([2, 1, 0])) <= 1e-4
+
+
+@pytest.mark.parametrize(
+    ("start", "length", "weights"),
+    [
+        (0.0, 1.0, [1, 0, 0]),
+        (1.0, 1.0, [0, 1, 0]),
+        (0.5, 1.0, [0.5, 0.5, 0]),
+        (2.5, 1.0, [0.5, 0, 0.5]),
+        (0.25, 2.0, [0.75, 1, 0.25]),
+        (1.0, 4.0, [1, 2, 1]),
+        (31.5, 3.5, [1, 1.5, 1]),
+    ],
+)
+def test_a_cut_period_weighs_frames_by_the_time_that_they_are_seen(start, length, weights):
+    """In units of a frame: what is on the panel from `start` on, counted by hand."""
+    seen = video_of(world(), STILLS, length * FRAME, moment=start * FRAME)
+    assert relative(seen, mean_of(weights)) <= 1e-4
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+@pytest.mark.parametrize("length", [1e-3, 0.3, 1.0, 2.9, 7.0, 100.37])
+def test_shares_of_time_are_those_of_a_slow_sum(n, length, rng):
+    """A hundred thousand moments of the interval, and the frame that each falls in."""
+    for start in (0.0, 0.5, n - 0.1, *rng.uniform(0, 1000, 4)):
+        moments = start + (np.arange(100_000) + 0.5) / 100_000 * length
+        counted = np.bincount(np.floor(moments % n).astype(int), minlength=n) / 100_000
+        shares = shares_of_time(n, start, length)
+        assert np.abs(np.asarray(shares) - counted).max() <= 1e-4 * max(1, 1 / n)
+        assert sum(shares) == pytest.approx(1, abs=1e-12)
+
+
+def test_the_order_of_frames_is_irrelevant_over_whole_periods(monkeypatch):
+    images = Counted(simulator.world.form_image)
+    monkeypatch.setattr(simulator.world, "form_image", images)
+    w = world()
+    one = video_of(w, STILLS, 3 * FRAME)
+    other = video_of(w, STILLS[::-1], 6 * FRAME)
+    assert np.array_equal(one, other)
+    assert images.calls == 1
+
+
+def test_the_order_of_frames_counts_within_a_period():
+    one, other = (video_of(world(), frames, 1.5 * FRAME) for frames in (STILLS, STILLS[::-1]))
+    assert relative(one, other) > 0.05
+
+
+def test_an_exposure_in_whole_microseconds_counts_as_whole_periods(monkeypatch):
+    """A camera can't be set to 1/60 s; the light must not depend on when it begins."""
+    images = Counted(simulator.world.form_image)
+    monkeypatch.setattr(simulator.world, "form_image", images)
+    w = world()
+    exposure = round(2 * FRAME * 1e6) * 1e-6
+    assert exposure != 2 * FRAME
+    frames = STILLS[:2]
+    first = video_of(w, frames, exposure)
+    for moment in (0.3 * FRAME, 1.7 * FRAME):
+        assert np.array_equal(video_of(w, frames, exposure, moment), first)
+    assert images.calls == 1
+    # A hundredth of a frame more is seen.
+    video_of(w, frames, 2.01 * FRAME)
+    assert images.calls == 2
+
+
+def test_a_short_look_at_a_long_video_sees_one_frame():
+    """Nearly no period at all is not a whole number of periods."""
+    frames = [STILLS[1], *[NEUTRAL] * 3999]
+    seen = video_of(world(), frames, 20e-6)
+    assert 20e-6 / (4000 * FRAME) < 1e-6
+    assert relative(seen, light_of(world(), STILLS[1])) <= 1e-4
+
+
+def test_frames_that_are_not_seen_are_not_computed(monkeypatch):
+    phases = Counted(simulator.world.grey_to_phase)
+    w = world(forced={"filter bandwidth": False})
+    video_of(w, STILLS, 3 * FRAME)
+    monkeypatch.setattr(simulator.world, "grey_to_phase", phases)
+    video_of(w, STILLS, FRAME)
+    assert phases.calls == 1
+
+
+def test_the_light_of_no_time_is_that_of_whole_periods():
+    assert np.array_equal(video_of(world(), STILLS, 0.0), video_of(world(), STILLS, 3 * FRAME))
+
+
+def test_a_video_that_was_seen_does_not_linger():
+    w = world()
+    still = light_of(w, STILLS[1])
+    video_of(w, STILLS, 3 * FRAME)
+    assert np.array_equal(light_of(w, STILLS[1]), still)
+    assert np.array_equal(video_of(w, STILLS, 3 * FRAME), video_of(world(), STILLS, 3 * FRAME))
+
+
+def test_a_video_calls_for_what_its_widest_frame_calls_for():
+    """The plan is the same whichever part of the video is seen."""
+    w = world()
+    w.bandwidth = 20e-9
+    wide = ring_pattern(200e-6)
+    plans = [w.effect_plan(grey, WAVELENGTH) for grey in (NEUTRAL, wide)]
+    assert plans[0] != plans[1]
+    for video in (np.stack([NEUTRAL, wide]), np.stack([wide, NEUTRAL])):
+        assert w.effect_plan(video, WAVELENGTH) == plans[1]
+        w.wavelength, w.target = WAVELENGTH, "star"
+        w.play(video, FRAME)
+        for exposure in (0.0, 0.5 * FRAME, 2 * FRAME):
+            assert w.light(exposure)[1] == plans[1]
+    assert w.effect_plan(NEUTRAL[None], WAVELENGTH) == plans[0]
+
+
+def test_light_belongs_to_the_settings_with_which_it_was_begun():
+    """A device may be set while a camera that was given up still computes."""
+    w = world()
+    w.wavelength, w.target = WAVELENGTH, "star"
+
+    def meddle():
+        w.wavelength, w.bandwidth, w.target = 600e-9, 20e-9, "card"
+        w.grey = ring_pattern(100e-6)
+
+    seen = w.light(0.01, meddle)[0].numpy()
+    assert np.array_equal(seen, light_of(world()))
+    # And what it leaves behind is neither.
+    w.bandwidth = 7e-9
+    assert np.array_equal(light_of(w, wavelength=600e-9), light_of(world(), wavelength=600e-9))
+    assert np.array_equal(light_of(w), light_of(world()))
+
+
+def test_a_check_may_end_a_computation_and_nothing_is_left():
+    class Enough(Exception):
+        pass
+
+    calls = []
+
+    def check():
+        calls.append(1)
+        if len(calls) == 2:
+            raise Enough
+
+    w = world()
+    w.wavelength, w.target = WAVELENGTH, "star"
+    with pytest.raises(Enough):
+        w.light(0.01, check)
+    assert np.array_equal(light_of(w), light_of(world()))
+
+
+# Chance.
+
+
+def draws(w, count=2):
+    return [torch.rand(4, generator=w.chance()).tolist() for _ in range(count)]
+
+
+def test_the_same_frame_of_the_same_run_has_the_same_chance():
+    w, other = world(), world()
+    w.begin(1, 2, 3)
+    other.begin(9, 9, 9)
+    draws(other)
+    other.begin(1, 2, 3, index=17, moment=3.5)
+    assert draws(w) == draws(other)
+
+
+@pytest.mark.parametrize(
+    "frame", [(2, 2, 3), (1, 3, 3), (1, 2, 4), (3, 2, 1), (2, 1, 3), (2**40, 2, 3), (1, 2, 0)]
+)
+def test_every_part_of_what_a_frame_is_counts_for_its_chance(frame):
+    w, other = world(), world()
+    w.begin(1, 2, 3)
+    other.begin(*frame)
+    mine, others = draws(w, 3), draws(other, 3)
+    assert not any(draw in others for draw in mine)
+
+
+def test_each_picture_of_a_frame_has_its_own_chance():
+    """As when it is taken again; and that, too, can be repeated."""
+    w = world()
+    w.begin(1, 2, 3)
+    first = draws(w, 5)
+    assert len({tuple(draw) for draw in first}) == 5
+    w.begin(1, 2, 3)
+    assert draws(w, 5) == first
+
+
+def test_many_frames_have_different_chances():
+    w, seen = world(), set()
+    for run in range(6):
+        for step in range(6):
+            for frame in range(6):
+                w.begin(run, step, frame)
+                seen.update(tuple(draw) for draw in draws(w))
+    assert len(seen) == 2 * 6**3

@@ -27,18 +27,18 @@ def main(arguments: list[str]) -> int:
     # Ctrl-C in a terminal reaches both processes; the closing pipe ends this one, in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parser = argparse.ArgumentParser(prog="labapp.window.engine")
-    for name in ("bench", "scene", "image"):
+    for name in ("bench", "scene", "image", "faults"):
         parser.add_argument(f"--{name}", type=Path)
     asked = parser.parse_args(arguments)
     channel = Channel.on_standard_streams()
-    channel.on_end = _watch_the_end
+    channel.on_end.append(_watch_the_end)
     from drivers.errors import DeviceError
     from labapp.bench import BenchFiles, open_bench
     from labapp.errors import UserError
     from labapp.window.engine.loop import Engine
 
     try:
-        files = BenchFiles.default(asked.bench, asked.scene, asked.image)
+        files = BenchFiles.default(asked.bench, asked.scene, asked.image, asked.faults)
         with open_bench(files) as bench:
             Engine(bench, channel).run()
     except (DeviceError, UserError, ValueError) as error:

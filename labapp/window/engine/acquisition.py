@@ -1,53 +1,54 @@
-"""A bracket, run where the bench is owned, with its frames shown on the way."""
+"""A run, where the bench is owned, with its frames shown on the way."""
 
 from __future__ import annotations
 
 from drivers.interfaces import Frame
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
-from labapp.bench import Bench
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.engine.channel import Channel
-from labapp.window.engine.jobs import Jobs
 from labapp.window.engine.pace import Pace
-from labapp.window.engine.plan import bracket_plan
-from labapp.window.messages import Acquire, LiveFrame, RunEnded
+from labapp.window.engine.person import Person
+from labapp.window.engine.run import Run
+from labapp.window.messages import LiveFrame, RunEnded
+from labapp.window.run_state import RunState
 from optics.progress import Cancelled, Progress
 
 
 class Acquisition:
-    """Runs one bracket at a time; Cancel is heard by the channel's own thread meanwhile."""
+    """Takes the frames of one run at a time; pause and cancel come from other threads."""
 
-    def __init__(
-        self, bench: Bench, channel: Channel, jobs: Jobs, top: Benchtop, pace: Pace
-    ) -> None:
-        self._bench, self._channel, self._jobs = bench, channel, jobs
-        self._top, self._pace = top, pace
+    def __init__(self, channel: Channel, top: Benchtop, pace: Pace, person: Person) -> None:
+        self._channel, self._top, self._pace, self._person = channel, top, pace, person
 
-    def run(self, command: Acquire) -> RunEnded:
-        """How the run ended; UserError or OSError if it couldn't begin."""
-        progress = self._jobs.begin("run")
+    def take(self, run: Run) -> RunEnded:
+        """How the run ended; UserError, DeviceError or OSError if it couldn't begin."""
+        run.rested = self._tell
+
+        def on_frame(shot: Shot, frame: Frame) -> None:
+            run.stored(shot, frame)
+            self._show(shot, frame)
+
+        def ask(text: str, progress: Progress) -> None:
+            run.rest(text)
+            self._person.ask(text, progress)
+            run.go_on()
+
+        self._top.require_alive()
         try:
-            return self._run(command, progress)
+            outcome = run.take(progress=run.progress, on_frame=on_frame, ask=ask)
         except Cancelled:
-            return RunEnded(None, State.CANCELLED.value, 0, "cancelled before the first frame")
-        finally:
-            self._jobs.end("run", progress)
-
-    def _run(self, command: Acquire, progress: Progress) -> RunEnded:
-        plan = bracket_plan(command)
-        command.path.parent.mkdir(parents=True, exist_ok=True)
-        outcome = run_plan(
-            self._bench,
-            plan,
-            command.path,
-            source="bracket",
-            progress=progress,
-            on_frame=self._show,
+            return RunEnded(None, RunState.CANCELLED, 0, "cancelled before the first frame")
+        return RunEnded(
+            outcome.path,
+            RunState(outcome.state.value),
+            len(outcome.missing),
+            outcome.message,
+            outcome.expected,
+            outcome.took,
         )
-        missing = len(outcome.missing)
-        return RunEnded(outcome.path, outcome.state.value, missing, outcome.message)
+
+    def _tell(self) -> None:
+        self._channel.send(self._top.state(live=False, running=True))
 
     def _show(self, shot: Shot, frame: Frame) -> None:
         """Let the window see a stored frame, if it has the time."""
@@ -55,12 +56,13 @@ class Acquisition:
         if not self._pace.due:
             return
         self._pace.begin()
-        self._channel.send(self._top.state(live=False, running=True))
+        state = self._top.state(live=False, running=True)
+        self._channel.send(state)
         seen = LiveFrame(
             image=frame.image,
             target=shot.target,
             pattern=shot.pattern,
-            wavelength=self._bench.filter.wavelength,
+            wavelength=state.wavelength,
             exposure=frame.exposure,
             number=frame.number,
         )

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame
+from drivers.interfaces import Frame, Setting
 from labapp.bench import Bench
-from labapp.window.messages import BenchOpened, BenchState, DeviceInfo, LiveFrame
+from labapp.window.engine.devices import Devices
+from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 
 
 @dataclass(frozen=True)
@@ -28,33 +30,40 @@ class Wanted:
 class Benchtop:
     """Sets devices, remembers when each setting stands, and takes frames after that.
 
-    A run leaves the bench safe; `restore()` brings back what the person had set.
+    A run leaves the bench safe; `restore()` brings back what the person had set. DeviceError
+    if a device is dead or fails; what the person wants is kept all the same.
     """
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
+        self._devices = Devices(bench)
+        self._opened = _opened(bench)
         self._wanted = Wanted()
         self._ready = bench.clock.now()
-        self._exposure = bench.camera.set_exposure(bench.camera.exposure_range[0]).actual
-        self._failed: dict[str, str] = {}
+        self._exposure = self._opened.exposure_range[0]
+        try:
+            self._set_exposure(self._exposure)
+        except DeviceError as error:
+            self.blame(error)
 
     def place(self, target: str) -> None:
         self._wanted = replace(self._wanted, target=target)
-        self._wait_for(self._bench.targets.place(target).ready_at)
+        self._devices.require_alive("targets")
+        self._stands("targets", self._bench.targets.place(target))
 
     def tune(self, wavelength: float) -> None:
         self._wanted = replace(self._wanted, wavelength=wavelength)
-        self._wait_for(self._bench.filter.set_wavelength(wavelength).ready_at)
+        self._devices.require_alive("filter")
+        self._stands("filter", self._bench.filter.set_wavelength(wavelength))
 
     def expose(self, exposure: float) -> None:
         self._wanted = replace(self._wanted, exposure=exposure)
-        setting = self._bench.camera.set_exposure(exposure)
-        self._exposure = setting.actual
-        self._wait_for(setting.ready_at)
+        self._set_exposure(exposure)
 
     def show(self, name: str, grey: NDArray[np.uint8]) -> None:
         self._wanted = replace(self._wanted, pattern=name, grey=grey)
-        self._wait_for(self._bench.slm.show(name, grey).ready_at)
+        self._devices.require_alive("slm")
+        self._stands("slm", self._bench.slm.show(name, grey))
 
     def restore(self) -> None:
         """Set everything as it was wanted last."""
@@ -71,8 +80,10 @@ class Benchtop:
     def frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
         """One picture, begun after every setting stands, with the settings it was taken with."""
         bench = self._bench
+        self.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
         frame = bench.camera.capture(cancelled)
+        self._devices.absolve("camera")
         return LiveFrame(
             image=frame.image,
             target=bench.targets.placed,
@@ -83,62 +94,60 @@ class Benchtop:
         )
 
     def saw(self, frame: Frame) -> None:
-        """A run took a frame, and with it set the camera."""
+        """A run took a frame, for which every device worked, and with it set the camera."""
         self._exposure = frame.exposure
+        self._devices.absolve()
+
+    def require_alive(self) -> None:
+        """DeviceError if a device is dead, and says what to do."""
+        self._devices.require_alive()
 
     def blame(self, error: DeviceError) -> str:
         """The bench's name of the device that failed, which is marked until it works again."""
-        if error.role:
-            self._failed[error.role] = f"{error.command}: {error.reply}"
-        return error.role
+        return self._devices.blame(error)
 
-    def absolve(self) -> None:
-        """Forget the failures: the devices did as they were told."""
-        self._failed.clear()
+    def reconnect(self, role: str) -> None:
+        """Open a device that failed again. DeviceError if that fails, too."""
+        self._devices.reopen(role)
+        if role == "camera":
+            self._set_exposure(self._exposure)
 
     def state(self, live: bool, running: bool) -> BenchState:
-        bench = self._bench
+        infos = self._devices.infos(self._exposure, live=live, running=running)
+        readings = self._devices.last
         return BenchState(
-            devices=self._devices(live, running),
-            target=bench.targets.placed,
-            pattern=bench.slm.shown,
-            wavelength=bench.filter.wavelength,
+            devices=infos,
+            target=readings.target,
+            pattern=readings.pattern,
+            wavelength=readings.wavelength,
             exposure=self._exposure,
             live=live,
         )
 
     def opened(self) -> BenchOpened:
-        bench = self._bench
-        return BenchOpened(
-            name=bench.file.name,
-            devices=self._devices(live=False, running=False),
-            targets=bench.targets.names,
-            wavelength_range=bench.filter.wavelength_range,
-            exposure_range=bench.camera.exposure_range,
-            camera_shape=bench.camera.shape,
-            full_scale=bench.camera.full_scale,
-        )
+        infos = self._devices.infos(self._exposure, live=False, running=False)
+        return replace(self._opened, devices=infos)
 
-    def _devices(self, live: bool, running: bool) -> tuple[DeviceInfo, ...]:
-        bench = self._bench
-        values = {
-            "slm": bench.slm.shown,
-            "filter": f"{bench.filter.wavelength * 1e9:.2f} nm",
-            "camera": f"{self._exposure * 1e3:.3f} ms",
-            "targets": bench.targets.placed,
-        }
-        busy = "in a run" if running else "ready"
-        states = {"camera": "in a run" if running else "live" if live else "stopped"}
-        return tuple(
-            DeviceInfo(
-                name,
-                device.identity.model,
-                device.identity.simulated,
-                "failed" if name in self._failed else states.get(name, busy),
-                self._failed.get(name, values[name]),
-            )
-            for name, device in bench.devices.items()
-        )
+    def _set_exposure(self, exposure: float) -> None:
+        self._devices.require_alive("camera")
+        setting = self._bench.camera.set_exposure(exposure)
+        self._exposure = setting.actual
+        self._stands("camera", setting)
 
-    def _wait_for(self, ready_at: float) -> None:
-        self._ready = max(self._ready, ready_at)
+    def _stands(self, role: str, setting: Setting[Any]) -> None:
+        """A device did as it was told; no picture is begun before its setting stands."""
+        self._ready = max(self._ready, setting.ready_at)
+        self._devices.absolve(role)
+
+
+def _opened(bench: Bench) -> BenchOpened:
+    """What the bench can do, asked while every device is there; the list of them follows."""
+    return BenchOpened(
+        name=bench.file.name,
+        devices=(),
+        targets=bench.targets.names,
+        wavelength_range=bench.filter.wavelength_range,
+        exposure_range=bench.camera.exposure_range,
+        camera_shape=bench.camera.shape,
+        full_scale=bench.camera.full_scale,
+    )

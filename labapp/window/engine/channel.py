@@ -5,28 +5,14 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from labapp.window.messages import (
-    Acquire,
-    Cancel,
-    CancelHeard,
-    Expose,
-    FrameSeen,
-    JobEnded,
-    Place,
-    Preview,
-    Reconstruct,
-    Tune,
-)
+from labapp.window.messages import Expose, FrameSeen, Place, Tune
 from labapp.window.stream import Unpacker, pack
 
-_SUPERSEDED = (Place, Tune, Expose, Preview)
+_SUPERSEDED = (Place, Tune, Expose)
 """Commands of which only the newest matters: a turned wheel sends dozens."""
-
-_LONG = {Acquire: "run", Reconstruct: "reconstruction"}
-"""Commands that Cancel takes back while they still wait in line, and their jobs."""
 
 _FRAMES_UNDER_WAY = 2
 _CHUNK = 1 << 16
@@ -35,8 +21,9 @@ _CHUNK = 1 << 16
 class Channel:
     """Commands in, reports out, from any thread.
 
-    A thread of its own reads, so that Cancel and the end of the window are heard while
-    the engine works. `on_cancel` and, when the window is gone, `on_end` are called in it.
+    A thread of its own reads, so that the end of the window and commands that can't wait
+    are heard while the engine works. at_once: what is done in that thread, by type of
+    command; everything else is put in line. on_end: what is called when the window is gone.
     """
 
     def __init__(self, incoming: int, outgoing: int) -> None:
@@ -46,8 +33,8 @@ class Channel:
         self._sending = threading.Lock()
         self._room = _FRAMES_UNDER_WAY
         self.closed = False
-        self.on_cancel: Callable[[], None] = lambda: None
-        self.on_end: Callable[[], None] = lambda: None
+        self.at_once: Mapping[type, Callable[[Any], None]] = {}
+        self.on_end: list[Callable[[], None]] = []
         threading.Thread(target=self._read, name="window", daemon=True).start()
 
     @classmethod
@@ -102,27 +89,18 @@ class Channel:
             for message in unpacker.feed(data):
                 self._receive(message)
         self._close()
-        self.on_cancel()
-        self.on_end()
+        for duty in self.on_end:
+            duty()
 
     def _receive(self, message: object) -> None:
         if isinstance(message, FrameSeen):
             with self._news:
                 self._room += 1
                 self._news.notify()
-        elif isinstance(message, Cancel):
-            self.on_cancel()
-            self.send(CancelHeard())
-            self._take_back()
+        elif type(message) in self.at_once:
+            self.at_once[type(message)](message)
         else:
             self.post(message)
-
-    def _take_back(self) -> None:
-        with self._news:
-            dropped = [c for c in self._waiting if type(c) in _LONG]
-            self._waiting = deque(c for c in self._waiting if type(c) not in _LONG)
-        for command in dropped:
-            self.send(JobEnded(_LONG[type(command)]))
 
     def _close(self) -> None:
         with self._news:

@@ -17,7 +17,7 @@ _ENOUGH = 0.03
 
 
 class Jobs:
-    """The jobs under way, by name; `cancel()` may be called from any thread."""
+    """The jobs beside the bench, by name; `cancel()` may be called from any thread."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel

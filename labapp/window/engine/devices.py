@@ -1,0 +1,105 @@
+"""The devices as the window lists them: who they are, whether they work, what they said last."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from drivers.errors import DeviceError
+from labapp.bench import Bench
+from labapp.window.messages import DeviceInfo
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What the devices say that they are set to."""
+
+    pattern: str
+    wavelength: float
+    target: str
+
+
+class Devices:
+    """Nothing here fails because a device does: it is shown as failed, with its last value.
+
+    What never changes is asked once, for a dead device answers no question. last: what
+    read() gave last.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._identities = {name: device.identity for name, device in bench.devices.items()}
+        self._failed: dict[str, str] = {}
+        self.last = Readings(bench.slm.shown, bench.filter.wavelength, bench.targets.placed)
+
+    def read(self) -> Readings:
+        """What the devices say now; for one that doesn't answer, what it said last."""
+        bench, last = self._bench, self.last
+        self.last = Readings(
+            self._ask("slm", lambda: bench.slm.shown, last.pattern),
+            self._ask("filter", lambda: bench.filter.wavelength, last.wavelength),
+            self._ask("targets", lambda: bench.targets.placed, last.target),
+        )
+        return self.last
+
+    def require_alive(self, *roles: str) -> None:
+        """DeviceError if one of the devices, or of all if none is named, is dead."""
+        for role in roles or tuple(self._identities):
+            if why := self._dead(role):
+                model, remedy = self._identities[role].model, "Mend it, then click Reconnect"
+                error = DeviceError(model, "use", f"the device {why}", remedy)
+                error.role = role
+                raise error
+
+    def blame(self, error: DeviceError) -> str:
+        """The bench's name of the device that failed, which is marked until it works again."""
+        if error.role:
+            self._failed[error.role] = f"{error.command}: {error.reply}"
+        return error.role
+
+    def absolve(self, *roles: str) -> None:
+        """The devices did as they were told; without roles, all of them."""
+        for role in roles or tuple(self._identities):
+            self._failed.pop(role, None)
+
+    def reopen(self, role: str) -> None:
+        """Open a device in place of one that has failed. DeviceError if that fails, too."""
+        self._bench.watched[role].revive()
+        self.absolve(role)
+
+    def infos(self, exposure: float, *, live: bool, running: bool) -> tuple[DeviceInfo, ...]:
+        """exposure: seconds, as the camera was set."""
+        readings = self.read()
+        values = {
+            "slm": readings.pattern,
+            "filter": f"{readings.wavelength * 1e9:.2f} nm",
+            "camera": f"{exposure * 1e3:.3f} ms",
+            "targets": readings.target,
+        }
+        busy = "in a run" if running else "ready"
+        states = {"camera": "in a run" if running else "live" if live else "stopped"}
+
+        def info(name: str) -> DeviceInfo:
+            error = self._failed.get(name) or self._dead(name)
+            state = "failed" if error else states.get(name, busy)
+            who = self._identities[name]
+            return DeviceInfo(name, who.model, who.simulated, state, values[name], error)
+
+        return tuple(info(name) for name in self._identities)
+
+    def _ask(self, role: str, question: Callable[[], T], otherwise: T) -> T:
+        if self._dead(role):
+            return otherwise
+        try:
+            return question()
+        except DeviceError as error:
+            self.blame(error)
+            return otherwise
+
+    def _dead(self, role: str) -> str:
+        """Why a device is given up; empty while it isn't."""
+        watched = self._bench.watched.get(role)
+        return watched.dead if watched is not None else ""

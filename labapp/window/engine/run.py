@@ -1,0 +1,102 @@
+"""One run of the queue: what it will take, and how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.interfaces import Frame
+from labapp.acquisition.runner import Outcome
+from labapp.acquisition.steps import Shot
+from labapp.window.engine.timing import Timing
+from labapp.window.messages import RunInfo
+from labapp.window.run_state import RunState
+from optics.progress import Progress
+
+Take = Callable[..., Outcome]
+"""run_plan() or resume_run(), with all given but progress, on_frame and ask."""
+
+_PAUSED = "PAUSED: "
+"""How a run begins to say that it rests, and why."""
+
+
+class Run:
+    """What a run reports goes into `info`, which any thread may ask for.
+
+    planned, stored: frames of the record, and those that it has. expected: seconds of bench
+    time that the others take. changed: is called after each change; rested: when the run
+    begins to rest, in the thread that has the bench.
+    """
+
+    def __init__(
+        self, title: str, path: Path, take: Take, *, planned: int, stored: int, expected: float
+    ) -> None:
+        self.title, self.path, self.take = title, path, take
+        self.number = 0
+        self.state = RunState.WAITING
+        self.progress = Progress(self._hear)
+        self.changed: Callable[[], None] = lambda: None
+        self.rested: Callable[[], None] = lambda: None
+        self._planned, self._stored = planned, stored
+        self._timing = Timing(expected)
+        self._message, self._fraction, self._took = "", 0.0, 0.0
+
+    def begin(self) -> None:
+        self.state, self._message = RunState.RUNNING, "starting the run …"
+        self._timing.begin()
+
+    def rest(self, message: str) -> None:
+        self.state, self._message = RunState.PAUSED, message
+        self._timing.rest()
+        self.changed()
+        self.rested()
+
+    def go_on(self) -> None:
+        self.state, self._message = RunState.RUNNING, "goes on …"
+        self.changed()
+
+    def pause(self, on: bool) -> None:
+        """Let the run rest after its frame, or go on; from any thread."""
+        if not on and self.progress.paused and self.state is RunState.PAUSED:
+            self.go_on()
+        (self.progress.pause if on else self.progress.resume)()
+        self.changed()
+
+    def stored(self, shot: Shot, frame: Frame) -> None:
+        """A frame is on the disk."""
+        self.state = RunState.RUNNING
+        self._stored += 1
+        self._timing.frame(shot.lasts)
+        self.changed()
+
+    def end(self, state: RunState, message: str, took: float = 0.0) -> None:
+        self.state, self._message, self._took = state, message, took
+        self._fraction = 1.0 if state is RunState.COMPLETE else self._fraction
+        self._timing.end()
+
+    @property
+    def info(self) -> RunInfo:
+        under_way = self.state.is_under_way
+        return RunInfo(
+            number=self.number,
+            title=self.title,
+            path=self.path,
+            state=self.state,
+            message=self._message,
+            stored=self._stored,
+            planned=self._planned,
+            fraction=self._fraction,
+            expected=self._timing.expected,
+            took=self._took,
+            elapsed=self._timing.elapsed,
+            left=self._timing.left if under_way else None,
+            pausing=under_way and self.progress.paused,
+        )
+
+    def _hear(self, fraction: float, message: str) -> None:
+        self._fraction = fraction
+        if message.startswith(_PAUSED):
+            self.rest(message.removeprefix(_PAUSED))
+        else:
+            self.state, self._message = RunState.RUNNING, message
+            self.changed()

@@ -1,0 +1,113 @@
+"""Runs in line: one after the other, until one doesn't end well."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from labapp.window.engine.run import Run
+from labapp.window.messages import RunInfo
+from labapp.window.run_state import RunState
+
+_NOT_WELL = {RunState.CANCELLED: "was cancelled", RunState.FAILED: "failed"}
+
+
+class RunQueue:
+    """Every method may be called from any thread; `changed` is called after each change.
+
+    After a run that was cancelled or failed the others wait: what stopped it may stop them,
+    and nobody may be there to see it. `held` says so until somebody says go_on().
+    """
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._runs: list[Run] = []
+        self._count = 0
+        self.held = ""
+
+    def infos(self) -> tuple[RunInfo, ...]:
+        with self._lock:
+            return tuple(run.info for run in self._runs)
+
+    def has(self, path: Path) -> bool:
+        """Whether a run that hasn't ended writes, or will write, this file."""
+        with self._lock:
+            return any(run.path == path and not run.state.has_ended for run in self._runs)
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether begin() would give a run."""
+        with self._lock:
+            return not self.held and self._next() is not None
+
+    def add(self, run: Run) -> None:
+        with self._lock:
+            self._count += 1
+            run.number, run.changed = self._count, self._changed
+            self._runs.append(run)
+        self._changed()
+
+    def begin(self) -> Run | None:
+        """The next run, under way from now on; None if none may begin."""
+        with self._lock:
+            run = self._next()
+            if run is None or self.held:
+                return None
+            run.begin()
+        self._changed()
+        return run
+
+    def end(self, run: Run, state: RunState, message: str, took: float = 0.0) -> None:
+        with self._lock:
+            run.end(state, message, took)
+            self._hold_after(run)
+        self._changed()
+
+    def cancel(self) -> None:
+        """Stop the run under way, or the one that is about to begin."""
+        with self._lock:
+            run = self._under_way()
+            if run is not None:
+                run.progress.cancel()
+            elif not self.held and (run := self._next()) is not None:
+                run.end(RunState.CANCELLED, "cancelled before it began")
+                self._hold_after(run)
+        self._changed()
+
+    def pause(self, on: bool) -> None:
+        with self._lock:
+            run = self._under_way()
+        if run is not None:
+            run.pause(on)
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Take runs that wait out of the line; others stay."""
+        self._keep(lambda run: run.number not in numbers or run.state is not RunState.WAITING)
+
+    def clear(self) -> None:
+        """Forget the runs that have ended."""
+        self._keep(lambda run: not run.state.has_ended)
+
+    def go_on(self) -> None:
+        with self._lock:
+            self.held = ""
+        self._changed()
+
+    def _keep(self, wanted: Callable[[Run], bool]) -> None:
+        with self._lock:
+            self._runs = [run for run in self._runs if wanted(run)]
+            if self._next() is None:
+                self.held = ""
+        self._changed()
+
+    def _under_way(self) -> Run | None:
+        return next((run for run in self._runs if run.state.is_under_way), None)
+
+    def _next(self) -> Run | None:
+        return next((run for run in self._runs if run.state is RunState.WAITING), None)
+
+    def _hold_after(self, run: Run) -> None:
+        if run.state in _NOT_WELL and self._next() is not None:
+            self.held = f"{run.title} {_NOT_WELL[run.state]}"

@@ -1,0 +1,94 @@
+"""What the person asks about runs: to put them in line, to rest, to go on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QFileDialog
+
+from labapp.window.connection import Connection
+from labapp.window.messages import (
+    Acquire,
+    Answer,
+    ClearRuns,
+    GoOn,
+    PauseRun,
+    QueueState,
+    RemoveRuns,
+    ResumeRun,
+    RunPlan,
+)
+
+if TYPE_CHECKING:
+    from labapp.window.main_window import MainWindow
+
+
+class RunRequests(QObject):
+    """Actions and the queue's buttons become commands; the engine names the files."""
+
+    def __init__(self, window: MainWindow, connection: Connection) -> None:
+        super().__init__(window)
+        self._window, self._send = window, connection.send
+        self._queue = QueueState(())
+        actions, queue, send = window.actions_, window.queue, connection.send
+        actions["acquire"].triggered.connect(self._acquire)
+        actions["plan"].triggered.connect(self._run_plan)
+        actions["resume"].triggered.connect(self._resume)
+        actions["pause"].triggered.connect(self._pause)
+        queue.remove_asked.connect(lambda numbers: send(RemoveRuns(numbers)))
+        queue.clear_asked.connect(lambda: send(ClearRuns()))
+        queue.go_on_asked.connect(lambda: send(GoOn()))
+        window.call.done.connect(lambda number: send(Answer(number)))
+
+    def show_queue(self, queue: QueueState) -> None:
+        self._queue = queue
+        run = queue.under_way
+        pausing = run is not None and run.pausing
+        self._window.actions_.retitle("pause", "Resume" if pausing else "Pause")
+
+    def _acquire(self) -> None:
+        run = self._window.run
+        self._line_up(
+            Acquire(
+                pattern=self._window.pattern.table(),
+                wavelength=self._window.settings.wavelength.value() * 1e-9,
+                star=run.star.bracket,
+                photograph=run.photograph.bracket,
+                folder=run.chosen_folder,
+            ),
+            "The bracket is put in line …",
+        )
+
+    def _run_plan(self) -> None:
+        plan = self._choose("Plan to run", "", "Plans (*.toml *.json)")
+        if plan:
+            said = f"{plan} is read and put in line …"
+            self._line_up(RunPlan(plan, self._window.run.chosen_folder), said)
+
+    def _resume(self) -> None:
+        selected = self._window.queue.unfinished
+        first = str(selected.path) if selected else str(self._window.run.chosen_folder)
+        path = self._choose("Unfinished run to resume", first, "Runs (*.h5)")
+        if path:
+            self._line_up(ResumeRun(path), f"{path} is put in line …")
+
+    def _choose(self, title: str, first: str, kinds: str) -> Path | None:
+        path, _ = QFileDialog.getOpenFileName(self._window, title, first, kinds)
+        return Path(path) if path else None
+
+    def _line_up(self, command: Acquire | RunPlan | ResumeRun, said: str) -> None:
+        window = self._window
+        window.message.say(said)
+        if not self._queue.busy:
+            window.tabs.setCurrentWidget(window.live_view)
+        # Enter shall answer the run's prompts now, and not end up in a field.
+        if (field := window.focusWidget()) is not None:
+            field.clearFocus()
+        self._send(command)
+
+    def _pause(self) -> None:
+        run = self._queue.under_way
+        if run is not None:
+            self._send(PauseRun(not run.pausing))

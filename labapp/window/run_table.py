@@ -1,0 +1,211 @@
+"""The table of runs: what each takes and where to, how it stands, and how far it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QRect,
+    QSize,
+    Qt,
+)
+from PySide6.QtGui import QColor, QFont, QPainter
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QStyle,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableView,
+    QWidget,
+)
+
+from labapp.window.label import label
+from labapp.window.messages import RunInfo
+from labapp.window.run_state import RunState
+from labapp.window.spoken import spoken
+from labapp.window.theme import EDGE, FAINT, PANEL, RUN_STATES, TEXT
+
+Index = QModelIndex | QPersistentModelIndex
+
+_NOWHERE = QModelIndex()
+_COLUMNS = ("Run", "State", "Frames")
+_WIDTHS = {1: 92, 2: 92}
+_MARGIN = 5
+_EMPTY = "Runs wait here in line: acquire (F6), run a plan (Ctrl+P), resume a run (Ctrl+R)."
+
+
+class RunModel(QAbstractTableModel):
+    """The runs of the queue; rows that stay keep their selection."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.runs: list[RunInfo] = []
+
+    def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
+        """New runs come at the end; any may have gone."""
+        numbers = {run.number for run in runs}
+        for row in reversed(range(len(self.runs))):
+            if self.runs[row].number not in numbers:
+                self.beginRemoveRows(QModelIndex(), row, row)
+                del self.runs[row]
+                self.endRemoveRows()
+        if len(runs) > len(self.runs):
+            self.beginInsertRows(QModelIndex(), len(self.runs), len(runs) - 1)
+            self.runs += runs[len(self.runs) :]
+            self.endInsertRows()
+        self.runs = list(runs)
+        if runs:
+            last = self.index(len(runs) - 1, len(_COLUMNS) - 1)
+            self.dataChanged.emit(self.index(0, 0), last)
+
+    def rowCount(self, parent: Index = _NOWHERE) -> int:
+        return 0 if parent.isValid() else len(self.runs)
+
+    def columnCount(self, parent: Index = _NOWHERE) -> int:
+        return 0 if parent.isValid() else len(_COLUMNS)
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        run = self.runs[index.row()]
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return "\n".join(filter(None, (run.title, str(run.path), run.message)))
+        if role == Qt.ItemDataRole.DisplayRole:
+            return (run.title, run.state.value, f"{run.stored}/{run.planned}")[index.column()]
+        return None
+
+    def headerData(
+        self,
+        section: int,
+        orientation: Qt.Orientation,
+        role: int = Qt.ItemDataRole.DisplayRole,
+    ) -> Any:
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
+            return _COLUMNS[section]
+        return None
+
+
+class _Painter(QStyledItemDelegate):
+    """Two lines a run: title and file, state and time, and a bar of the frames."""
+
+    def __init__(self, model: RunModel, parent: QObject) -> None:
+        super().__init__(parent)
+        self._model = model
+
+    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
+        return QSize(0, 2 * option.fontMetrics.lineSpacing() + 6)
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        run = self._model.runs[index.row()]
+        whole: QRect = option.rect
+        if option.state & QStyle.StateFlag.State_Selected:
+            painter.fillRect(whole, QColor("#3a2f1c"))
+        place = whole.adjusted(_MARGIN, 2, -_MARGIN, -2)
+        painter.save()
+        colour = RUN_STATES[run.state]
+        if index.column() == 0:
+            _two_lines(painter, place, (run.title, TEXT), (run.path.name, FAINT))
+        elif index.column() == 1:
+            _two_lines(painter, place, (run.state.value, colour), (_time(run), FAINT), bold=True)
+        else:
+            _bar(painter, place, run, QColor(colour))
+        painter.restore()
+
+
+class RunTable(QTableView):
+    """Runs in the order in which they are taken."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.runs = RunModel(self)
+        self.setModel(self.runs)
+        self.setItemDelegate(_Painter(self.runs, self))
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setShowGrid(False)
+        self.setTabKeyNavigation(False)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.verticalHeader().hide()
+        resize = QHeaderView.ResizeMode
+        self.verticalHeader().setDefaultSectionSize(2 * self.fontMetrics().lineSpacing() + 6)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        header.setSectionResizeMode(0, resize.Stretch)
+        for column, width in _WIDTHS.items():
+            header.setSectionResizeMode(column, resize.Fixed)
+            self.setColumnWidth(column, width)
+        self._empty = label(self, _EMPTY, look="faint", wrap=True)
+        self._empty.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
+        grown = len(runs) > len(self.runs.runs)
+        self.runs.show_runs(runs)
+        self._empty.setVisible(not runs)
+        if grown:
+            self.scrollToBottom()
+
+    @property
+    def selected(self) -> list[RunInfo]:
+        rows = self.selectionModel().selectedRows()
+        return [self.runs.runs[index.row()] for index in rows]
+
+    def sizeHint(self) -> QSize:
+        return QSize(300, 160)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(260, 86)
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        self._empty.setGeometry(self.viewport().geometry().adjusted(8, 2, -8, -2))
+
+
+def _time(run: RunInfo) -> str:
+    if run.state is RunState.WAITING:
+        return f"takes {spoken(run.expected)}"
+    if run.state.is_under_way and run.left is not None:
+        return f"{spoken(run.left)} left"
+    if run.state is RunState.PAUSED:
+        return "waits for you" if run.pausing else "waits"
+    if run.state is RunState.RUNNING:
+        return ""
+    return f"took {spoken(run.elapsed)}" if run.elapsed else ""
+
+
+def _two_lines(
+    painter: QPainter,
+    place: QRect,
+    first: tuple[str, str],
+    second: tuple[str, str],
+    *,
+    bold: bool = False,
+) -> None:
+    """Texts with their colours; what is too long loses its middle, where files differ least."""
+    font = QFont(painter.font())
+    for (text, colour), thick, top in ((first, bold, True), (second, False, False)):
+        font.setBold(thick)
+        painter.setFont(font)
+        painter.setPen(QColor(colour))
+        mode = Qt.TextElideMode.ElideRight if top else Qt.TextElideMode.ElideMiddle
+        shown = painter.fontMetrics().elidedText(text, mode, place.width())
+        half = QRect(place.left(), place.top(), place.width(), place.height() // 2)
+        if not top:
+            half.moveBottom(place.bottom())
+        painter.drawText(half, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, shown)
+
+
+def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
+    """Frames that are on the disk, of those that are planned."""
+    bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
+    bar.moveCenter(place.center())
+    painter.fillRect(bar, QColor(PANEL))
+    share = run.stored / run.planned if run.planned else 0.0
+    full = QRect(bar.left(), bar.top(), round(bar.width() * share), bar.height())
+    painter.fillRect(full, colour.darker(220))
+    painter.setPen(QColor(EDGE))
+    painter.drawRect(bar.adjusted(0, 0, -1, -1))
+    painter.setPen(QColor(TEXT))
+    painter.drawText(bar, Qt.AlignmentFlag.AlignCenter, f"{run.stored}/{run.planned}")

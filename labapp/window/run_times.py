@@ -1,0 +1,56 @@
+"""What the run under way was expected to take, and what it takes."""
+
+from __future__ import annotations
+
+import time
+
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QLabel, QWidget
+
+from labapp.window.messages import RunInfo
+from labapp.window.run_state import RunState
+from labapp.window.spoken import spoken
+
+_SECOND = 1000
+
+
+class RunTimes(QLabel):
+    """One line, which goes on counting through an exposure that nothing is heard of."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("faint")
+        self._run: RunInfo | None = None
+        self._heard = 0.0
+        self._unit = ""
+        self._timer = QTimer(self, interval=_SECOND)
+        self._timer.timeout.connect(self._update)
+
+    def set_virtual(self, on: bool) -> None:
+        """Whether the bench has a clock of its own, which runs faster than the wall's."""
+        self._unit = " of bench time" if on else ""
+
+    def show_run(self, run: RunInfo | None) -> None:
+        self._run, self._heard = run, time.monotonic()
+        if run is not None and run.state.is_under_way:
+            self._timer.start()
+        else:
+            self._timer.stop()
+        self._update()
+
+    def _update(self) -> None:
+        run = self._run
+        if run is None:
+            self.setText("")
+            return
+        expected = f"Expected {spoken(run.expected)}"
+        if not run.state.is_under_way:
+            took = f", took {spoken(run.took)}" if run.took else ""
+            self.setText(f"{expected}{took}{self._unit}")
+            return
+        since = time.monotonic() - self._heard
+        parts = [f"{expected}{self._unit}", f"elapsed {spoken(run.elapsed + since)}"]
+        if run.left is not None:
+            passed = since if run.state is RunState.RUNNING else 0.0
+            parts.append(f"{spoken(max(0.0, run.left - passed))} left")
+        self.setText("  ·  ".join(parts))

@@ -1,0 +1,11 @@
+"""Times in words that are read at a glance."""
+
+from __future__ import annotations
+
+
+def spoken(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
