@@ -179,8 +179,10 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
     tables = setup.bench.devices.tables
     camera = setup.bench.build_camera()
-    world = build_world(camera, setup, speed) if setup.scene else None
-    surroundings = Surroundings(world.clock if world else RealClock(), world)
+    # Who waits for one real device can't hurry the simulated ones.
+    clock: Clock = RealClock() if setup.bench.is_real else VirtualClock(speed)
+    world = build_world(camera, setup, clock) if setup.scene else None
+    surroundings = Surroundings(clock, world)
     with ExitStack() as stack:
         stack.enter_context(lock_devices(setup.bench))
         watched: dict[str, Supervised] = {}
@@ -213,7 +215,7 @@ def read_scene(files: BenchFiles) -> SceneFile:
     return scene.found_in(files.scene.resolve().parent).with_photographs(own)
 
 
-def build_world(camera: CameraDescription, setup: BenchSetup, speed: float = math.inf) -> World:
+def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
     """The virtual world of a scene; UserError names the scene file if it can't be."""
     scene = setup.scene
     assert scene is not None
@@ -224,7 +226,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, speed: float = mat
             targets,
             tol=scene.tol,
             forced=scene.effects,
-            clock=VirtualClock(speed),
+            clock=clock,
             faults=setup.faults,
         )
     except ValueError as error:
@@ -268,9 +270,9 @@ def _hosted(
         raise UserError(
             f"{where}.own_process' is true, and simulated devices share one world. Remove it."
         )
-    return _explaining(
-        where, table, lambda: Hosted(surroundings, table.driver, entry.value, table.options)
-    )
+    # A real device has no part in a virtual world, which couldn't follow it there either.
+    real = Surroundings(surroundings.clock)
+    return _explaining(where, table, lambda: Hosted(real, table.driver, entry.value, table.options))
 
 
 def _explaining(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:

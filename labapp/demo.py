@@ -8,9 +8,9 @@ from labapp.acquisition.runner import run_plan
 from labapp.analysis import Analysis, analyse
 from labapp.bench import BenchFiles, open_bench
 from labapp.console import out, print_json, watched
-from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
+from labapp.files.writing import make_folder
 from labapp.report import REPORT_FILES, as_data, print_tables, require_free, write_report
 from labapp.running import require_complete
 from labapp.stopwatch import Stopwatch
@@ -66,12 +66,3 @@ def first_light(
     progress.report(0.9, "report")
     write_report(analysis, folder)
     return analysis
-
-
-def make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be made: {error.strerror}. Choose another place."
-        ) from error

@@ -25,7 +25,6 @@ from labapp.files.ome import Plane, Series, ome_xml
 from labapp.files.writing import require_writable
 from labapp.record import layout
 from labapp.record.reader import Record
-from labapp.record.writer import checksum
 from optics.progress import Progress
 
 KINDS = ("tiff", "png", "ome-tiff", "npy")
@@ -169,7 +168,7 @@ def _sound(
         progress.report(done / len(chosen), f"read frame {index} back")
         if not stored[index]:
             not_stored.append(index)
-        elif checksum(record.image(index)) != sums[index]:
+        elif not record.reads_back(index, sums[index]):
             damaged.append(index)
         else:
             found.append(index)

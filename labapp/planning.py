@@ -49,8 +49,10 @@ def check_plan(name: Path, bench: Path | None, scene: Path | None, *, as_json: b
 
     Patterns are tried, with one iteration where a plan asks for many.
     """
+    path = find_plan(name)
+    plan = read_file(path, PlanFile)
     with open_bench(BenchFiles.default(bench, scene)) as opened:
-        preview = preview_plan(find_plan(name), opened)
+        preview = preview_plan(plan, path, opened)
         _require_parts(preview)
         require_space(Path.cwd(), preview.expected.disk_bytes)
         _try_patterns(preview, opened)
@@ -65,8 +67,10 @@ def show_plan(
     name: Path, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
 ) -> None:
     """Print what a plan takes, and its steps in order; UserError if the bench can't do it."""
+    path = find_plan(name)
+    plan = read_file(path, PlanFile)
     with open_bench(BenchFiles.default(bench, scene)) as opened:
-        preview = preview_plan(find_plan(name), opened)
+        preview = preview_plan(plan, path, opened)
     asked = prompts_by_frame(preview.listed, preview.abilities)
     if as_json:
         frames = [_frame(shot, asked.get(shot.index, "")) for shot in preview.listed]
@@ -76,15 +80,15 @@ def show_plan(
     _print_steps(preview, asked, every_row)
 
 
-def preview_plan(path: Path, bench: Bench) -> Preview:
-    """A plan file on an open bench; UserError if the plan is wrong or the bench can't do it."""
-    plan, abilities = read_file(path, PlanFile), Abilities.of(bench)
-    check(plan, abilities, str(path))
+def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
+    """A plan on an open bench; UserError if the bench can't do it. source: the plan's file."""
+    abilities = Abilities.of(bench)
+    check(plan, abilities, str(source))
     listed = shots(plan, abilities)
     expected = expect(listed, plan, abilities)
     return Preview(
         plan,
-        path,
+        source,
         bench.file.name,
         bench.simulated,
         abilities,
@@ -280,4 +284,6 @@ def _duration(seconds: float) -> str:
 
 
 def _size(count: int) -> str:
-    return f"{count / 1e6:.0f} MB" if count < 1e9 else f"{count / 1e9:.1f} GB"
+    if count < 1e9:
+        return f"{count / 1e6:.{0 if count >= 1e7 else 1}f} MB"
+    return f"{count / 1e9:.1f} GB"

@@ -19,6 +19,7 @@ from labapp.files.fault_file import read_faults
 from labapp.files.finding import find_plan
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.files.writing import make_folder
 from labapp.keyboard import listening
 from labapp.record.reader import Record, digest
 from optics.progress import Cancelled, Progress
@@ -42,6 +43,8 @@ def run_files(plans: Sequence[Path], record: Path, files: BenchFiles, manner: Ma
 
     record: the file of one run; of several, the folder for their files.
     """
+    if len(plans) > 1:
+        make_folder(record)
     requests = [_request(find_plan(plan), record, len(plans)) for plan in plans]
     with open_bench(files, speed=manner.speed) as bench, _attended(manner) as (progress, ask):
         outcomes = run_all(

@@ -6,7 +6,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from labapp.console import out, print_json, table
+from labapp.record import layout
 from labapp.record.reader import Record
 
 
@@ -21,12 +24,15 @@ def show_record(path: Path, *, as_json: bool) -> None:
     out.print(f"[bold]{data['title']}[/bold]  {data['state']}  [yellow]{badge}[/yellow]")
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
+    out.print(f"expected {data['expected_s']:.1f} s of bench time")
+    if data["retried"]:
+        out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
         out.print(f"[red]missing frames: {data['missing']}[/red]")
     if data["message"]:
         out.print(data["message"], markup=False)
     out.print()
-    columns = ["target", "pattern", "wavelength nm ", "exposures ms ", "frames "]
+    columns = ["role", "target", "pattern", "wavelength nm ", "exposures ms ", "frames "]
     table("Frames", columns, [list(group.values()) for group in data["groups"]])
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     table("Devices", ["device", "model", "serial", "simulated"], devices)
@@ -63,8 +69,11 @@ def describe(record: Record) -> dict[str, Any]:
         "seed": record.seed,
         "start_time": record.text("start_time"),
         "end_time": record.end_time,
+        "expected_s": record.expected_seconds,
+        "retried": np.flatnonzero(record.column("attempts") > 1).tolist(),
         "groups": _groups(record),
         "devices": record.devices,
+        "faults": record.faults,
         "effect_plan": record.effect_plan,
         "versions": record.versions,
         "log": record.log,
@@ -72,10 +81,11 @@ def describe(record: Record) -> dict[str, Any]:
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
-    """The planned frames, by target, pattern and wavelength."""
+    """The planned frames, by role, target, pattern and wavelength."""
     targets, patterns = record.target_names, record.pattern_names
     keys = list(
         zip(
+            (layout.ROLES[i] for i in record.column("role")),
             (targets[i] for i in record.column("target")),
             (patterns[i] for i in record.column("pattern")),
             (round(w * 1e9, 3) for w in record.column("wavelength_asked").tolist()),
@@ -86,6 +96,7 @@ def _groups(record: Record) -> list[dict[str, Any]]:
     counts = Counter(keys)
     return [
         {
+            "role": role,
             "target": target,
             "pattern": pattern,
             "wavelength_nm": nm,
@@ -95,11 +106,11 @@ def _groups(record: Record) -> list[dict[str, Any]]:
                     {
                         t * 1e3
                         for key, t in zip(keys, exposures, strict=True)
-                        if key == (target, pattern, nm)
+                        if key == (role, target, pattern, nm)
                     }
                 )
             ),
             "frames": count,
         }
-        for (target, pattern, nm), count in counts.items()
+        for (role, target, pattern, nm), count in counts.items()
     ]

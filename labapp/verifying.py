@@ -3,105 +3,31 @@
 from __future__ import annotations
 
 import json
-import re
-import shlex
-import socket
-from bisect import bisect_left
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
-from datetime import datetime
-from hashlib import sha256
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.markup import escape
 
-from labapp.acquisition.state import ENDED, State
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
-from labapp.files.frame_list import frame_list
-from labapp.record import layout
-from labapp.record.reader import Record, digest
-from labapp.record.writer import checksum
-from optics.progress import Cancelled, Progress
+from labapp.record.finding import Finding, Verification
+from optics.progress import Progress
 
-_OVERLAP = 1e-6
-"""Seconds by which exposures that follow each other may seem to overlap."""
+_PATIENCE = 60
+"""Seconds for which a file may keep HDF5 busy with one frame, or with its structure."""
 
-_KEPT = (
-    # Cameras count microseconds.
-    ("exposure", 0.5e-6 * (1 + 1e-9), 1e3, "ms"),
-    # A tunable filter counts in 0.01 nm.
-    ("wavelength", 0.011e-9, 1e9, "nm"),
-)
-"""Settings, how far they may miss what was asked for, and a unit to say it in."""
+_LOOK = 0.1
+"""Seconds between looks at whether the person wants no more."""
 
-_RETAKEN = {"frames", "checksums", "state"}
-"""Checks that are passed again when the frames that are missing have been taken again."""
-
-Result = Literal["ok", "note", "unfinished", "WRONG"]
-
-Said = tuple[Result, str]
-"""A check's result, and the details."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What one check found. note: worth knowing, and no fault of the record."""
-
-    check: str
-    result: Result
-    detail: str
-
-
-@dataclass
-class Verification:
-    """All findings. live: whether a process still writes the record.
-
-    not_stored, damaged: indices of frames that are planned and not in the record, and of
-    those in it that don't read back.
-    """
-
-    path: Path
-    findings: list[Finding] = field(default_factory=list)
-    state: State | None = None
-    live: bool = False
-    not_stored: list[int] = field(default_factory=list)
-    damaged: list[int] = field(default_factory=list)
-
-    @property
-    def wrong(self) -> list[str]:
-        """The checks that failed."""
-        return [one.check for one in self.findings if one.result == "WRONG"]
-
-    @property
-    def is_well(self) -> bool:
-        return all(one.result in ("ok", "note") for one in self.findings)
-
-    @property
-    def go_on(self) -> str | None:
-        """The command that makes the record whole, if one can."""
-        if self.is_well or self.live or set(self.wrong) - _RETAKEN:
-            return None
-        return f"labapp resume {shlex.quote(str(self.path))}"
-
-    @property
-    def verdict(self) -> str:
-        """One line for a person: how the record is, and what to do."""
-        if self.is_well:
-            return f"{self.path}: in order, {self.state}."
-        if self.wrong == ["file"]:
-            return f"{self.path}: NOT IN ORDER: it {self.findings[0].detail}"
-        if self.wrong:
-            remedy = "Restore it from a copy, or run its plan again."
-            if self.go_on:
-                remedy = f"To take again what is missing: {self.go_on}"
-            return f"{self.path}: NOT IN ORDER: {', '.join(self.wrong)}. {remedy}"
-        if self.live:
-            return f"{self.path}: still {self.state}. Verify it again when the run has ended."
-        return f"{self.path}: unfinished; what is there is in order. To go on: {self.go_on}"
+Checks = subprocess.Popen[bytes]
 
 
 def verify_record(path: Path, *, as_json: bool) -> bool:
@@ -120,268 +46,90 @@ def verify_record(path: Path, *, as_json: bool) -> bool:
     return found.is_well
 
 
-def verify(path: Path, progress: Progress | None = None) -> Verification:
-    """Every check that the file is still fit for. UserError if there is no such file."""
+def verify(
+    path: Path, progress: Progress | None = None, *, patience: int = _PATIENCE
+) -> Verification:
+    """Every check that the file is still fit for, however damaged it is.
+
+    The checks are made in a process of their own, see labapp.record.checks; one that hangs
+    is ended after `patience` seconds without news. UserError if there is no such file.
+    """
     progress = progress or Progress()
-    found = Verification(path)
     if not path.is_file():
         raise UserError(f"{path}: there is no such file. Check the path.")
-    try:
-        record = Record(path)
-    except UserError as error:
-        found.findings.append(Finding("file", "WRONG", _detail(path, error)))
-        return found
-    with record:
-        found.findings.append(Finding("file", "ok", f"a record of format {layout.FORMAT}"))
-        checks = _Checks(record, found, progress)
-        for name, check in checks.all().items():
-            found.findings.append(_checked(name, check, path))
-    return found
+    with tempfile.TemporaryFile() as complaints:
+        with _checking(path, patience, complaints) as process:
+            told = _last_line(process, progress)
+            code = process.wait()
+        if "found" in told:
+            return _read(told["found"])
+        complaints.seek(0)
+        return _died(path, code, complaints.read().decode(errors="replace"))
 
 
-def _checked(name: str, check: Callable[[], Said], path: Path) -> Finding:
-    """A check's finding; a file so damaged that the check can't be made fails it."""
-    try:
-        result, detail = check()
-    except Cancelled:
-        raise
-    except UserError as error:
-        return Finding(name, "WRONG", _detail(path, error))
-    except Exception as error:
-        # Whatever nonsense a damaged file holds, the other checks shall still be made.
-        text = f"can't be checked: {type(error).__name__}: {error}"
-        return Finding(name, "WRONG", _printable(text))
-    return Finding(name, result, _printable(detail))
-
-
-class _Checks:
-    """The checks of one record, in the order in which a person reads them."""
-
-    def __init__(self, record: Record, found: Verification, progress: Progress) -> None:
-        self._record, self._found, self._progress = record, found, progress
-
-    def all(self) -> dict[str, Callable[[], Said]]:
-        """By name. Later checks use what earlier ones found."""
-        return {
-            "contents": self._contents,
-            "plan": self._planned,
-            "frames": self._frames,
-            "checksums": self._checksums,
-            "patterns": self._patterns,
-            "settings": self._settings,
-            "camera": self._camera,
-            "state": self._state,
-            "scene pictures": self._pictures,
-        }
-
-    def _contents(self) -> Said:
-        """Whether every dataset is there, of its type and length, and can be understood."""
-        record = self._record
-        for name in ("title", "definition", "start_time"):
-            record.text(name)
-        _ = record.plan, record.bench, record.scene, record.effect_plan, record.faults
-        _ = record.devices, record.log, record.message, record.seed, record.expected_seconds
-        wrong = [
-            name
-            for name, dtype in (layout.PLANNED | layout.MEASURED).items()
-            if not _is_column(record.column(name), dtype, record.frames)
-        ]
-        if wrong:
-            return "WRONG", f"of the wrong type or length: {', '.join(wrong)}"
-        rows, columns = record.image(0).shape
-        by = f"labapp {record.versions['labapp']}"
-        return "ok", f"{record.frames} frames of {columns} x {rows} pixels, by {by}"
-
-    def _planned(self) -> Said:
-        """Whether the planned columns make sense: numbers of names that there are."""
-        record = self._record
-        known = {
-            "role": len(layout.ROLES),
-            "target": len(record.target_names),
-            "pattern": len(record.pattern_names),
-        }
-        for column, count in known.items():
-            if bad := _where(record.column(column) >= count):
-                return "WRONG", f"no such {column}: of frames {frame_list(bad)}"
-        if not np.array_equal(record.column("frame"), np.arange(record.frames)):
-            return "WRONG", "the frames aren't numbered one after the other"
-        for column in ("exposure_asked", "wavelength_asked"):
-            if bad := _where(~_is_positive(record.column(column))):
-                return "WRONG", f"no {column}: of frames {frame_list(bad)}"
-        return "ok", f"{known['target']} targets, {known['pattern']} patterns"
-
-    def _frames(self) -> Said:
-        """Whether every planned frame is stored."""
-        record = self._record
-        self._found.not_stored = missing = record.not_stored()
-        if not missing:
-            return "ok", f"all {record.frames} are stored"
-        detail = f"{len(missing)} of {record.frames} were never stored: {frame_list(missing)}"
-        return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
-
-    def _checksums(self) -> Said:
-        """Whether every stored frame reads back as it was."""
-        stored = self._stored()
-        sums = self._record.column("checksum")
-        damaged = []
-        for done, index in enumerate(stored):
-            self._progress.report(done / len(stored), f"read frame {index} back")
-            if not self._reads_back(index, sums[index]):
-                damaged.append(index)
-        self._found.damaged = damaged
-        if damaged:
-            return "WRONG", f"{len(damaged)} frames don't read back: {frame_list(damaged)}"
-        return "ok", f"{len(stored)} stored frames read back as they were"
-
-    def _reads_back(self, index: int, known: int) -> bool:
+@contextmanager
+def _checking(
+    path: Path, patience: int, complaints: IO[bytes]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """The process that checks a file; it ends with the block, whatever it is doing."""
+    command = [sys.executable, "-m", "labapp.record.checks", str(path), str(patience)]
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=complaints,
+        # A Ctrl-C is for this process, which ends the other.
+        start_new_session=True,
+    ) as process:
         try:
-            return bool(checksum(self._record.image(index)) == known)
-        except UserError:
-            return False
-
-    def _patterns(self) -> Said:
-        """Whether the patterns are those that were shown."""
-        record = self._record
-        known = record.pattern_sums
-        if len(known) < len(record.pattern_names):
-            return "WRONG", "there are patterns without a SHA-256"
-        changed = [
-            name
-            for name, digest_ in known.items()
-            if sha256(np.ascontiguousarray(record.pattern(name)).data).hexdigest() != digest_
-        ]
-        if changed:
-            return "WRONG", f"not as they were shown: {', '.join(changed)}"
-        return "ok", f"{len(known)} patterns are as they were shown"
-
-    def _settings(self) -> Said:
-        """Whether the frames were taken with the settings that the plan asks for."""
-        record, stored = self._record, self._stored()
-        for name, allowed, scale, unit in _KEPT:
-            used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
-            # What is no number is wrong, too.
-            if bad := _where(~(np.abs(used - asked) <= allowed)):
-                first = f"{used[bad[0]] * scale:g} instead of {asked[bad[0]] * scale:g} {unit}"
-                return "WRONG", f"{name} of frames {frame_list(stored[i] for i in bad)}: {first}"
-        if bad := _where(~_is_positive(record.column("gain")[stored])):
-            return "WRONG", f"no gain: of frames {frame_list(stored[i] for i in bad)}"
-        return "ok", "exposures and wavelengths are those asked for"
-
-    def _camera(self) -> Said:
-        """Whether times, attempts and the camera's count can be what a run leaves."""
-        record, stored = self._record, self._stored()
-        for name in ("time", "timestamp", "attempts"):
-            values = record.column(name)[stored]
-            # The bench's clock begins with 0.
-            is_good = _is_positive(values) | ((values == 0) & (name == "time"))
-            if bad := _where(~is_good):
-                return "WRONG", f"no {name}: of frames {frame_list(stored[i] for i in bad)}"
-        return self._in_order(stored)
-
-    def _in_order(self, stored: list[int]) -> Said:
-        """Whether times and counts rise as often anew as the log can explain.
-
-        Every sitting, the run or a resumption of it, takes its frames in the order of the
-        plan, with a clock that rises and a camera that counts from anew. So the frames must
-        be so many rising rows at most, woven into each other. A failed attempt may have
-        opened the camera again, too.
-        """
-        record = self._record
-        lines = [text for _, text in record.log]
-        resumed = sum(text.startswith("resumed:") for text in lines)
-        failed = sum(bool(re.match(r"frame \d+, attempt \d+ of ", text)) for text in lines)
-        times, numbers = record.column("time")[stored], record.column("number")[stored]
-        said = f"{resumed} resumptions, {failed} failed attempts"
-        if len(lines) >= layout.log_rows(record.frames):
-            return "ok", f"not compared with the log, which is full ({said})"
-        if _rising_rows(times.tolist()) > 1 + resumed:
-            return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
-        if _rising_rows(numbers.tolist()) > 1 + resumed + failed:
-            return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
-        ends = times + record.column("exposure")[stored]
-        if not resumed and np.any(times[1:] < ends[:-1] - _OVERLAP):
-            return "WRONG", "exposures begin before the last one has ended"
-        return "ok", f"times and the camera's count rise ({said})"
-
-    def _state(self) -> Said:
-        """Whether the record says of itself what is so."""
-        record, found = self._record, self._found
-        found.state = state = record.state
-        if state is State.COMPLETE and found.not_stored:
-            return "WRONG", f"COMPLETE, and yet {len(found.not_stored)} frames are missing"
-        if state in ENDED:
-            ended = datetime.fromisoformat(record.end_time)
-            detail = f"{state}, ended {ended:%Y-%m-%d %H:%M}"
-            if state is State.COMPLETE:
-                return "ok", detail
-            return "unfinished", f"{detail}: {record.message}"
-        writer = json.loads(record.writer)
-        who = f"process {writer['pid']} on {writer['host']}"
-        if state is State.INTERRUPTED:
-            return "unfinished", f"INTERRUPTED: {who} wrote it, and is gone without a word"
-        found.live = True
-        if writer["host"] != socket.gethostname():
-            return "unfinished", f"{state}: {who} writes it, or died; only there that shows"
-        return "unfinished", f"{state}: {who} writes it"
-
-    def _pictures(self) -> Said:
-        """Whether a resumption finds the scene that the run was begun with."""
-        known = self._record.pictures
-        if not known:
-            return "ok", "the scene has none"
-        now = {file: digest(Path(file)) for file in known}
-        gone = [file for file, found in now.items() if not found]
-        changed = [file for file, found in now.items() if found and found != known[file]]
-        if not gone and not changed:
-            return "ok", f"{len(known)} are as they were"
-        told = [f"gone: {', '.join(gone)}"] * bool(gone)
-        told += [f"changed: {', '.join(changed)}"] * bool(changed)
-        if self._found.state is State.COMPLETE:
-            # A record is whole without them.
-            return "note", f"{'; '.join(told)}; the run can't be repeated exactly"
-        return "unfinished", f"{'; '.join(told)}; put them back before you resume"
-
-    def _stored(self) -> list[int]:
-        return _where(self._record.column("stored") != 0)
+            yield process
+        finally:
+            process.kill()
 
 
-def _where(condition: NDArray[np.bool_]) -> list[int]:
-    return [int(index) for index in np.flatnonzero(condition)]
+def _last_line(process: Checks, progress: Progress) -> dict[str, Any]:
+    """What the checks found, if that is what they said last; tells the progress until then."""
+    assert process.stdout is not None
+    told: dict[str, Any] = {}
+    for line in _lines(process.stdout, progress):
+        told = json.loads(line)
+        if "share" in told:
+            progress.report(told["share"], told["message"])
+    return told
 
 
-def _is_positive(values: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.isfinite(values) & (values > 0)
+def _lines(pipe: IO[bytes], progress: Progress) -> Iterator[bytes]:
+    """Lines as they come, with an ear for who cancels; raises Cancelled."""
+    rest = b""
+    while True:
+        progress.check()
+        if not select.select([pipe], [], [], _LOOK)[0]:
+            continue
+        read = os.read(pipe.fileno(), 1 << 16)
+        if not read:
+            return
+        *lines, rest = (rest + read).split(b"\n")
+        yield from lines
 
 
-def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
-    return values.dtype == dtype and values.shape == (frames,)
+def _died(path: Path, code: int, complaints: str) -> Verification:
+    """What it means that the checks ended without an answer."""
+    if code >= 0:
+        # No damage of the file does that.
+        raise RuntimeError(f"the checks of {path} failed: {complaints[-2000:]}")
+    detail = "is damaged so badly that HDF5 doesn't come back from it. Restore it from a copy."
+    return Verification(str(path), [Finding("file", "WRONG", detail)])
 
 
-def _rising_rows(values: Iterable[float]) -> int:
-    """The least number of strictly rising rows that a sequence can be woven from."""
-    ends: list[float] = []
-    for value in values:
-        # On the row that ends highest below it; there is no better place for it.
-        place = bisect_left(ends, value) - 1
-        if place < 0:
-            ends.insert(0, value)
-        else:
-            ends[place] = value
-    return len(ends)
-
-
-def _detail(path: Path, error: UserError) -> str:
-    return _printable(str(error).removeprefix(f"{path}: "))
-
-
-def _printable(text: str) -> str:
-    """Damaged text holds anything, and a terminal obeys some of it."""
-    return "".join(one if one.isprintable() else " " for one in text)
+def _read(data: dict[str, Any]) -> Verification:
+    """From plain data, as asdict() made it."""
+    findings = [Finding(**one) for one in data.pop("findings")]
+    return Verification(**data, findings=findings)
 
 
 def _as_data(found: Verification) -> dict[str, Any]:
     return {
-        "record": str(found.path),
+        "record": found.path,
         "is_well": found.is_well,
         "verdict": found.verdict,
         "state": found.state,

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from drivers.interfaces import Clock
 from optics.camera import Camera, Sensor
 from optics.formation import form_image
 from optics.light import electron_rate
@@ -180,12 +181,12 @@ class World:
         *,
         tol: float = 1e-2,
         forced: Mapping[str, bool] | None = None,
-        clock: VirtualClock | None = None,
+        clock: Clock | None = None,
         faults: Iterable[Fault] = (),
     ) -> None:
         self.camera, self.scene, self.tol = camera, scene, tol
         self.forced = dict(forced or {})
-        self.clock = clock or VirtualClock()
+        self.clock: Clock = clock or VirtualClock()
         self.faults = FaultScript(faults)
         self.wavelength = 550e-9
         self.bandwidth = 7e-9

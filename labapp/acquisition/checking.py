@@ -104,13 +104,14 @@ def _check_hooks(plan: PlanFile, source: str) -> None:
 
 def _check_targets(block: Acquisition, plan: PlanFile, abilities: Abilities, where: str) -> None:
     calibration = [one.target or one.role for one in block.interleave if one.role != "neutral"]
-    for name in (*block.targets, *calibration):
-        known = plan.targets.get(name)
-        if ((known.place if known else None) or name) not in abilities.targets:
-            raise UserError(
-                f"{where}.targets' names {name!r}, which this bench doesn't have. "
-                f"Choose among {', '.join(abilities.targets)}."
-            )
+    for key, names in (("targets", block.targets), ("interleave", calibration)):
+        for name in names:
+            known = plan.targets.get(name)
+            if ((known.place if known else None) or name) not in abilities.targets:
+                raise UserError(
+                    f"{where}.{key}' names {name!r}, which this bench doesn't have. "
+                    f"Choose among {', '.join(abilities.targets)}."
+                )
 
 
 def _check_wavelengths(block: Acquisition, abilities: Abilities, where: str) -> None:
@@ -130,7 +131,7 @@ def _check_wavelengths(block: Acquisition, abilities: Abilities, where: str) -> 
                 f"Choose {shortest * 1e9:.0f} to {longest * 1e9:.0f} nm."
             )
         if abilities.slots and all(abs(metres - centre) > 1e-12 for centre in abilities.slots):
-            listed = ", ".join(f"{centre * 1e9:g}" for centre in abilities.slots)
+            listed = ", ".join(f"{centre * 1e9:g}" for centre in dict.fromkeys(abilities.slots))
             raise UserError(
                 f"{where}.wavelengths_nm' has {nm:g}, and no slot of the filter wheel passes it. "
                 f"Choose among {listed} nm."
@@ -139,11 +140,15 @@ def _check_wavelengths(block: Acquisition, abilities: Abilities, where: str) -> 
 
 def _check_exposures(block: Acquisition, plan: PlanFile, abilities: Abilities, where: str) -> None:
     low, high = abilities.exposure_range
-    key = "periods" if block.exposures_ms is None else "exposures_ms"
-    for seconds in exposures(block, plan, abilities):
+    lasting = exposures(block, plan, abilities)
+    asked = [f"exposures_ms' has {ms:g} ms" for ms in block.exposures_ms or ()] or [
+        f"periods' has {number}, which last {seconds * 1e3:g} ms"
+        for number, seconds in zip(block.periods or (), lasting, strict=True)
+    ]
+    for said, seconds in zip(asked, lasting, strict=True):
         if not low <= seconds <= high:
             raise UserError(
-                f"{where}.{key}' has {seconds * 1e3:g} ms, out of the camera's range. "
+                f"{where}.{said}, out of the camera's range. "
                 f"Choose {low * 1e3:g} to {high * 1e3:g} ms."
             )
         for name, video in plan.videos(block).items():
@@ -151,7 +156,7 @@ def _check_exposures(block: Acquisition, plan: PlanFile, abilities: Abilities, w
             rest = abs(seconds - max(1, round(seconds / period)) * period)
             if rest > _CUT * abilities.video_frame and not block.any_exposure:
                 raise UserError(
-                    f"{where}.{key}' has {seconds * 1e3:g} ms, which cuts the video {name!r} "
-                    f"within its period of {period * 1e3:.3f} ms. Ask for 'periods' instead, "
+                    f"{where}.{said}, which cuts the video {name!r} within its period of "
+                    f"{period * 1e3:.3f} ms. Ask for 'periods' instead, "
                     "or set any_exposure = true."
                 )

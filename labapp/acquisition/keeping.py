@@ -52,11 +52,15 @@ def require_space(path: Path, needed: int) -> None:
 class Keeper:
     """Puts frames into a record.
 
-    frame_bytes: of a picture. pause: is called when the disk is full.
+    frame_bytes: of a picture. as_planned: whether frames keep the moment of the plan, as on a
+    virtual bench, instead of the clock's time. pause: is called when the disk is full.
     """
 
-    def __init__(self, writer: RecordWriter, frame_bytes: int, pause: Pause) -> None:
-        self._writer, self._frame_bytes, self._pause = writer, frame_bytes, pause
+    def __init__(
+        self, writer: RecordWriter, frame_bytes: int, as_planned: bool, pause: Pause
+    ) -> None:
+        self._writer, self._frame_bytes = writer, frame_bytes
+        self._as_planned, self._pause = as_planned, pause
         self._try_at = 0.0
 
     def wait_for_space(self) -> None:
@@ -67,8 +71,10 @@ class Keeper:
     def keep(self, shot: Shot, frame: Frame, wavelength: float, attempts: int) -> None:
         """Return when the frame is on the disk; OSError if the disk fails for good."""
 
+        moment = shot.moment if self._as_planned else frame.time
+
         def store() -> None:
-            self._writer.store(shot, frame, wavelength, moment=shot.moment, attempts=attempts)
+            self._writer.store(shot, frame, wavelength, moment=moment, attempts=attempts)
 
         try:
             store()

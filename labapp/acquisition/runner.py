@@ -154,7 +154,8 @@ class _Run:
         """The frames one after the other; how the run ended."""
         with RecordWriter(self._path) as self._writer, logbook(self._writer, self._bench.clock):
             rows, columns = self._bench.camera.shape
-            keeper = Keeper(self._writer, 2 * rows * columns, self._pause)
+            as_planned = not self._bench.file.is_real
+            keeper = Keeper(self._writer, 2 * rows * columns, as_planned, self._pause)
             self._expected = sum(shot.lasts for shot in listed)
             state, message = self._take_all(listed, keeper, on_frame, again)
             return self._conclude(state, message)

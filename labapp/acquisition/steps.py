@@ -63,7 +63,7 @@ def exposures(block: Acquisition, plan: PlanFile, abilities: Abilities) -> list[
 
 def _block(block: Acquisition, plan: PlanFile, abilities: Abilities, first: int) -> list[Shot]:
     """The frames of a block, calibration frames between them; steps count from `first`."""
-    light = [_shot(setting, "light", plan) for setting in _settings(block, plan, abilities)]
+    light = [_shot(setting, block.role, plan) for setting in _settings(block, plan, abilities)]
     listed: list[Shot] = []
     for number, shot in enumerate(light):
         for asked in block.interleave:

@@ -72,7 +72,9 @@ def analyse(path: Path, progress: Progress | None = None) -> Analysis:
                 f"{path}: the run is {record.state}, and a reconstruction needs all of its "
                 "frames. Run the plan again."
             )
-        analysis.roles, analysis.pattern = roles, record.pattern(roles.coded)
+        shown = record.pattern(roles.coded)
+        # Of a video the first frame stands for all.
+        analysis.roles, analysis.pattern = roles, shown if shown.ndim == 2 else shown[0]
         with watch.stage("measure PSF"):
             analysis.psf = measure_psf(record, brackets, roles)
     neutral = find(brackets, roles.photograph, roles.neutral, roles.wavelength, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import torch
@@ -166,8 +167,8 @@ def predict_star(
 ) -> list[torch.Tensor]:
     """Share of a star's light on each pixel of a square window, a picture for each pattern.
 
-    greys: grey levels on the panel. diameter, distance: of the star, metres. Star and pixel
-    are included.
+    greys: grey levels on the panel; (frames, rows, columns) of a video, whose frames are seen
+    for the same time. diameter, distance: of the star, metres. Star and pixel are included.
     """
     finer = math.ceil(nyquist_samples(camera, wavelength))
     side = window + 2 * _MARGIN
@@ -175,5 +176,10 @@ def predict_star(
     operator = PSFOperator(camera, distance, wavelength, plane, integrate=False)
     size = diameter * camera.lens.image_distance / distance
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
-    psfs = [operator(grey_to_phase(camera.panel, grey, wavelength)) for grey in greys]
-    return [form_image(disc, psf, plane, finer, (window, window)) for psf in psfs]
+
+    def mean_psf(grey: torch.Tensor) -> torch.Tensor:
+        frames = grey if grey.ndim == 3 else grey[None]
+        psfs = (operator(grey_to_phase(camera.panel, frame, wavelength)) for frame in frames)
+        return reduce(torch.add, psfs) / len(frames)
+
+    return [form_image(disc, mean_psf(grey), plane, finer, (window, window)) for grey in greys]

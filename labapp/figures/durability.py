@@ -79,7 +79,7 @@ def after_kills(folder: Path) -> list[Figure]:
         measured += f"; first trouble: {wrong[0]}"
     return [
         Figure(
-            f"{_KILLS} kill -9 at random moments, then resumed",
+            "200 kill -9 at random moments, then resumed",
             "0 frames lost, INTERRUPTED, arrays as uninterrupted",
             measured,
             not lost and not wrong,

@@ -36,7 +36,7 @@ _PATIENCE = 60.0
 def full_disk_figure(folder: Path) -> list[Figure]:
     """Runs whose disk is filled up and freed again, in a process with a disk of its own."""
     troubles, paused = fill_often(folder, _MOMENTS)
-    name = f"disk full at {_MOMENTS} random moments, then freed"
+    name = "disk full at 50 random moments, then freed"
     goal = "no acknowledged frame wrong, paused, COMPLETE, arrays identical"
     if troubles is None:
         return [Figure(name, goal, "a file system can't be mounted here", None)]

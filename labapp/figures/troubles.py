@@ -48,7 +48,7 @@ def fault_figure(folder: Path) -> list[Figure]:
     )
     return [
         Figure(
-            f"{len(get_args(Kind))} kinds of fault x {_MOMENTS} random moments",
+            "every kind of fault at 20 random moments",
             "right state; COMPLETE only with every frame true",
             measured + (f"; first trouble: {wrong[0]}" if wrong else ""),
             not wrong,

@@ -140,5 +140,10 @@ class BenchFile(FileModel):
         """Whether a device is simulated, so that there must be a scene before it."""
         return any(table.is_simulated for table in self.devices.tables.values())
 
+    @property
+    def is_real(self) -> bool:
+        """Whether a device is real, so that time is the wall's."""
+        return not all(table.is_simulated for table in self.devices.tables.values())
+
     def build_camera(self) -> Camera:
         return Camera(self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission)

@@ -62,7 +62,7 @@ class VideoPattern(FileModel):
     """Frames that the SLM shows one after the other, again and again (thesis section 3.5).
 
     frames: names of the plan's still patterns; or pattern: one still pattern, computed
-    `count` times, frame k from the plan's seed + k, so that random starts differ.
+    `count` times, frame k from the plan's seed + k, so that its random starts differ.
     """
 
     kind: Literal["video"]
@@ -77,6 +77,8 @@ class VideoPattern(FileModel):
             raise ValueError("a video has either frames, or a pattern with a count")
         if len(self.frames) == 1:
             raise ValueError("a video has two frames at least; show the still pattern itself")
+        if self.pattern is not None and getattr(self.pattern, "start", "") != "random":
+            raise ValueError("its frames would all be alike; give a ring with start = 'random'")
         return self
 
     @property

@@ -62,6 +62,7 @@ class Acquisition(FileModel):
     periods of the block's phase videos, instead of milliseconds. order: axes, the slowest
     first; those left out follow in their usual order. together: groups of axes of the same
     length that step together. any_exposure: a phase video may be cut within its period.
+    role: what the block's frames are for, if not pictures of something.
     """
 
     targets: Names
@@ -75,6 +76,7 @@ class Acquisition(FileModel):
     together: tuple[tuple[Axis, ...], ...] = ()
     any_exposure: bool = False
     interleave: tuple[Interleaved, ...] = ()
+    role: Role = "light"
 
     @model_validator(mode="after")
     def _one_way_each(self) -> Acquisition:

@@ -21,6 +21,16 @@ def require_writable(path: Path, *, force: bool) -> None:
         raise UserError(f"{folder}: may not be written to. Choose another place.")
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those that it lies in, if it isn't there; UserError if that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be made: {error.strerror}. Choose another place."
+        ) from error
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file that takes its name only when it is whole."""
     draft = path.with_name(f".{path.name}.new")

@@ -45,6 +45,8 @@ ENTRY = "entry"
 DATA = "entry/data"
 PATTERNS = "entry/patterns"
 
+AXES = ("frame", "y", "x")
+
 ROLES: tuple[Role, ...] = get_args(Role)
 
 PLANNED: dict[str, np.dtype] = {

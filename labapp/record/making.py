@@ -148,7 +148,7 @@ def _fill_patterns(file: h5py.File, c: Contents) -> None:
 def _fill_data(file: h5py.File, c: Contents) -> None:
     data = _group(file, layout.DATA, "NXdata")
     n, (rows, columns) = len(c.shots), c.frame_shape
-    data.attrs.update({"signal": "images", "axes": ["frame", "y", "x"]})
+    data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
     data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for name, size in (("y", rows), ("x", columns)):
@@ -172,6 +172,8 @@ def _fill_data(file: h5py.File, c: Contents) -> None:
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(layout.ROLES)
+    for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
+        axis.label = name
 
 
 def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:

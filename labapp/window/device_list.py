@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.label import label
 from labapp.window.messages import DeviceInfo
@@ -20,17 +20,25 @@ class DeviceRow(QWidget):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self.text = label(self, wrap=True)
+        self._title, self._value = label(self), label(self, wrap=True)
         self.reconnect = QPushButton("Reconnect", self)
         self.reconnect.setToolTip("Open the device again")
-        layout = QHBoxLayout(self)
+        layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.text, 1)
-        layout.addWidget(self.reconnect)
+        layout.setVerticalSpacing(0)
+        layout.setColumnStretch(0, 1)
+        layout.addWidget(self._title, 0, 0)
+        layout.addWidget(self.reconnect, 0, 1)
+        layout.addWidget(self._value, 1, 0, 1, 2)
         self.reconnect.hide()
 
+    @property
+    def text(self) -> str:
+        return f"{self._title.text()}<br>{self._value.text()}"
+
     def show_device(self, device: DeviceInfo) -> None:
-        self.text.setText(_describe(device))
+        self._title.setText(_headed(device))
+        self._value.setText(_described(device))
         self.reconnect.setVisible(device.state == "failed")
         self.reconnect.setText("Reconnect")
 
@@ -78,7 +86,7 @@ class DeviceList(Panel):
             row.reconnect.setEnabled(not on)
 
     def text(self, name: str) -> str:
-        return self.rows[name].text.text()
+        return self.rows[name].text
 
     def _add(self, name: str) -> None:
         row = DeviceRow(self)
@@ -93,16 +101,20 @@ class DeviceList(Panel):
         self.reconnect_asked.emit(name)
 
 
-def _describe(device: DeviceInfo) -> str:
+def _headed(device: DeviceInfo) -> str:
     kind, kind_colour = ("simulated", SIMULATED) if device.simulated else ("real", REAL)
     state_colour = ERROR if device.state == "failed" else REAL
     title = TITLES.get(device.name, device.name)
-    text = (
+    return (
         f"<span style='color:{state_colour}'>●</span> <b>{escape(title)}</b> "
         f"<span style='color:{state_colour}'>{escape(device.state)}</span> "
-        f"<span style='color:{kind_colour}'>{kind}</span><br>"
-        f"<span style='color:{FAINT}'>{escape(device.model)}:</span> {escape(device.value)}"
+        f"<span style='color:{kind_colour}'>{kind}</span>"
     )
-    if device.error:
-        text += f"<br><span style='color:{ERROR}'>{escape(device.error)}</span>"
-    return text
+
+
+def _described(device: DeviceInfo) -> str:
+    model = f"<span style='color:{FAINT}'>{escape(device.model)}:</span>"
+    if not device.error:
+        return f"{model} {escape(device.value)}"
+    error = f"<span style='color:{ERROR}'>{escape(device.error)}</span>"
+    return f"{model} {escape(device.value)} ?<br>{error}"

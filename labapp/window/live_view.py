@@ -35,6 +35,8 @@ class LiveView(QWidget):
         self.picture = Picture(self)
         self.caption = label(self.picture, "no picture yet", look="caption")
         self.caption.move(8, 8)
+        self.caption.ensurePolished()
+        self.caption.adjustSize()
         self.caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.cursor_reading = label(self, look="readings")
         self.frame_reading = label(self, look="readings")

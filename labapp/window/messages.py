@@ -203,6 +203,11 @@ class BenchState:
     exposure: float
     live: bool
 
+    @property
+    def failed(self) -> set[str]:
+        """The bench's names of the devices that don't do as they are told."""
+        return {device.name for device in self.devices if device.state == "failed"}
+
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:

@@ -101,7 +101,7 @@ class Reports:
         window = self._window
         window.devices.show_devices(report.devices)
         window.settings.show_state(report)
-        window.pattern.show_shown(report.pattern)
+        window.pattern.show_shown(report.pattern + (" ?" if "slm" in report.failed else ""))
         window.actions_["live"].setChecked(report.live)
         window.live_view.set_running(report.live)
         self._session.bench_stands(report)

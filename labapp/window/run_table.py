@@ -166,12 +166,10 @@ class RunTable(QTableView):
 def _time(run: RunInfo) -> str:
     if run.state is RunState.WAITING:
         return f"takes {spoken(run.expected)}"
-    if run.state.is_under_way and run.left is not None:
-        return f"{spoken(run.left)} left"
     if run.state is RunState.PAUSED:
-        return "waits for you" if run.pausing else "waits"
+        return "waits for you"
     if run.state is RunState.RUNNING:
-        return ""
+        return "" if run.left is None else f"{spoken(run.left)} left"
     return f"took {spoken(run.elapsed)}" if run.elapsed else ""
 
 

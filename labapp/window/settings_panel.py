@@ -31,7 +31,7 @@ class SettingsPanel(QWidget):
         grid.setContentsMargins(8, 4, 8, 6)
         grid.setVerticalSpacing(4)
         grid.setColumnStretch(1, 1)
-        grid.setColumnMinimumWidth(2, 84)
+        grid.setColumnMinimumWidth(2, 96)
         grid.addWidget(label(self, "set", look="faint"), 0, 1)
         grid.addWidget(label(self, "read back", look="faint"), 0, 2)
         rows = (
@@ -77,9 +77,19 @@ class SettingsPanel(QWidget):
 
     def show_state(self, state: BenchState) -> None:
         nm, ms = state.wavelength * 1e9, state.exposure * 1e3
-        _read(self.target_read, state.target, state.target != self.target.currentText())
-        _read(self.wavelength_read, f"{nm:.2f} nm", abs(nm - self.wavelength.value()) > 5e-3)
-        _read(self.exposure_read, f"{ms:.3f} ms", abs(ms - self.exposure.value()) > 5e-4)
+        off = {
+            "targets": state.target != self.target.currentText(),
+            "filter": abs(nm - self.wavelength.value()) > 5e-3,
+            "camera": abs(ms - self.exposure.value()) > 5e-4,
+        }
+        for device, read, text in (
+            ("targets", self.target_read, state.target),
+            ("filter", self.wavelength_read, f"{nm:.2f} nm"),
+            ("camera", self.exposure_read, f"{ms:.3f} ms"),
+        ):
+            # What a failed device said last need not be so any more.
+            doubt = device in state.failed
+            _read(read, f"{text} ?" if doubt else text, off[device] or doubt)
 
     def forget(self) -> None:
         for read in (self.target_read, self.wavelength_read, self.exposure_read):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 
 def spoken(seconds: float) -> str:
+    if seconds < 1:
+        return "under 1 s"
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from labapp.acquisition.runner import run_plan
+from labapp.acquisition.state import State
 from labapp.analysis import analyse
 from labapp.bench import open_bench
 from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.record.reader import Record
+from labapp.record.writer import RecordWriter
 from optics.progress import Cancelled, Progress
 
 
@@ -72,10 +74,8 @@ def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
     (bracket,) = analyse(outcome.path).brackets
     assert bracket.name == "star, neutral, 540 nm"
     cancelled = acquire(small, tmp_path / "whole.h5", reconstruct=roles(wavelength_nm=540))
-    from labapp.acquisition.state import State
-    from labapp.record.writer import mark
-
-    mark(cancelled, State.CANCELLED)
+    with RecordWriter(cancelled) as writer:
+        writer.set_state(State.CANCELLED)
     with pytest.raises(UserError, match="CANCELLED, and a reconstruction needs all"):
         analyse(cancelled)
 

@@ -50,7 +50,7 @@ frames = ["ring", "neutral"]
 [patterns.many]
 kind = "video"
 count = 3
-pattern = { kind = "axicon", radius_um = 30 }
+pattern = { kind = "ring", radius_um = 30, width_um = 5, start = "random" }
 
 [[acquire]]
 targets = ["near"]
@@ -231,6 +231,13 @@ def test_a_plan_survives_being_written_and_read():
         (
             with_pattern(film={"kind": "video", "pattern": RING}),
             "key 'patterns.film.video': a video has either frames, or a pattern with a count.",
+        ),
+        (
+            with_pattern(
+                film={"kind": "video", "pattern": RING | {"start": "quadratic"}, "count": 5}
+            ),
+            "key 'patterns.film.video': its frames would all be alike; give a ring with start = "
+            "'random'.",
         ),
         (
             with_pattern(flat={"kind": "lens", "focal_length_m": float("inf")}),

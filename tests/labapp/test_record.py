@@ -111,6 +111,7 @@ def test_any_program_finds_the_pictures_and_their_axes(path):
         assert images.shape == sizes == (3, 5, 7)
         np.testing.assert_allclose(data["x"], np.arange(-3, 4) * 1e-6)
         assert data["x"].attrs["units"] == "m"
+        assert [axis.label for axis in images.dims] == ["frame", "y", "x"]
 
 
 def test_a_damaged_frame_counts_as_missing(path):

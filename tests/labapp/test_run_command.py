@@ -113,8 +113,7 @@ def test_several_plans_run_in_turn_into_a_folder(labapp, small, tmp_path):
     import tomllib
 
     second.write_text(json.dumps(tomllib.loads(small.plan.read_text())))
-    folder = tmp_path / "runs"
-    folder.mkdir()
+    folder = tmp_path / "my" / "runs"
     code, said, _ = labapp("run", small.plan, second, *small.arguments(), "--out", folder, "--json")
     assert code == 0
     assert [one["state"] for one in json.loads(said)] == ["COMPLETE"] * 2

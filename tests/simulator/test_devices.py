@@ -344,13 +344,14 @@ def test_a_camera_sees_a_video_as_the_mean_of_its_frames():
     surroundings = Surroundings(w.clock, w)
     video = np.stack([NEUTRAL, ring_pattern(60e-6)])
     pictures = []
-    with SimulatedSLM(surroundings, 50.0) as slm, SimulatedCamera(surroundings) as camera:
-        camera.set_exposure(0.04)
+    with SimulatedSLM(surroundings, 500.0) as slm, SimulatedCamera(surroundings) as camera:
+        camera.set_exposure(0.004)
         for grey in video:
             slm.show("still", grey)
             pictures.append(camera.capture(never).image.astype(float))
         slm.play("both", video)
         seen = camera.capture(never).image.astype(float)
+    assert np.max(pictures) < CAMERA.sensor.full_scale
     assert np.abs(pictures[0] - pictures[1]).max() > 50
     assert np.abs(seen - np.mean(pictures, axis=0)).max() <= 1.01
 

@@ -1,13 +1,14 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from virtual_bench import CAMERA
+from virtual_bench import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.plane import Plane
 from simulator.clock import VirtualClock
-from simulator.scene import Dark, Photograph, Scene, Star
+from simulator.scene import Dark, Flat, Photograph, Scene, Star
 
 PLANE = Plane((60, 62), (7e-6, 7e-6))
 
@@ -55,6 +56,39 @@ def test_a_stars_samples_count_its_area():
     assert spectrum[0, 0].real.item() == pytest.approx(expected)
 
 
+def test_a_flat_field_gives_a_flat_picture():
+    """Even where a pattern blurs it, and out of focus: there is nothing that could be blurred.
+
+    Also at the borders, for the field has no end.
+    """
+    for distance, grey in ((2.0, NEUTRAL), (1.6, NEUTRAL), (2.0, ring_pattern(80e-6))):
+        scene = Scene({"flat": Flat(distance, 1e7)})
+        light = light_of(world(CAMERA, scene), grey, target="flat")
+        assert light.min() > 0
+        assert np.ptp(light) <= 1e-4 * light.mean()
+
+
+def test_a_flat_field_is_as_bright_as_white_paper_of_its_radiance():
+    """The camera equation written out, L A / z² on every pixel, in photons.
+
+    Without gaps between the panel's pixels, only its edges send light beyond the rendered PSF:
+    less than a per cent of it.
+    """
+    camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, fill_factor=1.0))
+    white = Photograph(torch.ones(50, 50, 3), 2.0, 1e7, cover=20.0)
+    scene = Scene({"flat": Flat(2.0, 1e7), "white": white})
+    light = light_of(world(camera, scene), target="flat")
+    # The panel, 48 x 64 pixels of 40 µm, is smaller than the stop.
+    z = 1 / (1 / 0.125 - 1 / 2.0)
+    watts = 1e7 * 7e-9 * (48 * 64 * 40e-6**2) / z**2 * 14e-6**2
+    watts *= camera.panel.reflectivity * camera.transmission
+    photons = watts * 550e-9 / (6.62607015e-34 * 299792458)
+    assert light.mean() == pytest.approx(photons * camera.sensor.quantum_efficiency, rel=0.01)
+    paper = light_of(world(camera, scene), target="white")
+    middle = (slice(15, 25), slice(15, 30))
+    assert light[middle] == pytest.approx(paper[middle], rel=1e-4)
+
+
 def test_the_dark_has_no_spectrum():
     assert not Dark().spectrum(PLANE, CAMERA, 550e-9).any()
 
@@ -67,6 +101,9 @@ def test_the_dark_has_no_spectrum():
         (lambda: Star(1e-4, 0.0, 1.0), r"distance is 0 m; it must be positive"),
         (lambda: Star(1e-4, 2.0, -1.0), r"radiance is -1 .*negative"),
         (lambda: Star(1e-4, 2.0, math.nan), r"radiance is nan"),
+        (lambda: Flat(0.0, 1.0), r"distance is 0 m; it must be positive"),
+        (lambda: Flat(2.0, -1.0), r"radiance is -1 .*negative"),
+        (lambda: Flat(2.0, math.inf), r"radiance is inf"),
         (lambda: Photograph(torch.ones(2, 2, 3), -2.0, 1.0), r"distance is -2 m"),
         (lambda: Photograph(torch.ones(2, 2, 3), 2.0, -1.0), r"radiance is -1"),
         (lambda: Photograph(torch.ones(2, 2, 3), 2.0, 1.0, cover=0.0), r"cover is 0"),

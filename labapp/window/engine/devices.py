@@ -50,7 +50,7 @@ class Devices:
         for role in roles or tuple(self._identities):
             if why := self._dead(role):
                 model, remedy = self._identities[role].model, "Mend it, then click Reconnect"
-                error = DeviceError(model, "use", f"the device {why}", remedy)
+                error = DeviceError(model, "dead", why, remedy)
                 error.role = role
                 raise error
 
@@ -83,7 +83,7 @@ class Devices:
         states = {"camera": "in a run" if running else "live" if live else "stopped"}
 
         def info(name: str) -> DeviceInfo:
-            error = self._failed.get(name) or self._dead(name)
+            error = self._dead(name) or self._failed.get(name, "")
             state = "failed" if error else states.get(name, busy)
             who = self._identities[name]
             return DeviceInfo(name, who.model, who.simulated, state, values[name], error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from functools import partial
@@ -13,7 +13,7 @@ from typing import Any
 from labapp.acquisition.abilities import Abilities
 from labapp.acquisition.checking import check
 from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.steps import shots
+from labapp.acquisition.steps import Shot, shots
 from labapp.bench import Bench
 from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
@@ -22,6 +22,7 @@ from labapp.record.reader import Record
 from labapp.window.engine.plan import bracket_plan
 from labapp.window.engine.run import Run
 from labapp.window.engine.run_queue import RunQueue
+from labapp.window.engine.timing import Timing
 from labapp.window.messages import Acquire, ResumeRun, RunPlan
 
 _LONGEST_NAME = 60
@@ -84,9 +85,9 @@ class Planner:
             plan.title,
             path,
             partial(run_plan, self._bench, plan, path, source=source, folder=pictures),
+            self._timing(listed),
             planned=len(listed),
             stored=0,
-            expected=sum(shot.lasts for shot in listed),
         )
 
     def _resumed(self, command: ResumeRun) -> Run:
@@ -102,10 +103,14 @@ class Planner:
             title,
             path,
             partial(resume_run, self._bench, path),
+            self._timing([shot for shot in listed if shot.index in missing]),
             planned=len(listed),
             stored=len(listed) - len(missing),
-            expected=sum(shot.lasts for shot in listed if shot.index in missing),
         )
+
+    def _timing(self, listed: Sequence[Shot]) -> Timing:
+        seconds = sum(shot.lasts for shot in listed)
+        return Timing(seconds, len(listed), virtual=self._bench.world is not None)
 
     def _new_path(self, folder: Path, name: str) -> Path:
         """A file named after the moment and the run, that nobody has and no run will have."""

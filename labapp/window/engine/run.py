@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,17 +20,20 @@ Take = Callable[..., Outcome]
 _PAUSED = "PAUSED: "
 """How a run begins to say that it rests, and why."""
 
+_TO_GO = re.compile(r" \([^()]* to go[^()]*\)$")
+"""How a run ends what it says: in bench time, which isn't a person's on a virtual bench."""
+
 
 class Run:
     """What a run reports goes into `info`, which any thread may ask for.
 
-    planned, stored: frames of the record, and those that it has. expected: seconds of bench
-    time that the others take. changed: is called after each change; rested: when the run
+    planned, stored: frames of the record, and those that it has. timing: of those that it
+    lacks. changed: is called after each change; rested: when the run
     begins to rest, in the thread that has the bench.
     """
 
     def __init__(
-        self, title: str, path: Path, take: Take, *, planned: int, stored: int, expected: float
+        self, title: str, path: Path, take: Take, timing: Timing, *, planned: int, stored: int
     ) -> None:
         self.title, self.path, self.take = title, path, take
         self.number = 0
@@ -38,7 +42,7 @@ class Run:
         self.changed: Callable[[], None] = lambda: None
         self.rested: Callable[[], None] = lambda: None
         self._planned, self._stored = planned, stored
-        self._timing = Timing(expected)
+        self._timing = timing
         self._message, self._fraction, self._took = "", 0.0, 0.0
 
     def begin(self) -> None:
@@ -95,6 +99,7 @@ class Run:
 
     def _hear(self, fraction: float, message: str) -> None:
         self._fraction = fraction
+        message = _TO_GO.sub("", message)
         if message.startswith(_PAUSED):
             self.rest(message.removeprefix(_PAUSED))
         else:

@@ -1,4 +1,4 @@
-"""How long a run takes: what has passed, and what is left at its own pace."""
+"""How long a run takes: what has passed, and what is left as it goes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import time
 class Timing:
     """Real seconds of one run.
 
-    expected: seconds of bench time of its frames. A virtual bench's pass faster, and a real
-    one may be late, so what is left is told from the frames that have been taken.
+    expected: seconds of bench time of its frames. virtual: whether the bench's clock takes no
+    real time. What a frame takes beyond that (computing, disks, trouble) is told from those
+    that have been taken.
     """
 
-    def __init__(self, expected: float) -> None:
+    def __init__(self, expected: float, frames: int, *, virtual: bool) -> None:
         self.expected = expected
+        self._rate = 0.0 if virtual else 1.0
+        self._frames_left, self._seconds_left = frames, expected
         self._began: float | None = None
         self._ended: float | None = None
         self._frame_began: float | None = None
-        self._done = self._counted = self._worked = 0.0
+        self._counted, self._beyond = 0, 0.0
 
     def begin(self) -> None:
         self._began = time.monotonic()
@@ -26,7 +29,7 @@ class Timing:
         self._ended = time.monotonic()
 
     def rest(self) -> None:
-        """Nothing is taken for a while, which says nothing about the pace."""
+        """Nothing is taken for a while, which says nothing about the frames to come."""
         self._frame_began = None
 
     def frame(self, lasts: float) -> None:
@@ -34,10 +37,11 @@ class Timing:
         now = time.monotonic()
         # Before the first frame patterns were computed, and in a rest nothing was done.
         if self._frame_began is not None:
-            self._worked += now - self._frame_began
-            self._counted += lasts
+            self._beyond += now - self._frame_began - self._rate * lasts
+            self._counted += 1
         self._frame_began = now
-        self._done += lasts
+        self._frames_left -= 1
+        self._seconds_left -= lasts
 
     @property
     def elapsed(self) -> float:
@@ -49,8 +53,9 @@ class Timing:
     def left(self) -> float | None:
         """None while nobody can tell."""
         if not self._counted:
-            return None
+            return self._seconds_left if self._rate else None
         began = self._frame_began
         under_way = 0.0 if began is None else time.monotonic() - began
-        pace = self._worked / self._counted
-        return max(0.0, (self.expected - self._done) * pace - under_way)
+        beyond = max(0.0, self._beyond / self._counted)
+        left = self._rate * self._seconds_left + beyond * self._frames_left
+        return max(0.0, left - under_way)
