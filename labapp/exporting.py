@@ -128,7 +128,7 @@ class _Work:
         self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
         self.names = _file_names(kind, record, frames)
         self.rows = _rows(record, frames)
-        self.shape: tuple[int, int] = record.image(0).shape
+        self.shape = len(record.column("y")), len(record.column("x"))
         self.pitch = _pitch(record)
         self.bits = _bits(record)
 
@@ -262,7 +262,8 @@ def _write(work: _Work, folder: Path) -> list[str]:
             for name in work.names:
                 os.replace(draft / name, folder / name)
     except OSError as error:
-        reason = error.strerror or str(error)
+        # numpy counts what was written, and doesn't say why it wasn't all.
+        reason = error.strerror or "the disk took less than it was given; it may be full"
         raise UserError(
             f"{folder}: cannot be written: {reason}. Nothing was exported; make space there, "
             "or choose another place."

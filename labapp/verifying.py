@@ -27,7 +27,7 @@ _PATIENCE = 60
 _LOOK = 0.1
 """Seconds between looks at whether the person wants no more."""
 
-Checks = subprocess.Popen[bytes]
+_Process = subprocess.Popen[bytes]
 
 
 def verify_record(path: Path, *, as_json: bool) -> bool:
@@ -68,9 +68,7 @@ def verify(
 
 
 @contextmanager
-def _checking(
-    path: Path, patience: int, complaints: IO[bytes]
-) -> Iterator[subprocess.Popen[bytes]]:
+def _checking(path: Path, patience: int, complaints: IO[bytes]) -> Iterator[_Process]:
     """The process that checks a file; it ends with the block, whatever it is doing."""
     command = [sys.executable, "-m", "labapp.record.checks", str(path), str(patience)]
     with subprocess.Popen(
@@ -87,7 +85,7 @@ def _checking(
             process.kill()
 
 
-def _last_line(process: Checks, progress: Progress) -> dict[str, Any]:
+def _last_line(process: _Process, progress: Progress) -> dict[str, Any]:
     """What the checks found, if that is what they said last; tells the progress until then."""
     assert process.stdout is not None
     told: dict[str, Any] = {}

@@ -181,7 +181,10 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class BenchOpened:
-    """What the bench can do. Ranges in metres and seconds; shapes are (rows, columns)."""
+    """What the bench can do. Ranges in metres and seconds; shapes are (rows, columns).
+
+    virtual: whether its clock takes no real time.
+    """
 
     name: str
     devices: tuple[DeviceInfo, ...]
@@ -190,6 +193,7 @@ class BenchOpened:
     exposure_range: tuple[float, float]
     camera_shape: tuple[int, int]
     full_scale: int
+    virtual: bool
 
 
 @dataclass(frozen=True)

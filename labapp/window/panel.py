@@ -10,6 +10,8 @@ class Panel(QWidget):
     """Texts that wrap need more lines the narrower they are, which a dock doesn't ask about."""
 
     def minimumSizeHint(self) -> QSize:
-        least = super().minimumSizeHint()
+        least, layout = super().minimumSizeHint(), self.layout()
+        if layout is None or not layout.hasHeightForWidth():
+            return least
         width = max(self.width(), least.width())
-        return QSize(least.width(), max(least.height(), self.heightForWidth(width)))
+        return least.expandedTo(QSize(0, layout.minimumHeightForWidth(width)))

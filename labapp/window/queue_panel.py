@@ -32,6 +32,7 @@ class QueuePanel(Panel):
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.buttons: dict[str, QToolButton] = {}
         self.table = RunTable(self)
         self.remove = QPushButton("Remove", self)
         self.remove.setToolTip("Take the selected runs that wait out of the line (Del)")
@@ -73,6 +74,7 @@ class QueuePanel(Panel):
             button.setDefaultAction(action)
             button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
             above.addWidget(button, 1)
+            self.buttons[action.objectName()] = button
         below.addWidget(self.remove)
         below.addWidget(self.clear)
         below.addStretch(1)

@@ -93,7 +93,7 @@ class Reports:
         window.devices.show_devices(report.devices)
         window.live_view.set_scale(Scale(report.full_scale))
         window.run.set_frame_shape(report.camera_shape)
-        window.run.times.set_virtual(any(device.simulated for device in report.devices))
+        window.run.times.set_virtual(report.virtual)
         window.message.say(_HINT)
         self._session.opened(report)
 

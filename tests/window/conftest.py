@@ -14,15 +14,23 @@ import pytest
 from eyes import pixels
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QCursor
-from PySide6.QtWidgets import QAbstractSpinBox, QApplication, QComboBox, QLineEdit, QWidget
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QFileDialog,
+    QLineEdit,
+    QTableView,
+    QWidget,
+)
 
 from labapp.window import theme
 from labapp.window.connection import Connection
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import LiveFrame
+from labapp.window.messages import LiveFrame, QueueState, RunInfo
 from labapp.window.remembered import Remembered
 
-_PATIENCE = 15_000
+_PATIENCE = 40_000
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
 
 
@@ -93,6 +101,10 @@ class Person:
             self._qtbot.keyClick(box, Qt.Key.Key_Down)
             assert box.currentIndex() != before, f"{text} is not in the list"
 
+    def selects(self, table: QTableView, row: int) -> None:
+        place = table.visualRect(table.model().index(row, 0)).center()
+        self._qtbot.mouseClick(table.viewport(), Qt.MouseButton.LeftButton, pos=place)
+
     def moves_mouse(self, widget: QWidget, place: QPoint) -> None:
         QCursor.setPos(widget.mapToGlobal(place))
 
@@ -107,10 +119,11 @@ class Person:
 
 
 class Bench:
-    """A window with its engine, and the last frame that came."""
+    """A window with its engine, the last frame that came, and how the queue stands."""
 
-    def __init__(self, folder: Path) -> None:
-        self.connection = Connection()
+    def __init__(self, folder: Path, faults: Path | None = None) -> None:
+        self.folder = folder
+        self.connection = Connection(faults=faults)
         self.window = MainWindow(self.connection, Remembered(folder / "window.ini"))
         self.window.run.folder.setText(str(folder / "runs"))
         self.frames = 0
@@ -128,6 +141,21 @@ class Bench:
 
     def last(self, kind: type) -> Any:
         return next((r for r in reversed(self.reports) if isinstance(r, kind)), None)
+
+    @property
+    def runs(self) -> list[RunInfo]:
+        """As the table in the window has them."""
+        return self.window.queue.table.runs.runs
+
+    @property
+    def states(self) -> list[str]:
+        return [run.state.value for run in self.runs]
+
+    @property
+    def stored(self) -> int:
+        """Frames of the run under way."""
+        run = self.window.session.queue.under_way
+        return run.stored if run else 0
 
 
 @pytest.fixture(scope="session")
@@ -167,6 +195,38 @@ def _as_set(frame: LiveFrame | None) -> bool:
         return False
     found = (frame.target, frame.pattern, round(frame.wavelength * 1e9), frame.exposure)
     return found == ("photograph", "neutral", 550, 0.4)
+
+
+@pytest.fixture
+def own_bench(dark_theme: None, tmp_path: Path, qtbot: Any) -> Iterator[Callable[[str], Bench]]:
+    """Open a window of one's own, on a virtual bench with faults (a fault file's text)."""
+    opened: list[Bench] = []
+
+    def open_(faults: str = "") -> Bench:
+        file = tmp_path / "faults.toml"
+        file.write_text(f"version = 1\n{faults}")
+        opened.append(Bench(tmp_path, file if faults else None))
+        bench = opened[0]
+        qtbot.waitUntil(bench.window.actions_["acquire"].isEnabled, timeout=60_000)
+        return bench
+
+    yield open_
+    for bench in opened:
+        # Nobody is there to answer a question.
+        bench.connection.close()
+        bench.window.session.show_queue(QueueState(()))
+        bench.window.close()
+
+
+@pytest.fixture
+def chosen_file(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Choose this file in the next dialogue for one."""
+
+    def choose(path: Path) -> None:
+        answer = staticmethod(lambda *_: (str(path), ""))
+        monkeypatch.setattr(QFileDialog, "getOpenFileName", answer)
+
+    return choose
 
 
 @pytest.fixture

@@ -1,22 +1,14 @@
 """The stream between window and engine, piece by piece."""
 
 import os
+from threading import Event
 
 import numpy as np
 import pytest
 
 from labapp.window.bracket import Bracket
 from labapp.window.engine.channel import Channel
-from labapp.window.messages import (
-    Acquire,
-    Cancel,
-    CancelHeard,
-    Expose,
-    JobEnded,
-    LiveFrame,
-    Place,
-    Tune,
-)
+from labapp.window.messages import Cancel, CancelHeard, Expose, LiveFrame, Place, Tune
 from labapp.window.stream import Unpacker, pack
 
 
@@ -55,18 +47,23 @@ def hear(end, count):
     return got
 
 
-def test_only_the_newest_of_a_setting_is_obeyed(ends):
+def test_only_the_newest_of_a_setting_is_obeyed_and_cancel_at_once(ends):
     channel, engine_in, engine_out = ends
+    channel.at_once = {Cancel: lambda _: channel.send(CancelHeard())}
     settings = [Tune(nm * 1e-9) for nm in range(500, 600)]
     for message in [Place("star"), *settings, Expose(0.1), Cancel()]:
         os.write(engine_in, pack(message))
-    hear(engine_out, 1)
+    # Nobody has taken a command from the line yet.
+    assert hear(engine_out, 1) == [CancelHeard()]
     assert [channel.take(0) for _ in range(4)] == [Place("star"), settings[-1], Expose(0.1), None]
 
 
-def test_cancel_takes_back_a_run_that_still_waits(ends):
-    channel, engine_in, engine_out = ends
-    run = Acquire({"kind": "constant"}, 5e-7, Bracket(1, 2, 3), Bracket(1, 2, 3), "run.h5")
-    os.write(engine_in, pack(run) + pack(Cancel()))
-    assert hear(engine_out, 2) == [CancelHeard(), JobEnded("run")]
-    assert channel.take(0) is None
+def test_the_end_of_the_window_is_heard(ends):
+    channel, engine_in, _ = ends
+    ended = Event()
+    channel.on_end.append(ended.set)
+    os.write(engine_in, pack(Place("star")))
+    assert channel.take(5) == Place("star")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), engine_in)
+    assert ended.wait(5)
+    assert channel.closed

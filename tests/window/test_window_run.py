@@ -44,6 +44,12 @@ def test_a_bracket_is_acquired_and_reconstructed(bench, person):
     assert ended.state == "COMPLETE"
     assert len(moved) > 3
     assert Path(ended.path).parent == Path(bench.window.run.folder.text())
+    person.waits(lambda: bench.states[-1] == "COMPLETE")
+    run = bench.runs[-1]
+    assert (run.stored, run.planned, run.path) == (22, 22, ended.path)
+    # The virtual bench takes exactly what was planned.
+    assert ended.took == pytest.approx(run.expected)
+    assert bench.window.run.times.text() == "Expected 3 s, took 3 s of bench time"
     with Record(ended.path) as record:
         assert record.state is State.COMPLETE
         assert record.missing() == []
@@ -82,7 +88,8 @@ def test_a_cancelled_run_says_so_in_its_file_and_leaves_the_bench_safe(bench, pe
     person.chooses(bench.window.pattern.form.kind, "Axicon")
     person.presses(Qt.Key.Key_F6)
     person.waits(lambda: bench.frame.target == "dark")
-    assert not bench.window.settings.isEnabled()
+    assert not bench.window.settings.target.isEnabled()
+    assert not bench.window.pattern.show_button.isEnabled()
     # What the devices are set to is read back during the run, too.
     assert bench.window.settings.target_read.text() == "dark"
     person.clicks(bench.window.bar.buttons["cancel"])

@@ -150,4 +150,5 @@ def _opened(bench: Bench) -> BenchOpened:
         exposure_range=bench.camera.exposure_range,
         camera_shape=bench.camera.shape,
         full_scale=bench.camera.full_scale,
+        virtual=not bench.file.is_real,
     )

@@ -110,7 +110,7 @@ class Planner:
 
     def _timing(self, listed: Sequence[Shot]) -> Timing:
         seconds = sum(shot.lasts for shot in listed)
-        return Timing(seconds, len(listed), virtual=self._bench.world is not None)
+        return Timing(seconds, len(listed), virtual=not self._bench.file.is_real)
 
     def _new_path(self, folder: Path, name: str) -> Path:
         """A file named after the moment and the run, that nobody has and no run will have."""

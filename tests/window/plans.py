@@ -1,0 +1,39 @@
+"""Plan files that a person might run from the window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PLAN = """
+version = 1
+title = "{title}"
+{top}
+[patterns.neutral]
+kind = "constant"
+
+[[acquire]]
+targets = {targets}
+patterns = ["neutral"]
+wavelengths_nm = {wavelengths}
+exposures_ms = [1, 8]
+repeats = {repeats}
+"""
+
+
+def write_plan(
+    folder: Path,
+    title: str,
+    *,
+    top: str = "",
+    targets: str = '["dark"]',
+    wavelengths: str = "[550]",
+    repeats: int = 1,
+) -> Path:
+    """A plan of 2 frames a target, wavelength and repeat. top: its first tables."""
+    path = folder / f"{title}.toml"
+    path.write_text(
+        _PLAN.format(
+            title=title, top=top, targets=targets, wavelengths=wavelengths, repeats=repeats
+        )
+    )
+    return path

@@ -1,0 +1,158 @@
+"""The queue by itself: order, hold, what may be taken back; and the time that is left."""
+
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from labapp.window.engine import timing
+from labapp.window.engine.person import Person
+from labapp.window.engine.run import Run
+from labapp.window.engine.run_queue import RunQueue
+from labapp.window.engine.timing import Timing
+from labapp.window.run_state import RunState
+from optics.progress import Cancelled, Progress
+
+
+def make_run(name):
+    timing = Timing(10.0, 5, virtual=True)
+    return Run(name, Path(f"{name}.h5"), lambda **_: None, timing, planned=5, stored=0)
+
+
+@pytest.fixture
+def queue():
+    """Three runs in line."""
+    made = RunQueue(lambda: None)
+    for name in ("one", "two", "three"):
+        made.add(make_run(name))
+    return made
+
+
+def states(queue):
+    return [info.state.value for info in queue.infos()]
+
+
+def test_the_next_run_begins_after_a_complete_one(queue):
+    run = queue.begin()
+    assert states(queue) == ["RUNNING", "WAITING", "WAITING"]
+    queue.end(run, RunState.COMPLETE, "")
+    assert queue.begin().title == "two"
+    assert states(queue) == ["COMPLETE", "RUNNING", "WAITING"]
+
+
+@pytest.mark.parametrize("state", [RunState.CANCELLED, RunState.FAILED])
+def test_after_a_bad_end_the_others_wait_until_somebody_says_so(queue, state):
+    queue.end(queue.begin(), state, "why")
+    assert queue.held.startswith("one ")
+    assert queue.begin() is None
+    queue.add(make_run("four"))
+    assert queue.begin() is None
+    queue.go_on()
+    assert queue.begin().title == "two"
+
+
+def test_the_last_run_holds_nobody(queue):
+    queue.remove([2, 3])
+    queue.end(queue.begin(), RunState.FAILED, "why")
+    assert queue.held == ""
+    queue.add(make_run("four"))
+    assert queue.begin().title == "four"
+
+
+def test_only_runs_that_wait_are_removed_and_only_ended_ones_cleared(queue):
+    queue.end(queue.begin(), RunState.COMPLETE, "")
+    queue.begin()
+    queue.remove([1, 2, 3])
+    assert states(queue) == ["COMPLETE", "RUNNING"]
+    queue.clear()
+    assert states(queue) == ["RUNNING"]
+
+
+def test_who_takes_all_that_wait_out_ends_the_hold(queue):
+    queue.end(queue.begin(), RunState.CANCELLED, "")
+    queue.remove([2, 3])
+    assert queue.held == ""
+
+
+def test_cancel_reaches_the_run_under_way_and_no_other(queue):
+    run = queue.begin()
+    queue.cancel()
+    assert run.progress.cancelled
+    assert states(queue) == ["RUNNING", "WAITING", "WAITING"]
+
+
+def test_cancel_reaches_a_run_that_is_about_to_begin(queue):
+    queue.cancel()
+    assert states(queue) == ["CANCELLED", "WAITING", "WAITING"]
+    assert queue.begin() is None
+    # Nobody is about to begin now.
+    queue.cancel()
+    assert states(queue) == ["CANCELLED", "WAITING", "WAITING"]
+
+
+def test_a_file_is_taken_as_long_as_its_run_has_not_ended(queue):
+    assert queue.has(Path("one.h5"))
+    queue.end(queue.begin(), RunState.CANCELLED, "")
+    assert not queue.has(Path("one.h5"))
+
+
+def test_what_a_run_says_of_its_rest_is_its_state():
+    run = make_run("one")
+    run.begin()
+    run.progress.report(0.5, "dark, neutral, 550 nm, 8 ms (3 s to go, 2 s late)")
+    assert (run.info.state, run.info.message) == ("RUNNING", "dark, neutral, 550 nm, 8 ms")
+    run.pause(True)
+    assert (run.info.state, run.info.pausing) == ("RUNNING", True)
+    run.progress.report(0.5, "PAUSED: paused by the user (3 s to go)")
+    assert (run.info.state, run.info.message) == ("PAUSED", "paused by the user")
+    run.pause(False)
+    assert (run.info.state, run.info.pausing) == ("RUNNING", False)
+
+
+@pytest.mark.parametrize(("virtual", "left"), [(True, 3 * 0.5), (False, 6.0 + 3 * 0.5)])
+def test_what_is_left_follows_from_the_frames_taken(monkeypatch, virtual, left):
+    """Five frames of 2 s of bench time, each half a second longer than that."""
+    now = 100.0
+    monkeypatch.setattr(timing.time, "monotonic", lambda: now)
+    told = Timing(10.0, 5, virtual=virtual)
+    told.begin()
+    assert told.left == (None if virtual else 10.0)
+    now += 30  # patterns are computed, which says nothing about frames
+    told.frame(2.0)
+    now += 0.5 if virtual else 2.5
+    told.frame(2.0)
+    assert told.left == pytest.approx(left)
+    told.rest()
+    now += 1000
+    assert told.left == pytest.approx(left)
+    assert told.elapsed == pytest.approx(1030.5 if virtual else 1032.5)
+
+
+def test_an_answer_to_an_earlier_prompt_is_none():
+    person = Person(lambda: None)
+    progress = Progress()
+    asked = []
+
+    def ask():
+        try:
+            person.ask("Place the star.", progress)
+            asked.append("answered")
+        except Cancelled:
+            asked.append("cancelled")
+
+    for number, end, how in (
+        (1, lambda: person.answer(1), "answered"),
+        (2, progress.cancel, "cancelled"),
+    ):
+        thread = Thread(target=ask)
+        thread.start()
+        while person.prompt is None:
+            pass
+        assert person.prompt.number == number
+        person.answer(number - 1)
+        thread.join(0.2)
+        assert thread.is_alive()
+        end()
+        thread.join()
+        assert asked.pop() == how
+        assert person.prompt is None

@@ -1,0 +1,217 @@
+"""Runs in line: put there, paused, cancelled, removed and resumed, by clicks and keys."""
+
+import numpy as np
+import pytest
+from plans import write_plan
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+
+from labapp.acquisition.state import State
+from labapp.record.reader import Record
+from labapp.window import theme
+from labapp.window.run_state import RunState
+
+_LONG = 400
+"""Repeats of a plan that isn't over before somebody has looked at it."""
+
+
+@pytest.fixture
+def queue(bench, person):
+    """The queue's panel, with nothing in it."""
+    panel = bench.window.queue
+    if panel.clear.isEnabled():
+        person.clicks(panel.clear)
+    person.waits(lambda: bench.runs == [])
+    return panel
+
+
+@pytest.fixture
+def run_plan(bench, chosen_file, tmp_path):
+    """Choose a plan file to run."""
+
+    def run(title, **asked):
+        chosen_file(write_plan(tmp_path, title, **asked))
+        bench.window.actions_["plan"].trigger()
+
+    return run
+
+
+def has_colour(person, table, row, column, name):
+    """Whether the screen shows a colour in a cell of the table."""
+    place = table.visualRect(table.model().index(row, column))
+    seen = person.looks_at(table.viewport())
+    cell = seen[place.top() : place.bottom(), place.left() : place.right()].astype(int)
+    colour = QColor(name)
+    wanted = np.array([colour.red(), colour.green(), colour.blue()])
+    return (np.abs(cell - wanted).max(axis=2) < 12).any()
+
+
+def test_runs_are_taken_one_after_the_other(bench, person, queue, run_plan):
+    run_plan("First of all", repeats=20)
+    run_plan("Second: 2 frames")
+    person.waits(lambda: bench.states == ["RUNNING", "WAITING"])
+    table = queue.table
+    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[RunState.WAITING]))
+    # The next run can be prepared, but the bench is taken.
+    assert bench.window.actions_["acquire"].isEnabled()
+    assert bench.window.pattern.form.isEnabled()
+    assert not bench.window.settings.target.isEnabled()
+    person.waits(lambda: bench.states == ["COMPLETE", "COMPLETE"])
+    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[RunState.COMPLETE]))
+    first, second = bench.runs
+    assert first.path.name.endswith("_first-of-all.h5")
+    assert second.path.name.endswith("_second-2-frames.h5")
+    assert (first.stored, first.planned, second.stored, second.planned) == (40, 40, 2, 2)
+    with Record(first.path) as one, Record(second.path) as two:
+        assert one.state is two.state is State.COMPLETE
+        assert one.end_time <= two.text("start_time")
+    # The queue is through: the person's own settings are back, and the picture is live.
+    person.waits(lambda: bench.frame.target == "photograph" and bench.frame.exposure == 0.4)
+    person.clicks(queue.clear)
+    person.waits(lambda: bench.runs == [])
+
+
+def test_the_same_bracket_twice_goes_to_two_files(bench, person, queue):
+    for row in (bench.window.run.star, bench.window.run.photograph):
+        person.types(row.count, "1")
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.presses(Qt.Key.Key_F6)
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.states == ["COMPLETE", "COMPLETE"])
+    assert bench.runs[0].path != bench.runs[1].path
+    assert bench.window.actions_["reconstruct"].isEnabled()
+
+
+def test_after_a_cancelled_run_the_queue_holds(bench, person, queue, run_plan):
+    run_plan("Too long", repeats=_LONG)
+    run_plan("Not wanted")
+    run_plan("Wanted")
+    person.waits(lambda: bench.stored > 2 and len(bench.runs) == 3)
+    assert not queue.remove.isEnabled()
+    person.selects(queue.table, 1)
+    person.clicks(queue.remove)
+    person.waits(lambda: [run.title for run in bench.runs] == ["Too long", "Wanted"])
+    person.presses(Qt.Key.Key_Escape)
+    person.waits(lambda: bench.states == ["CANCELLED", "WAITING"])
+    person.waits(queue.held.isVisible)
+    assert queue.held_text.text() == "Held: Too long was cancelled. 1 run waits."
+    assert "stopped" in bench.window.devices.text("camera")
+    person.clicks(queue.go_on)
+    person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
+    assert not queue.held.isVisible()
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 2)
+
+
+def test_pause_holds_and_resume_goes_on(bench, person, queue, run_plan, qtbot):
+    pause = bench.window.actions_["pause"]
+    assert not pause.isEnabled()
+    run_plan("Now and then", repeats=_LONG)
+    person.waits(lambda: bench.stored > 2)
+    assert pause.text() == "Pause  F8"
+    person.presses(Qt.Key.Key_F8)
+    person.waits(lambda: bench.states == ["PAUSED"])
+    assert pause.text() == "Resume  F8"
+    assert bench.window.call.text.startswith("PAUSED: paused by the user")
+    person.waits(lambda: has_colour(person, queue.table, 0, 1, theme.RUN_STATES[RunState.PAUSED]))
+    with Record(bench.runs[0].path) as record:
+        assert record.state is State.PAUSED
+    # What was on its way is here.
+    qtbot.wait(300)
+    count = bench.stored
+    qtbot.wait(500)
+    assert bench.stored == count
+    times = bench.window.run.times.text()
+    assert times.startswith("Expected ")
+    assert "elapsed" in times
+    person.clicks(bench.window.call.resume_button)
+    person.waits(lambda: bench.stored > count + 2)
+    assert bench.states == ["RUNNING"]
+    assert bench.window.call.text == ""
+    person.presses(Qt.Key.Key_F8)
+    person.waits(lambda: bench.states == ["PAUSED"])
+    person.clicks(bench.window.bar.buttons["cancel"])
+    person.waits(lambda: bench.states == ["CANCELLED"])
+
+
+_ASKS = """
+[targets.near]
+place = "star"
+prompt = "Place the star at 1.5 m, then press Enter."
+[targets.far]
+place = "star"
+prompt = "Place the star at 3 m, then press Enter."
+"""
+
+
+def test_a_run_asks_and_waits_for_the_answer(bench, person, queue, run_plan):
+    run_plan("Two places", top=_ASKS, targets='["near", "far"]')
+    call = bench.window.call
+    person.waits(lambda: call.text == "Place the star at 1.5 m, then press Enter.")
+    person.waits(lambda: bench.states == ["PAUSED"])
+    assert bench.stored == 0
+    assert (person.looks_at(call) == np.array([0x4A, 0x3A, 0x14])).all(axis=2).mean() > 0.3
+    # Enter in a field is for the field; the next one is for the run.
+    field = bench.window.run.folder
+    field.setFocus()
+    person.types(field, field.text())
+    assert call.text == "Place the star at 1.5 m, then press Enter."
+    person.presses(Qt.Key.Key_Return)
+    person.waits(lambda: call.text == "Place the star at 3 m, then press Enter.")
+    assert bench.stored == 2
+    person.clicks(call.done_button)
+    person.waits(lambda: bench.states == ["COMPLETE"])
+    assert call.text == ""
+
+
+def test_cancel_at_a_prompt_cancels(bench, person, queue, run_plan):
+    run_plan("Two places", top=_ASKS, targets='["near", "far"]')
+    person.waits(lambda: bench.window.call.asks)
+    person.presses(Qt.Key.Key_Escape)
+    person.waits(lambda: bench.states == ["CANCELLED"])
+    assert bench.window.call.text == ""
+    with Record(bench.runs[0].path) as record:
+        assert record.state is State.CANCELLED
+
+
+def test_a_cancelled_run_is_resumed(bench, person, queue, run_plan, chosen_file):
+    run_plan("In two goes", repeats=_LONG // 4)
+    person.waits(lambda: bench.stored > 2)
+    person.presses(Qt.Key.Key_Escape)
+    person.waits(lambda: bench.states == ["CANCELLED"])
+    path, stored = bench.runs[0].path, bench.runs[0].stored
+    chosen_file(path)
+    person.clicks(queue.buttons["resume"])
+    person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
+    again = bench.runs[1]
+    assert (again.path, again.title) == (path, "In two goes")
+    assert again.stored == again.planned == _LONG // 2
+    with Record(path) as record:
+        assert record.state is State.COMPLETE
+        # Only what was missing was taken in the second go.
+        texts = [text for _, text in record.log]
+        assert f"resumed: {record.frames - stored} frames to take" in texts
+
+
+def test_a_plan_that_the_bench_cannot_run_is_refused_before_it_waits(
+    bench, person, queue, run_plan
+):
+    run_plan("Infrared", wavelengths="[1550]")
+    person.waits(lambda: bench.window.message.is_error)
+    assert "Choose 420 to 720 nm" in bench.window.message.text
+    assert bench.runs == []
+
+
+def test_a_wavelength_chosen_during_a_run_is_for_what_follows(bench, person, queue, run_plan):
+    run_plan("At 550 nm", repeats=_LONG)
+    person.waits(lambda: bench.stored > 2)
+    person.types(bench.window.settings.wavelength, "620")
+    count = bench.stored
+    person.waits(lambda: bench.stored > count + 2)
+    assert round(bench.frame.wavelength * 1e9) == 550
+    run_plan("Short")
+    person.presses(Qt.Key.Key_Escape)
+    person.waits(queue.go_on.isVisible)
+    person.clicks(queue.go_on)
+    person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
+    person.waits(lambda: round(bench.frame.wavelength * 1e9) == 620)
