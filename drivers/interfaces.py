@@ -69,7 +69,9 @@ class Device(Protocol):
     """What every device tells and does.
 
     A device whose calls may hang has a method kill() besides: it ends the call that hangs,
-    from any thread, and the device with it.
+    from any thread, and the device with it; __exit__() comes after it. One whose work takes
+    longer than it can document has an attribute `alive_at`, the time.monotonic() at which it
+    last got on: it counts as hanging only its reply time after that.
     """
 
     @property

@@ -217,7 +217,7 @@ class Supervised:
             now = time.monotonic()
             if not heard and cancelled():
                 heard, late, seconds = True, min(late, now + _GRACE), _GRACE
-            if now > late:
+            if now > late and (heard or now > self._alive_until):
                 after = " after it was cancelled" if heard else ""
                 self._give_up(command, done, f"hangs: no answer within {seconds:.1f} s{after}")
         if done.cancelled():
@@ -228,6 +228,15 @@ class Supervised:
         except DeviceError as error:
             error.role = self.role
             raise
+
+    @property
+    def _alive_until(self) -> float:
+        """How long a device that gets on is waited for.
+
+        Only what lies at hand is looked at: its thread is busy, and may hang.
+        """
+        told: float = getattr(self._device, "__dict__", {}).get("alive_at", 0.0)
+        return told + self._reply_time + _MARGIN
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
         """Kill the device if it can be killed, give its thread up if not, and say so."""
@@ -269,10 +278,14 @@ class Supervised:
 
 
 class SupervisedCamera(Supervised):
-    """A camera under watch: an exposure may take as long as it was set to."""
+    """A camera under watch: an exposure may take as long as it was set to.
 
-    def __init__(self, role: str, make: Callable[[], Any]) -> None:
+    pace: seconds of the wall in one of the bench's, where those are longer.
+    """
+
+    def __init__(self, role: str, make: Callable[[], Any], pace: float = 1.0) -> None:
         super().__init__(role, make)
+        self._pace = max(1.0, pace)
         self._frame_time = 0.0
 
     def set_exposure(self, exposure: float) -> Setting[float]:
@@ -292,7 +305,10 @@ class SupervisedCamera(Supervised):
 
         try:
             return self._call(
-                "capture", lambda device: device.capture(stop), self._frame_time, cancelled
+                "capture",
+                lambda device: device.capture(stop),
+                self._frame_time * self._pace,
+                cancelled,
             )
         except BaseException:
             # Broken off, by Ctrl-C for example: the camera, too, needs to wait no longer.

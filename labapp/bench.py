@@ -187,9 +187,13 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
         stack.enter_context(lock_devices(setup.bench))
         watched: dict[str, Supervised] = {}
         for name, table in tables.items():
-            kind = SupervisedCamera if name == "camera" else Supervised
             make = _maker(name, table, surroundings, setup.source)
-            watched[name] = stack.enter_context(kind(name, make))
+            device = (
+                SupervisedCamera(name, make, 1 / speed)
+                if name == "camera"
+                else Supervised(name, make)
+            )
+            watched[name] = stack.enter_context(device)
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,

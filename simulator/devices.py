@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -277,8 +278,8 @@ class SimulatedCamera(_Simulated):
     """A camera whose every picture follows from the state of the world and a seed.
 
     readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
-    beyond the exposure, that a picture may take to be computed; by default 5, and 5 more a
-    megapixel.
+    beyond the exposure, that a step of a picture's computation may take; by default 5, and
+    5 more a megapixel.
     """
 
     model = "simulated camera"
@@ -292,6 +293,7 @@ class SimulatedCamera(_Simulated):
         if reply_s is not None:
             require_positive("reply_s", reply_s, "s")
         self.reply_time = reply_s or 5.0 + 5e-6 * math.prod(self.shape)
+        self.alive_at = 0.0
         self._readout = readout_ms * 1e-3
         self._exposure = 0.01
         self._number = 0
@@ -350,6 +352,7 @@ class SimulatedCamera(_Simulated):
         began, seconds = self._clock.now(), other or self._exposure
 
         def check() -> None:
+            self.alive_at = time.monotonic()
             if cancelled():
                 raise self._refuse("capture", "it was cancelled", "Take it again")
             self._luck.require_alive("capture")

@@ -50,6 +50,7 @@ class Outcome:
     """How a run ended. missing: indices of planned frames that aren't in the record.
 
     expected, took: seconds of the bench's time, without what persons and pauses took.
+    trouble: with the device that ended it, if one did.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class Outcome:
     message: str
     expected: float = 0.0
     took: float = 0.0
+    trouble: DeviceError | None = None
 
 
 def run_plan(
@@ -147,6 +149,7 @@ class _Run:
         self._ask = self._waiting_for(ask) if ask else None
         self._taker = Taker(bench, patterns, plan.seed, plan.retry, self._ask, progress)
         self._done = self._expected = self._took = 0.0
+        self._trouble: DeviceError | None = None
 
     def take(
         self, listed: Sequence[Shot], on_frame: OnFrame | None, *, again: bool = False
@@ -176,7 +179,9 @@ class _Run:
         except (Cancelled, KeyboardInterrupt):
             state = State.CANCELLED
             message = "; ".join(["cancelled by the user", *self._bench.deaths()])
-        except (DeviceError, HookError, UserError, OSError) as error:
+        except DeviceError as error:
+            message, self._trouble = str(error), error
+        except (HookError, UserError, OSError) as error:
             message = str(error)
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
@@ -214,7 +219,7 @@ class _Run:
                 if self._plan.retry.then == "fail":
                     raise
                 self._progress.pause()
-                text = f"{error} Mend it, then let the run go on"
+                text = f"{error}. Mend it, then let the run go on"
                 self._pause(text, lambda: not self._progress.paused)
 
     def _pause(self, message: str, over: Callable[[], bool]) -> None:
@@ -243,10 +248,7 @@ class _Run:
 
     def _report(self, message: str) -> None:
         share = self._done / self._expected if self._expected else 1.0
-        left = self._expected - self._done
-        late = self._took - self._done
-        delay = f", {_spoken(late)} late" if late > max(1.0, 0.05 * self._done) else ""
-        self._progress.report(share, f"{message} ({_spoken(left)} to go{delay})")
+        self._progress.report(share, message)
 
     def _say_last_words(self, state: State, message: str) -> None:
         """Write how the run ended; a full disk may not even take that, and the log says so."""
@@ -268,7 +270,7 @@ class _Run:
             if missing:
                 state, message = State.FAILED, f"{len(missing)} frames don't read back"
             self._writer.set_state(state, message)
-        return Outcome(self._path, state, missing, message, self._done, self._took)
+        return Outcome(self._path, state, missing, message, self._done, self._took, self._trouble)
 
 
 def _require_person(ask: Ask | None, prompts: Sequence[str]) -> None:
@@ -307,12 +309,6 @@ def _describe(shot: Shot) -> str:
     nm, ms = shot.wavelength * 1e9, shot.exposure * 1e3
     role = "" if shot.role in ("light", shot.target) else f"{shot.role}, "
     return f"{role}{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms"
-
-
-def _spoken(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _contents(

@@ -17,7 +17,7 @@ from labapp.acquisition.steps import Shot
 from labapp.bench import Bench
 from labapp.files.plan_file import Retry
 from labapp.record.writer import CorruptFrame
-from optics.progress import Cancelled, Progress
+from optics.progress import Progress
 
 log = logging.getLogger(__name__)
 
@@ -153,10 +153,6 @@ class Taker:
             self._last_number = -1
         except DeviceError as again:
             log.warning("%s", again)
-        except Cancelled:
-            raise
-        except Exception as again:
-            log.warning("%s: could not be opened again: %s", error.role, again)
 
 
 def _colour(shot: Shot) -> str:

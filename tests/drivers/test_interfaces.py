@@ -9,7 +9,7 @@ import pytest
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame, Identity, Seeded, Setting, Surroundings
+from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
 
 def loaded_by(module: str, heavy: list[str]) -> str:
@@ -22,7 +22,17 @@ def loaded_by(module: str, heavy: list[str]) -> str:
 
 
 @pytest.mark.parametrize(
-    "module", ["drivers", "drivers.interfaces", "drivers.ports", "drivers.clock", "drivers.errors"]
+    "module",
+    [
+        "drivers",
+        "drivers.interfaces",
+        "drivers.ports",
+        "drivers.clock",
+        "drivers.errors",
+        "drivers.hosted",
+        "drivers.supervised",
+        "drivers.manual",
+    ],
 )
 def test_importing_drivers_loads_no_tensors_and_no_vendor(module):
     heavy = ["torch", "PySide6", "serial", "usb", "libusb_package", "h5py", "optics", "simulator"]
@@ -90,11 +100,5 @@ def test_what_devices_report_cannot_be_changed_afterwards():
             setattr(record, name, 1)
 
 
-def test_whatever_can_be_reseeded_is_seeded():
-    class Camera:
-        def reseed(self, run, step, frame):
-            pass
-
-    assert isinstance(Camera(), Seeded)
-    assert not isinstance(object(), Seeded)
+def test_without_a_world_a_bench_is_real():
     assert Surroundings(RealClock()).world is None

@@ -819,3 +819,22 @@ def test_a_thread_keeps_no_result():
     gc.collect()
     assert picture() is None
     worker.end()
+
+
+def test_a_device_that_says_that_it_gets_on_is_waited_for(monkeypatch):
+    """Its steps are each in time; all of them together take much longer than one may."""
+    monkeypatch.setattr(supervised, "_MARGIN", 0.05)
+
+    class Slow(Modest):
+        reply_time = 0.5
+        alive_at = 0.0
+
+        def work(self):
+            for _ in range(10):
+                time.sleep(0.1)
+                self.alive_at = time.monotonic()
+            return "done"
+
+    with Supervised("camera", Slow) as device:
+        assert device.work() == "done"
+        assert not device.dead

@@ -38,6 +38,8 @@ class Acquisition:
             outcome = run.take(progress=run.progress, on_frame=on_frame, ask=ask)
         except Cancelled:
             return RunEnded(None, RunState.CANCELLED, 0, "cancelled before the first frame")
+        if outcome.trouble is not None:
+            self._top.blame(outcome.trouble)
         return RunEnded(
             outcome.path,
             RunState(outcome.state.value),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,9 +18,6 @@ Take = Callable[..., Outcome]
 
 _PAUSED = "PAUSED: "
 """How a run begins to say that it rests, and why."""
-
-_TO_GO = re.compile(r" \([^()]* to go[^()]*\)$")
-"""How a run ends what it says: in bench time, which isn't a person's on a virtual bench."""
 
 
 class Run:
@@ -99,7 +95,6 @@ class Run:
 
     def _hear(self, fraction: float, message: str) -> None:
         self._fraction = fraction
-        message = _TO_GO.sub("", message)
         if message.startswith(_PAUSED):
             self.rest(message.removeprefix(_PAUSED))
         else:
