@@ -8,6 +8,18 @@ from drivers.interfaces import Frame
 from labapp.acquisition.steps import Shot
 from labapp.bench import Bench
 
+EXPOSURE_STEP = (20e-6, 0.02)
+"""Seconds, and share, by which an exposure may miss what was asked: cameras count in lines."""
+
+WAVELENGTH_STEP = 0.011e-9
+"""Metres by which a wavelength may miss what was asked: tunable filters count in 0.01 nm."""
+
+
+def fits(exposure: float, asked: float) -> bool:
+    """Whether a camera's exposure in seconds is the nearest to what was asked, or nearly so."""
+    seconds, share = EXPOSURE_STEP
+    return abs(exposure - asked) <= max(seconds, share * asked)
+
 
 @dataclass(frozen=True)
 class Stood:
@@ -32,6 +44,8 @@ def require_honest(frame: Frame, shot: Shot, stood: Stood, bench: Bench) -> floa
     def refuse(role: str, what: str) -> Exception:
         return bench.error(role, f"capture at {stood.exposure * 1e3:g} ms", what)
 
+    if not fits(stood.exposure, shot.exposure):
+        raise refuse("camera", f"{shot.exposure * 1e3:g} ms were asked for")
     if frame.exposure != stood.exposure:
         raise refuse("camera", f"the frame was exposed for {frame.exposure * 1e3:g} ms")
     if frame.number <= stood.last_number:
@@ -44,7 +58,6 @@ def require_honest(frame: Frame, shot: Shot, stood: Stood, bench: Bench) -> floa
     if bench.targets.placed != shot.place:
         raise refuse("targets", f"{bench.targets.placed!r} is placed instead of {shot.place!r}")
     wavelength = bench.filter.wavelength
-    # A tunable filter counts in 0.01 nm.
-    if abs(wavelength - shot.wavelength) > 0.011e-9:
+    if abs(wavelength - shot.wavelength) > WAVELENGTH_STEP:
         raise refuse("filter", f"it stands at {wavelength * 1e9:.2f} nm")
     return wavelength

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.acquisition.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
 from labapp.acquisition.state import ENDED, State
 from labapp.errors import UserError
 from labapp.files.frame_list import frame_list
@@ -36,12 +37,10 @@ _OVERLAP = 1e-6
 """Seconds by which exposures that follow each other may seem to overlap."""
 
 _KEPT = (
-    # Cameras count microseconds.
-    ("exposure", 0.5e-6 * (1 + 1e-9), 1e3, "ms"),
-    # A tunable filter counts in 0.01 nm.
-    ("wavelength", 0.011e-9, 1e9, "nm"),
+    ("exposure", *EXPOSURE_STEP, 1e3, "ms"),
+    ("wavelength", WAVELENGTH_STEP, 0.0, 1e9, "nm"),
 )
-"""Settings, how far they may miss what was asked for, and a unit to say it in."""
+"""Settings, how far and by what share they may miss what was asked, and a unit to say it in."""
 
 Said = tuple[Result, str]
 """A check's result, and the details."""
@@ -181,10 +180,10 @@ class _Checks:
     def _settings(self) -> Said:
         """Whether the frames were taken with the settings that the plan asks for."""
         record, stored = self._record, self._stored()
-        for name, allowed, scale, unit in _KEPT:
+        for name, step, share, scale, unit in _KEPT:
             used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
             # What is no number is wrong, too.
-            if bad := _where(~(np.abs(used - asked) <= allowed)):
+            if bad := _where(~(np.abs(used - asked) <= np.maximum(step, share * asked))):
                 first = f"{used[bad[0]] * scale:g} instead of {asked[bad[0]] * scale:g} {unit}"
                 return "WRONG", f"{name} of frames {frame_list(stored[i] for i in bad)}: {first}"
         if bad := _where(~_is_positive(record.column("gain")[stored])):

@@ -110,12 +110,14 @@ def _fill(file: h5py.File, c: Contents) -> None:
     )
     entry = _group(file, layout.ENTRY, "NXentry")
     entry.attrs["default"] = "data"
-    entry["title"], entry["definition"] = c.title, "labapp_run"
-    entry["seed"], entry["start_time"] = c.seed, now()
-    entry["expected_seconds"] = math.fsum(shot.lasts for shot in c.shots)
+    texts = {"title": c.title, "definition": "labapp_run", "start_time": now()}
     for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
-        entry[name] = json.dumps(getattr(c, name))
-    entry["versions"] = json.dumps(_versions())
+        texts[name] = json.dumps(getattr(c, name))
+    texts["versions"] = json.dumps(_versions())
+    for name, text in texts.items():
+        _write(entry, name, text)
+    entry["seed"] = c.seed
+    entry["expected_seconds"] = math.fsum(shot.lasts for shot in c.shots)
     _allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
     _allocate(entry, "message", np.zeros(1, layout.MESSAGE))
     _allocate(entry, "end_time", np.zeros(1, layout.WHEN))
@@ -124,7 +126,8 @@ def _fill(file: h5py.File, c: Contents) -> None:
     instrument = _group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
         device = _group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
-        device["model"], device["serial"] = identity.model, identity.serial
+        _write(device, "model", identity.model)
+        _write(device, "serial", identity.serial)
         device["simulated"] = identity.simulated
     _fill_patterns(file, c)
     _fill_data(file, c)
@@ -135,14 +138,15 @@ def _fill_patterns(file: h5py.File, c: Contents) -> None:
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
     patterns["images"] = np.concatenate(videos)
-    patterns["names"] = list(c.patterns)
+    _write(patterns, "names", list(c.patterns))
     patterns["first"] = np.cumsum([0, *lengths[:-1]])
     patterns["frames"] = lengths
     times = [c.video_frame if image.ndim == 3 else 0.0 for image in c.patterns.values()]
     patterns["frame_time"] = times
     patterns["frame_time"].attrs["units"] = "s"
-    patterns["sha256"] = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
-    _group(file, "entry/targets", "NXcollection")["names"] = list(c.targets)
+    sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
+    _write(patterns, "sha256", sums)
+    _write(_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
 
 
 def _fill_data(file: h5py.File, c: Contents) -> None:
@@ -174,6 +178,13 @@ def _fill_data(file: h5py.File, c: Contents) -> None:
     data["role"].attrs["names"] = list(layout.ROLES)
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
         axis.label = name
+
+
+def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
+    """Text of a fixed length: HDF5 keeps other text in a heap that hangs it when damaged."""
+    encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
+    kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
+    parent.create_dataset(name, data=np.array(encoded, dtype=kind))
 
 
 def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:

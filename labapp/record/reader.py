@@ -151,6 +151,17 @@ class Record:
         sums = self._texts(f"{layout.PATTERNS}/sha256")
         return dict(zip(self.pattern_names, sums, strict=False))
 
+    def patterns(self) -> dict[str, NDArray[np.uint8]]:
+        """All patterns by name; UserError if one isn't as it was shown."""
+        shown = {name: self.pattern(name) for name in self.pattern_names}
+        for name, known in self.pattern_sums.items():
+            if sha256(shown[name].tobytes()).hexdigest() != known:
+                raise UserError(
+                    f"{self.path}: the pattern {name!r} isn't as it was shown: the file is "
+                    "damaged. Run its plan again."
+                )
+        return shown
+
     def pattern(self, name: str) -> NDArray[np.uint8]:
         """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
         index = self.pattern_names.index(name)

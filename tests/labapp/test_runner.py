@@ -603,3 +603,40 @@ def test_a_hook_sees_the_run_and_its_failure_is_named(plan, bench, tmp_path, mon
     assert outcome.state is State.FAILED
     assert outcome.message == "hook 'noting', after_frame: ValueError: enough"
     assert outcome.missing == list(range(3, 16))
+
+
+def test_a_hook_that_fails_at_the_end_keeps_a_run_from_being_complete(
+    plan, bench, tmp_path, monkeypatch
+):
+    class Late:
+        def after_run(self, state):
+            raise ValueError(f"no place for {state}")
+
+    monkeypatch.setattr(hooks.Hooks, "of", lambda plan, bench: hooks.Hooks([("late", Late())]))
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.FAILED, [])
+    with Record(outcome.path) as record:
+        assert (record.state, record.message) == (State.FAILED, outcome.message)
+    assert outcome.message == "hook 'late', after_run: ValueError: no place for COMPLETE"
+
+
+def test_a_camera_that_sets_quite_another_exposure_is_not_believed(plan, bench, tmp_path):
+    """Steps of a line or two are a camera's way; half of what was asked for isn't."""
+    set_exposure = bench.camera.set_exposure
+    bench.camera.set_exposure = lambda seconds: set_exposure(seconds / 2)
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.FAILED, list(range(16)))
+    assert "capture at 0.5 ms: 1 ms were asked for" in outcome.message
+
+
+def test_a_pattern_that_is_damaged_in_the_record_is_not_shown(small, plan, tmp_path):
+    path = tmp_path / "run.h5"
+    with open_bench(small.bench_files) as bench:
+        run_plan(bench, plan, path)
+    with h5py.File(path, "r+") as file:
+        file["entry/patterns/images"][1, 0, 0] ^= 1
+    with (
+        open_bench(small.bench_files) as bench,
+        pytest.raises(UserError, match="pattern 'lens' isn't as it was shown"),
+    ):
+        resume_run(bench, path)

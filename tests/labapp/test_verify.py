@@ -176,7 +176,7 @@ def bend_axis(file):
         (set_column("stored", 2, 0), "state", "COMPLETE, and yet 1 frames are missing"),
         (alter_pattern, "patterns", "not as they were shown: lens"),
         (set_column("exposure", 4, 0.0025), "settings", "exposure of frames 4: 2.5 instead of 2"),
-        (set_column("exposure", 4, 0.0020006), "settings", "exposure of frames 4"),
+        (set_column("exposure", 4, 0.00205), "settings", "exposure of frames 4"),
         (set_column("exposure", 4, np.nan), "settings", "exposure of frames 4: nan"),
         (set_column("wavelength", 4, 551e-9), "settings", "wavelength of frames 4: 551 instead"),
         (set_column("gain", 4, 0), "settings", "no gain: of frames 4"),

@@ -81,7 +81,7 @@ def bracket_plan(request: Acquire) -> PlanFile:
         "seed": 1,
         "patterns": patterns,
         "acquire": [
-            block("dark", ["neutral"], every, _DARKS),
+            block("dark", ["neutral"], every, _DARKS) | {"role": "dark"},
             block("star", list(patterns), exposures["star"], _STARS),
             block("photograph", list(patterns), exposures["photograph"], 1),
         ],
