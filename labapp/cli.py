@@ -207,7 +207,7 @@ def export(
     look dark in a viewer that doesn't stretch them. Frames that the record lacks are named,
     and the exit code is 1.
     """
-    from labapp.exporting import Choice, export_record
+    from labapp.export import Choice, export_record
 
     export_record(record, to, out, Choice(frames, target, pattern), force=force)
 

@@ -10,8 +10,8 @@ from labapp.bench import BenchFiles, open_bench
 from labapp.console import out, print_json, watched
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
-from labapp.files.writing import make_folder
-from labapp.report import REPORT_FILES, as_data, print_tables, require_free, write_report
+from labapp.files.writing import make_folder, require_free
+from labapp.report import REPORT_FILES, as_data, print_tables, write_report
 from labapp.running import require_complete
 from labapp.stopwatch import Stopwatch
 from optics.progress import Progress

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from labapp.errors import UserError
@@ -19,6 +20,15 @@ def require_writable(path: Path, *, force: bool) -> None:
         raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
     if not os.access(folder, os.W_OK):
         raise UserError(f"{folder}: may not be written to. Choose another place.")
+
+
+def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:
+    """UserError if files would be replaced without leave, or the folder can't be written."""
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"{folder}: is a file. Name a folder.")
+    if folder.is_dir():
+        for name in names:
+            require_writable(folder / name, force=force)
 
 
 def make_folder(folder: Path) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from labapp.analysis import Analysis, analyse
 from labapp.console import out as console
 from labapp.console import print_json, watched
 from labapp.errors import UserError
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import require_free, write_whole
 from labapp.report.tables import as_data, print_tables
 from labapp.stopwatch import Stopwatch
 
@@ -18,7 +17,6 @@ __all__ = [
     "as_data",
     "print_tables",
     "report_record",
-    "require_free",
     "write_report",
 ]
 
@@ -52,12 +50,3 @@ def write_report(analysis: Analysis, folder: Path) -> None:
         write_whole(folder / "report.png", png(overview(analysis)))
         write_whole(folder / "report.html", page(analysis).encode())
     analysis.seconds |= watch.seconds
-
-
-def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:
-    """UserError if files would be replaced without leave, or the folder can't be written."""
-    if folder.exists() and not folder.is_dir():
-        raise UserError(f"{folder}: is a file. Name a folder.")
-    if folder.is_dir():
-        for name in names:
-            require_writable(folder / name, force=force)

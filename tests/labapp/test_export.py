@@ -15,13 +15,12 @@ import pytest
 import tifffile
 
 from drivers.interfaces import Frame, Identity
-from labapp import exporting
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
-from labapp.exporting import KINDS, Choice, export
+from labapp.export import KINDS, Choice, export, naming, ome_tiff
+from labapp.export.ome import NAMESPACE
 from labapp.files.bench_file import BenchFile
 from labapp.files.frame_list import frame_list, read_frame_list
-from labapp.files.ome import NAMESPACE
 from labapp.files.reading import bundled, read_file
 from labapp.record import layout
 from labapp.record.making import Contents, make
@@ -224,7 +223,7 @@ def test_elements_are_in_the_order_of_the_schema(run, folder):
 
 
 def test_much_data_is_a_bigtiff(run, folder, monkeypatch):
-    monkeypatch.setattr(exporting, "_TIFF_LIMIT", 10_000)
+    monkeypatch.setattr(ome_tiff, "_TIFF_LIMIT", 10_000)
     export(run, "ome-tiff", folder)
     with tifffile.TiffFile(folder / "frames.ome.tiff") as file:
         assert file.is_bigtiff
@@ -349,7 +348,7 @@ def test_a_record_without_a_frame_exports_nothing(labapp, tmp_path, folder):
 
 
 def test_long_names_are_cut():
-    name = exporting._plain("µ" * 200)
+    name = naming._plain("µ" * 200)
     assert name == "µ" * 30
 
 
