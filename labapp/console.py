@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -76,17 +77,31 @@ def watched() -> Iterator[Progress]:
             yield progress
 
 
+_WISHES = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def _let_go_of_the_terminal() -> None:
+    """Whoever writes to one that is gone fails; the bench must be left safe all the same."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (1, 2):
+        if os.isatty(stream):
+            os.dup2(nowhere, stream)
+    os.close(nowhere)
+
+
 @contextmanager
 def _cancelling(progress: Progress) -> Iterator[None]:
-    """While the block runs, Ctrl-C and a polite kill ask the progress to stop."""
+    """While the block runs, Ctrl-C, a polite kill and a closed terminal ask it to stop."""
 
     def stop(number: int, frame: Any) -> None:
-        if progress.cancelled:
+        if number == signal.SIGHUP:
+            _let_go_of_the_terminal()
+        elif progress.cancelled:
             raise KeyboardInterrupt
-        say("stopping; Ctrl-C again stops at once")
         progress.cancel()
+        say("stopping; Ctrl-C again stops at once")
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, stop) for number in _WISHES}
     try:
         yield
     finally:

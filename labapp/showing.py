@@ -24,7 +24,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
     out.print(f"[bold]{data['title']}[/bold]  {data['state']}  [yellow]{badge}[/yellow]")
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
-    out.print(f"expected {data['expected_s']:.1f} s of bench time")
+    out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
     if data["retried"]:
         out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
@@ -69,6 +69,7 @@ def describe(record: Record) -> dict[str, Any]:
         "seed": record.seed,
         "start_time": record.text("start_time"),
         "end_time": record.end_time,
+        "clock": record.text("clock"),
         "expected_s": record.expected_seconds,
         "retried": np.flatnonzero(record.column("attempts") > 1).tolist(),
         "groups": _groups(record),

@@ -42,6 +42,7 @@ def contents_of(
         pixel_pitch=bench.description.sensor.pitch,
         video_frame=abilities.video_frame,
         pictures={str(path): digest(path) for path in scene.pictures} if scene else {},
+        clock="real" if bench.file.is_real else "virtual",
         faults=[asdict(fault) for fault in bench.world.faults.script] if bench.world else (),
     )
 

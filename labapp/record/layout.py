@@ -2,6 +2,7 @@
 
 /entry (NXentry)
     title, definition, seed, start_time, expected_seconds      scalars
+    clock            "real", or "virtual" where time moves as the plan says
     end_time, state, message, writer   (1,)  see labapp.acquisition.state; why it ended as it
                      did; who writes: host, process, start of the process (JSON)
     plan, bench, scene, effect_plan, faults, versions          as run (JSON)

@@ -36,7 +36,7 @@ class Contents:
 
     patterns: (rows, columns), or (frames, rows, columns) of a video. video_frame: seconds
     that a frame of a video stands. pixel_pitch: metres. pictures: SHA-256 of the scene's
-    picture files. faults: that a virtual bench was asked to have.
+    picture files. faults: that a virtual bench was asked to have. clock: "real" or "virtual".
     """
 
     title: str
@@ -54,6 +54,7 @@ class Contents:
     video_frame: float = 0.0
     pictures: Mapping[str, str] = field(default_factory=dict)
     faults: Sequence[dict[str, Any]] = ()
+    clock: str = "real"
 
 
 def make(path: Path, contents: Contents, *, force: bool = False) -> None:
@@ -113,6 +114,7 @@ def _fill(file: h5py.File, c: Contents) -> None:
     texts = {"title": c.title, "definition": "labapp_run", "start_time": now()}
     for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
         texts[name] = json.dumps(getattr(c, name))
+    texts["clock"] = c.clock
     texts["versions"] = json.dumps(_versions())
     for name, text in texts.items():
         _write(entry, name, text)

@@ -16,6 +16,7 @@ import pytest
 
 from labapp.acquisition.state import State
 from labapp.figures.durability import differing_arrays
+from labapp.files.reading import bundled
 from labapp.record.reader import Record
 
 PROMPT = """
@@ -198,7 +199,7 @@ def test_keys_pause_a_run_and_let_it_go_on(small, tmp_path):
     assert state_of(path) is State.COMPLETE
 
 
-@pytest.mark.parametrize("wish", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("wish", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_path, wish):
     change(small.plan, SHORT, LONG)
     path = tmp_path / "run.h5"
@@ -212,3 +213,26 @@ def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_p
     done = subprocess.run(command("resume", path), stdin=subprocess.DEVNULL, timeout=60)
     assert done.returncode == 0
     assert state_of(path) is State.COMPLETE
+
+
+def test_the_bundled_faults_are_survived(labapp, small, tmp_path):
+    small.bench.write_text(
+        small.bench.read_text().replace(
+            'driver = "simulated-camera"',
+            'driver = "simulated-camera"\noptions = { reply_s = 0.3 }',
+        )
+    )
+    change(small.plan, SHORT, "exposures_ms = [1, 8]\nrepeats = 2")
+    path = tmp_path / "run.h5"
+    faults = bundled("faults.toml")
+    code, _, errors = labapp(
+        "run", small.plan, *small.arguments(), "--out", path, "--faults", faults
+    )
+    assert code == 0, errors
+    with Record(path) as record:
+        assert [fault["kind"] for fault in record.faults] == [
+            "corrupt frame",
+            "disconnect",
+            "hung",
+        ]
+        assert (record.column("attempts") > 1).sum() == 3

@@ -2,7 +2,7 @@
 
 import pytest
 from conftest import Person
-from plans import write_plan
+from plan_files import write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QMessageBox
 from test_window_trouble import alive

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plans import write_plan
+from plan_files import write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 
