@@ -14,6 +14,7 @@ from labapp.errors import UserError
 from labapp.files.pattern_table import (
     AxiconPattern,
     ConstantPattern,
+    GratingPattern,
     ImagePattern,
     LensPattern,
     Pattern,
@@ -61,6 +62,8 @@ def compute_pattern(
     panel = camera.panel
     if isinstance(spec, ConstantPattern):
         return np.full(panel.shape, spec.grey, dtype=np.uint8)
+    if isinstance(spec, GratingPattern):
+        return _grating(spec, panel.shape)
     if isinstance(spec, ImagePattern):
         return _from_file(folder / spec.file, camera)
     wavelength = spec.wavelength_nm * 1e-9
@@ -124,6 +127,12 @@ def _video(
         part = progress.part(number / spec.length, (number + 1) / spec.length)
         frames.append(compute_pattern(spec.pattern, camera, seed + number, part, folder))
     return np.stack(frames)
+
+
+def _grating(spec: GratingPattern, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    rows, columns = np.indices(shape)
+    stripes = (columns if spec.axis == "x" else rows) // (spec.period_px // 2)
+    return np.where(stripes % 2, spec.high, spec.low).astype(np.uint8)
 
 
 def _from_file(path: Path, camera: Camera) -> NDArray[np.uint8]:

@@ -18,6 +18,22 @@ class ConstantPattern(FileModel):
     grey: Annotated[int, Field(ge=0, le=255)] = 0
 
 
+Grey = Annotated[int, Field(ge=0, le=255)]
+
+
+class GratingPattern(FileModel):
+    """Stripes of two grey levels, equally wide; the light in the centre tells their phase step.
+
+    period_px: of both stripes, in panel pixels. axis: along which the grey levels change.
+    """
+
+    kind: Literal["grating"]
+    period_px: Annotated[int, Field(ge=2, le=4096, multiple_of=2)] = 16
+    low: Grey = 0
+    high: Grey
+    axis: Literal["x", "y"] = "x"
+
+
 class RingPattern(FileModel):
     """A pattern whose PSF is a ring, by Gerchberg-Saxton. Sizes on the sensor."""
 
@@ -53,7 +69,7 @@ class ImagePattern(FileModel):
 
 
 Still = Annotated[
-    ConstantPattern | RingPattern | LensPattern | AxiconPattern | ImagePattern,
+    ConstantPattern | GratingPattern | RingPattern | LensPattern | AxiconPattern | ImagePattern,
     Field(discriminator="kind"),
 ]
 
@@ -88,6 +104,12 @@ class VideoPattern(FileModel):
 
 
 Pattern = Annotated[
-    ConstantPattern | RingPattern | LensPattern | AxiconPattern | ImagePattern | VideoPattern,
+    ConstantPattern
+    | GratingPattern
+    | RingPattern
+    | LensPattern
+    | AxiconPattern
+    | ImagePattern
+    | VideoPattern,
     Field(discriminator="kind"),
 ]
