@@ -99,11 +99,11 @@ def test_a_file_is_taken_as_long_as_its_run_has_not_ended(queue):
 def test_what_a_run_says_of_its_rest_is_its_state():
     run = make_run("one")
     run.begin()
-    run.progress.report(0.5, "dark, neutral, 550 nm, 8 ms (3 s to go, 2 s late)")
+    run.progress.report(0.5, "dark, neutral, 550 nm, 8 ms")
     assert (run.info.state, run.info.message) == ("RUNNING", "dark, neutral, 550 nm, 8 ms")
     run.pause(True)
     assert (run.info.state, run.info.pausing) == ("RUNNING", True)
-    run.progress.report(0.5, "PAUSED: paused by the user (3 s to go)")
+    run.progress.report(0.5, "PAUSED: paused by the user")
     assert (run.info.state, run.info.message) == ("PAUSED", "paused by the user")
     run.pause(False)
     assert (run.info.state, run.info.pausing) == ("RUNNING", False)
