@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +69,7 @@ class RunUnderWay:
         self._hooks, self._progress = hooks, progress
         self._ask = self._waiting_for(ask) if ask else None
         self._taker = Taker(bench, patterns, plan.seed, plan.retry, self._ask, progress)
-        self._done = self._expected = self._took = 0.0
+        self._done = self._expected = self._took = self._rested = 0.0
         self._trouble: DeviceError | None = None
 
     def take(
@@ -123,9 +124,9 @@ class RunUnderWay:
             self._pause("paused by the user", lambda: not self._progress.paused)
         keeper.wait_for_space()
         self._hooks.before_frame(shot)
-        began = self._bench.clock.now()
+        began, rested = self._bench.clock.now(), self._rested
         frame = self._persist(shot, keeper)
-        self._took += self._bench.clock.now() - began
+        self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.lasts
         self._hooks.after_frame(shot, frame)
         if on_frame is not None:
@@ -147,12 +148,22 @@ class RunUnderWay:
         log.warning("paused: %s", message)
         self._writer.set_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")
-        while not over():
-            self._progress.check()
-            time.sleep(_LOOK)
+        with self._resting():
+            while not over():
+                self._progress.check()
+                time.sleep(_LOOK)
         self._taker.forget()
         log.info("goes on")
         self._writer.set_state(State.RUNNING)
+
+    @contextmanager
+    def _resting(self) -> Iterator[None]:
+        """The time of the block is no part of what the run takes."""
+        began = self._bench.clock.now()
+        try:
+            yield
+        finally:
+            self._rested += self._bench.clock.now() - began
 
     def _waiting_for(self, ask: Ask) -> Ask:
         """Ask a person, with the state PAUSED while nobody has answered."""
@@ -160,7 +171,8 @@ class RunUnderWay:
         def asking(text: str, progress: Progress) -> None:
             self._writer.set_state(State.PAUSED, text)
             self._report(text)
-            ask(text, progress)
+            with self._resting():
+                ask(text, progress)
             progress.check()
             self._writer.set_state(State.RUNNING)
 

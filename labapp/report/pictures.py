@@ -21,6 +21,9 @@ _GAMMA = 1 / 2.2
 
 _MOST_PICTURES = 12
 
+_MOST_CURVES = 10
+"""Whose names still fit into a legend."""
+
 
 def png(figure: Figure) -> bytes:
     """A figure as a PNG file."""
@@ -177,18 +180,22 @@ def _radial_mean(picture: Picture) -> Picture:
 
 
 def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
-    """How often each digital number occurs, a line an exposure."""
-    for bracket in brackets:
-        for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True):
-            width = max(counts.size // 256, 1)
-            binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
-            levels = np.arange(binned.size) * width
-            label = f"{bracket.name}, {exposure * 1e3:g} ms"
-            axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
+    """How often each digital number occurs, a line an exposure; of many the first ones."""
+    listed = [
+        (f"{bracket.name}, {exposure * 1e3:g} ms", counts)
+        for bracket in brackets
+        for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True)
+    ]
+    for label, counts in listed[:_MOST_CURVES]:
+        width = max(counts.size // 256, 1)
+        binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
+        levels = np.arange(binned.size) * width
+        axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
+    more = f" (the first {_MOST_CURVES} of {len(listed)})" if len(listed) > _MOST_CURVES else ""
     axes.set_yscale("log")
     axes.set_xlabel("digital number")
     axes.set_ylabel("pixels")
-    axes.set_title("Exposures")
+    axes.set_title(f"Exposures{more}")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
 

@@ -14,6 +14,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.record.reader import Record
 from labapp.record.writer import RecordWriter
+from labapp.report.pictures import histogram_figure
 from optics.progress import Cancelled, Progress
 
 
@@ -136,3 +137,20 @@ def test_a_star_out_of_focus_is_reported_and_not_an_error(labapp, small, tmp_pat
     assert code == 0
     assert "light of the star inside the window" in printed
     assert 0 < analyse(path).psf.inside < 0.95
+
+
+def test_a_report_of_many_brackets_stays_readable(labapp, small, tmp_path):
+    """Twelve brackets of four exposures: their 48 names would leave no room for the curves."""
+    block = {
+        "targets": ["star"],
+        "patterns": ["neutral", "lens"],
+        "wavelengths_nm": [450, 500, 550, 600, 650, 700],
+        "exposures_ms": [1, 2, 4, 8],
+    }
+    path = acquire(small, tmp_path / "run.h5", acquire=[block])
+    code, _, errors = labapp("report", path, "--out", tmp_path)
+    assert (code, errors) == (0, "")
+    figure = histogram_figure(analyse(path))
+    (axes,) = figure.axes
+    assert axes.get_title() == "Exposures (the first 10 of 48)"
+    assert len(axes.get_legend().get_texts()) == 10

@@ -640,3 +640,12 @@ def test_a_pattern_that_is_damaged_in_the_record_is_not_shown(small, plan, tmp_p
         pytest.raises(UserError, match="pattern 'lens' isn't as it was shown"),
     ):
         resume_run(bench, path)
+
+
+def test_what_a_person_takes_is_not_what_the_run_takes(plan, bench, tmp_path):
+    def ask(text, progress):
+        bench.clock.wait_until(bench.clock.now() + 1000, lambda: False)
+
+    outcome = run_plan(bench, changed(plan, targets=PROMPTS), tmp_path / "run.h5", ask=ask)
+    assert outcome.state is State.COMPLETE
+    assert outcome.took == pytest.approx(outcome.expected)
