@@ -21,12 +21,14 @@ _LOOK = 0.05
 class Keyboard:
     """Reads standard input beside a run: p pauses, r goes on, Enter answers a question.
 
-    progress: of the run. Use it as `with listening(progress) as keyboard`.
+    What isn't a terminal is only read for answers, for it may be somebody's else; a terminal
+    only while the run is in its foreground. progress: of the run. Use it as
+    `with listening(progress) as keyboard`.
     """
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._entered = threading.Event()
+        self._asked, self._entered = threading.Event(), threading.Event()
         self._gone = threading.Event()
         self._done = threading.Event()
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
@@ -34,13 +36,17 @@ class Keyboard:
     def wait_for_enter(self, progress: Progress) -> None:
         """Return when Enter is pressed from now on. UserError if nobody ever can."""
         self._entered.clear()
-        while not self._entered.wait(_LOOK):
-            progress.check()
-            if self._gone.is_set() and not self._entered.is_set():
-                raise UserError(
-                    "the run asks a person, and standard input has ended. Run it in a terminal, "
-                    "or with --yes when all is in place."
-                )
+        self._asked.set()
+        try:
+            while not self._entered.wait(_LOOK):
+                progress.check()
+                if self._gone.is_set() and not self._entered.is_set():
+                    raise UserError(
+                        "the run asks a person, and standard input has ended. Run it in a "
+                        "terminal, or with --yes when all is in place."
+                    )
+        finally:
+            self._asked.clear()
 
     def close(self) -> None:
         self._done.set()
@@ -50,7 +56,11 @@ class Keyboard:
         if source is None:
             self._gone.set()
             return
+        terminal = os.isatty(source)
         while not self._done.is_set():
+            if not (_is_ours(source) if terminal else self._wants_answer):
+                self._done.wait(_LOOK)
+                continue
             ready, _, _ = select.select([source], [], [], _LOOK)
             if not ready:
                 continue
@@ -58,19 +68,20 @@ class Keyboard:
             if not pressed:
                 self._gone.set()
                 return
-            self._press(pressed)
-            if pressed == b"\n":
-                # Each question takes one answer: the next line belongs to the next one.
-                while self._entered.is_set() and not self._done.wait(_LOOK):
-                    pass
+            self._press(pressed, terminal)
 
-    def _press(self, key: bytes) -> None:
-        if key in b"pP":
-            self._progress.pause()
-        elif key in b"rR":
-            self._progress.resume()
-        elif key in b"\r\n":
+    @property
+    def _wants_answer(self) -> bool:
+        """Each question takes one line: the next one belongs to the next question."""
+        return self._asked.is_set() and not self._entered.is_set()
+
+    def _press(self, key: bytes, terminal: bool) -> None:
+        if key in b"\r\n":
             self._entered.set()
+        elif terminal and key in b"pP":
+            self._progress.pause()
+        elif terminal and key in b"rR":
+            self._progress.resume()
 
 
 def _standard_input() -> int | None:
@@ -81,11 +92,19 @@ def _standard_input() -> int | None:
         return None
 
 
+def _is_ours(terminal: int) -> bool:
+    """Whether this process is in the terminal's foreground: who reads behind it is stopped."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return False
+
+
 @contextmanager
 def listening(progress: Progress) -> Iterator[Keyboard]:
     """A keyboard whose keys are heard one by one, without Enter, where it is a terminal."""
     source = _standard_input()
-    terminal = source if source is not None and os.isatty(source) else None
+    terminal = source if source is not None and os.isatty(source) and _is_ours(source) else None
     before = termios.tcgetattr(terminal) if terminal is not None else None
     if terminal is not None:
         tty.setcbreak(terminal)
@@ -94,5 +113,5 @@ def listening(progress: Progress) -> Iterator[Keyboard]:
         yield keyboard
     finally:
         keyboard.close()
-        if terminal is not None and before is not None:
+        if terminal is not None and before is not None and _is_ours(terminal):
             termios.tcsetattr(terminal, termios.TCSADRAIN, before)

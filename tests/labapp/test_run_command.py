@@ -168,10 +168,17 @@ def test_prompts_with_nobody_there_fail_the_run_in_words(small, tmp_path):
 
 
 @contextmanager
-def terminal(arguments):
-    """A process on a terminal of its own, and what writes its keys."""
+def terminal(arguments, then="pass"):
+    """A process on a terminal of its own, and what writes its keys. then: what it does first."""
     master, slave = pty.openpty()
-    with subprocess.Popen(arguments, stdin=slave, stdout=slave, stderr=slave) as process:
+    # The terminal becomes the process' own, with it in the foreground, as a shell would do.
+    own = (
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+        f"{then}; os.execv(sys.argv[1], sys.argv[1:])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", own, *arguments], stdin=slave, stdout=slave, stderr=slave
+    ) as process:
         os.close(slave)
         drained = subprocess.Popen(["cat"], stdin=master, stdout=subprocess.DEVNULL)
         try:
@@ -197,6 +204,30 @@ def test_keys_pause_a_run_and_let_it_go_on(small, tmp_path):
         wait_until(lambda: stored(path) > taken)
         assert process.wait(60) == 0
     assert state_of(path) is State.COMPLETE
+
+
+BEHIND = "os.fork() and os._exit(os.waitstatus_to_exitcode(os.wait()[1])); os.setpgid(0, 0)"
+"""Leaves the terminal to the parent, as a shell's & does."""
+
+
+def test_a_run_in_the_background_leaves_the_terminal_alone(small, tmp_path):
+    """Who reads from the terminal behind somebody's back is stopped by the system."""
+    path = tmp_path / "run.h5"
+    with terminal(run(small, path), BEHIND) as (process, press):
+        press(b"p")
+        assert process.wait(60) == 0
+    assert state_of(path) is State.COMPLETE
+
+
+def test_a_run_does_not_eat_what_others_want_to_read(small, tmp_path):
+    """As in a shell's `while read plan; do labapp run ...; done`."""
+    arguments = run(small, tmp_path / "run.h5")
+    script = f"import subprocess, sys; subprocess.run({arguments!r}); print(sys.stdin.read())"
+    done = subprocess.run(
+        [sys.executable, "-c", script], input="stop\nplan\n", capture_output=True, text=True
+    )
+    assert done.stdout.endswith("stop\nplan\n\n")
+    assert state_of(tmp_path / "run.h5") is State.COMPLETE
 
 
 @pytest.mark.parametrize("wish", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
