@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import hosted
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import Hosted
@@ -449,7 +448,7 @@ def test_what_leaving_raises_comes_through_and_the_process_ends():
 
 
 def test_a_process_that_does_not_end_after_its_device_was_left_is_killed(monkeypatch):
-    monkeypatch.setattr(hosted, "_GRACE", 0.5)
+    monkeypatch.setattr("drivers.hosted.process._GRACE", 0.5)
     with opened("HungOnTheWayOut") as device:
         process = device.process
     assert has_ended(process)
@@ -567,11 +566,11 @@ def parent(kind: str, call: str, notes: Path, grace: float) -> subprocess.Popen[
     """A process that hosts a device, says so, and does something with it."""
     code = f"""
 import sys; sys.path[:] = {sys.path!r}
-from drivers import hosted
 from drivers.clock import RealClock
+from drivers.hosted import Hosted, process
 from drivers.interfaces import Surroundings
-hosted._GRACE = {grace}
-device = hosted.Hosted(
+process._GRACE = {grace}
+device = Hosted(
     Surroundings(RealClock()), "camera", "hosted_devices:{kind}", {{"notes": {str(notes)!r}}}
 )
 device.__enter__()

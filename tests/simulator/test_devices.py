@@ -7,7 +7,7 @@ import pytest
 import torch
 from virtual_bench import CAMERA, NEUTRAL, ring_pattern, world
 
-import simulator.devices
+import simulator.devices.camera
 from drivers.errors import DeviceError
 from drivers.interfaces import (
     SLM,
@@ -437,7 +437,7 @@ def test_forced_stages_reach_the_sensor(monkeypatch):
         heard.update(flags)
         return torch.zeros(40, 45, dtype=torch.int32)
 
-    monkeypatch.setattr(simulator.devices, "expose", listen)
+    monkeypatch.setattr(simulator.devices.camera, "expose", listen)
     w = world(forced={"shot noise": False, "read noise": True, "dark current": True})
     photograph(Surroundings(w.clock, w))
     assert heard == {"shot_noise": False, "read_noise": True, "dark_current": True}

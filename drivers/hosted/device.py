@@ -1,0 +1,271 @@
+"""What stands here for a device in another process."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any, Self
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.hosted.channel import FLAGS
+from drivers.hosted.failures import Failure
+from drivers.hosted.flags import replaced
+from drivers.hosted.parcels import Parcel, pack
+from drivers.hosted.process import KILLING, close, reap, start
+
+if TYPE_CHECKING:
+    from drivers.interfaces import Surroundings
+
+_PATIENCE = 0.02
+"""Seconds between looks at whether a call was cancelled."""
+
+_REMEDY = "Look at the device and at what its process wrote, and open it again"
+
+
+class Hosted:
+    """A device in a process of its own: whatever its library does, it can be killed.
+
+    surroundings: of real devices; ValueError if they are virtual. model: the name in errors.
+    factory: "module:attribute" of a callable `factory(surroundings, **options)`, which only
+    the device's process imports. opening: seconds that making it may take at most, and
+    entering it again.
+
+    The constructor starts the process and makes the device: what the factory raises, or its
+    import, comes from here. `__enter__` enters the device: what that raises comes from there.
+    Both raise DeviceError, and the process is killed, if there is no answer in time.
+
+    Public methods and attributes are the device's own, called and read there one at a time,
+    in the process's main thread; attributes can't be set. A call waits for as long as the
+    device takes: whoever can't wait calls `kill()`. Arguments and answers are copies. A
+    callable among a method's arguments (`cancelled`) is asked here every 20 ms, and its place
+    is taken there by one that turns true after it, or when this process is gone.
+
+    Exceptions come back as themselves if they can be pickled and their class is known here,
+    else as DeviceError, which also is what pending and later calls raise when the process has
+    ended. A device that isn't left properly, because this process has ended, is made safe and
+    left by its own process; it has 10 s for that.
+    """
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        model: str,
+        factory: str,
+        options: Mapping[str, Any],
+        *,
+        opening: float = 30.0,
+    ) -> None:
+        began = _start_of(surroundings, model)
+        if not all(factory.partition(":")):
+            raise ValueError(f"factory is {factory!r}; write it as 'module:attribute'")
+        if not opening > 0:
+            raise ValueError(f"opening is {opening} s; it must be positive")
+        self._model, self._opening = model, opening
+        self._names: dict[str, bool] = {}
+        self._lock = threading.RLock()
+        self._busy = self._owed = self._lost = False
+        request = pack(("open", factory, (began, dict(options)), {}))
+        self._channel, self._process = start()
+        self._ended = os.pidfd_open(self._process.pid)
+        self._release = weakref.finalize(self, close, self._channel, self._process, self._ended)
+        with self._or_ended():
+            self._names = self._exchange("open", request, within=opening)
+
+    def __enter__(self) -> Self:
+        with self._or_ended():
+            self._names = self._ask("enter", within=self._opening)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Leave the device and end its process.
+
+        May be called twice, and when the process was killed. DeviceError if it has ended
+        otherwise, and nobody was told yet. The device isn't told of the exception in hand.
+        """
+        if not self._release.alive:
+            return
+        try:
+            if not self._lost:
+                self._ask("leave")
+        finally:
+            with self._lock:
+                self._release()
+
+    def kill(self) -> None:
+        """End the device's process at once; from any thread, and as often as you like.
+
+        A call that another thread waits for raises DeviceError there. The device isn't made
+        safe. `__exit__` is to be called all the same.
+        """
+        self._lost = True
+        self._process.kill()
+        reap(self._process, KILLING)
+
+    def __getattr__(self, name: str) -> Any:
+        # Through __dict__: without names, as in a half-made object, this would ask itself.
+        names: dict[str, bool] = self.__dict__.get("_names", {})
+        if name not in names:
+            raise AttributeError(f"{self.__dict__.get('_model', 'a device')} has no {name!r}")
+        if not names[name]:
+            return self._ask("get", name)
+
+        def forwarded(*arguments: Any, **options: Any) -> Any:
+            return self._ask("call", name, arguments, options)
+
+        return forwarded
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not name.startswith("_"):
+            raise AttributeError(f"{name!r} of a device in another process can't be set")
+        super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._names})
+
+    def _ask(
+        self,
+        command: str,
+        name: str = "",
+        arguments: Sequence[Any] = (),
+        options: Mapping[str, Any] | None = None,
+        within: float = math.inf,
+    ) -> Any:
+        """What the device answers; what can't be sent raises here, and nothing was sent."""
+        watched: list[Callable[[], Any]] = []
+        given = tuple(replaced(value, watched) for value in arguments)
+        named = {key: replaced(value, watched) for key, value in (options or {}).items()}
+        if len(watched) > FLAGS:
+            raise ValueError(f"{name}: {len(watched)} callables; {FLAGS} can be given at most")
+        request = pack((command, name, given, named))
+        return self._exchange(name or command, request, watched, within)
+
+    def _exchange(
+        self,
+        words: str,
+        request: Parcel,
+        watched: Sequence[Callable[[], Any]] = (),
+        within: float = math.inf,
+    ) -> Any:
+        """One request and its answer. words: the command's name in errors."""
+        with self._turn(words):
+            if self._owed:  # to a call that was broken off: nobody wants that answer
+                self._wait(words, (), within)
+                self._receive(words)
+            self._channel.lower()
+            self._send(words, request)
+            try:
+                self._wait(words, watched, within)
+            except BaseException:
+                # By Ctrl-C, for example: the device, too, needs to wait no longer.
+                self._channel.raise_all()
+                raise
+            return self._answer(words, self._receive(words))
+
+    @contextlib.contextmanager
+    def _turn(self, words: str) -> Iterator[None]:
+        with self._lock:
+            if self._busy:
+                raise RuntimeError(f"{self._model}: {words} from within another call of it")
+            if not self._release.alive:
+                raise DeviceError(self._model, words, "it is closed", "Open it again")
+            self._busy = True
+            try:
+                yield
+            finally:
+                self._busy = False
+
+    def _send(self, words: str, request: Parcel) -> None:
+        note = self._channel.write(request)
+        self._owed = True
+        try:
+            self._channel.connection.send(note)
+        except OSError:
+            raise self._death(words) from None
+
+    def _wait(self, words: str, watched: Sequence[Callable[[], Any]], within: float) -> None:
+        """Return when there is an answer, or none will come; see `_receive`."""
+        late = time.monotonic() + within
+        deaf = dict(enumerate(watched))
+        while True:
+            for index in [i for i, turned_true in deaf.items() if turned_true()]:
+                self._channel.raise_flag(index)
+                del deaf[index]
+            patience = _PATIENCE if deaf or late < math.inf else None
+            if wait([self._channel.connection, self._ended], patience):
+                return
+            if time.monotonic() > late:
+                self.kill()
+                reply = f"no answer within {within:g} s; its process was killed"
+                raise DeviceError(self._model, words, reply, _REMEDY)
+
+    def _receive(self, words: str) -> Parcel:
+        try:
+            # An ended process may still have answered; a process of its own that it has
+            # left behind may hold the socket open, so that no end of file comes.
+            if not self._channel.connection.poll(0):
+                raise EOFError
+            note = self._channel.connection.recv()
+        except (EOFError, OSError):
+            raise self._death(words) from None
+        self._owed = False
+        return self._channel.read(note)
+
+    def _answer(self, words: str, parcel: Parcel) -> Any:
+        """The answer itself, or what it says that went wrong."""
+        try:
+            good, answer = parcel.unpacked()
+        except Exception as error:
+            reply = f"its answer can't be read in this process: {error!r}"
+            raise DeviceError(self._model, words, reply, _REMEDY) from error
+        if good:
+            return answer
+        failure: Failure = answer
+        raised = failure.known()
+        if raised is None:
+            raised = DeviceError(self._model, words, failure.said, _REMEDY)
+        raised.add_note(f"In the device's process:\n{failure.trace}")
+        raise raised
+
+    def _death(self, words: str) -> DeviceError:
+        """How the process has ended. One that only has shut its ears is killed."""
+        self._lost = True
+        code = reap(self._process, KILLING)
+        if code is None:
+            self.kill()
+            code = self._process.returncode
+        reply = f"its process ended (exit status {code})"
+        if code is None:
+            reply = "its process was killed, but hangs in the system"
+        elif code < 0:
+            reply = f"its process ended (signal {-code})"
+        return DeviceError(self._model, words, reply, _REMEDY)
+
+    @contextlib.contextmanager
+    def _or_ended(self) -> Iterator[None]:
+        """What fails to open is never left: nobody else would end its process."""
+        try:
+            yield
+        except BaseException as error:
+            # Broken off by Ctrl-C, it may be busy for long; else it waits for a word.
+            if not isinstance(error, Exception):
+                self.kill()
+            with self._lock:
+                self._release()
+            raise
+
+
+def _start_of(surroundings: Surroundings, model: str) -> float:
+    """When the bench's clock started; ValueError if it can't be shown in another process."""
+    if surroundings.world is None and isinstance(surroundings.clock, RealClock):
+        return surroundings.clock.start
+    raise ValueError(
+        f"{model} can't live in a process of its own: the bench's virtual world and its time "
+        "are in this one. Open it in this process, or have only real devices on the bench"
+    )

@@ -1,0 +1,154 @@
+"""Filters: which wavelengths pass, by a tunable filter or by a wheel of fixed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
+from drivers.interfaces import Setting, Slot, Surroundings
+from optics.edge import require_positive
+from simulator.devices.simulated import Simulated, require_duration
+
+
+class SimulatedFilter(Simulated):
+    """A liquid-crystal tunable filter with a Gaussian band.
+
+    range_nm: lowest and highest wavelength. bandwidth_nm: full width at half maximum.
+    settling_ms: time until a new wavelength stands.
+    """
+
+    model = "simulated tunable filter"
+    role = "filter"
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        range_nm: tuple[float, float] = (420.0, 720.0),
+        bandwidth_nm: float = 7.0,
+        settling_ms: float = 50.0,
+    ) -> None:
+        super().__init__(surroundings)
+        if not 0 < range_nm[0] < range_nm[1]:
+            raise ValueError(f"range_nm is {range_nm}; give a lowest and a higher wavelength")
+        require_positive("bandwidth_nm", bandwidth_nm, "nm")
+        require_duration("settling_ms", settling_ms)
+        self._range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
+        self.settling = settling_ms * 1e-3
+        self._world.bandwidth = bandwidth_nm * 1e-9
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]:
+        return self._range
+
+    @property
+    def bandwidth(self) -> float:
+        return self._world.bandwidth
+
+    @property
+    def wavelength(self) -> float:
+        return self._world.wavelength
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]:
+        low, high = self._range
+        self._luck.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
+        if not low <= wavelength <= high:
+            raise self._refuse(
+                f"tune to {wavelength * 1e9:.1f} nm",
+                f"out of range, {low * 1e9:.0f} to {high * 1e9:.0f} nm",
+                "Choose a wavelength in the range",
+            )
+        # A VariSpec resolves 0.01 nm; integer picometres keep the value exact in files.
+        actual = round(wavelength * 1e11) / 1e11
+        self._world.wavelength = actual
+        return Setting(wavelength, actual, self._clock.now() + self.settling)
+
+    def make_safe(self) -> None:
+        self.set_wavelength(self._range[0])
+
+
+class SimulatedWheel(Simulated):
+    """A wheel of interference filters with Gaussian bands.
+
+    slots_nm: centre and full width at half maximum of each slot. step_ms: time that the
+    wheel needs from a slot to the next one; it turns the shorter way.
+    """
+
+    model = "simulated filter wheel"
+    role = "filter"
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        slots_nm: Sequence[tuple[float, float]] = ((450, 10), (532, 10), (550, 10), (633, 10)),
+        step_ms: float = 200.0,
+    ) -> None:
+        super().__init__(surroundings)
+        if not slots_nm:
+            raise ValueError("slots_nm is empty; a wheel has one slot at least")
+        for centre, width in slots_nm:
+            require_positive("slots_nm's centre", centre, "nm")
+            require_positive("slots_nm's width", width, "nm")
+        require_duration("step_ms", step_ms)
+        self._slots = tuple(
+            Slot(f"{centre:g} nm", round(centre * 1e3) * 1e-12, width * 1e-9)
+            for centre, width in slots_nm
+        )
+        self._step = step_ms * 1e-3
+        self.settling = self._step * (len(self._slots) // 2)
+        self._slot = 1
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self._turn_to(1)
+        return self
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        return self._slots
+
+    @property
+    def slot(self) -> int:
+        return self._slot
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]:
+        centres = [slot.wavelength for slot in self._slots]
+        return min(centres), max(centres)
+
+    @property
+    def bandwidth(self) -> float:
+        return self._slots[self._slot - 1].bandwidth
+
+    @property
+    def wavelength(self) -> float:
+        return self._slots[self._slot - 1].wavelength
+
+    def set_slot(self, number: int) -> Setting[int]:
+        self._luck.begin(f"turn to slot {number}", self.reply_time)
+        if not 1 <= number <= len(self._slots):
+            raise self._refuse(
+                f"turn to slot {number}", "no such slot", f"Choose 1 to {len(self._slots)}"
+            )
+        around = abs(number - self._slot)
+        steps = min(around, len(self._slots) - around)
+        self._turn_to(number)
+        return Setting(number, number, self._clock.now() + steps * self._step)
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Turn to the slot whose centre is within a picometre."""
+        for number, slot in enumerate(self._slots, start=1):
+            if abs(slot.wavelength - wavelength) < 1e-12:
+                setting = self.set_slot(number)
+                return Setting(wavelength, slot.wavelength, setting.ready_at)
+        raise self._refuse(
+            f"tune to {wavelength * 1e9:.1f} nm",
+            "no slot passes it",
+            f"Choose one of {', '.join(slot.name for slot in self._slots)}",
+        )
+
+    def make_safe(self) -> None:
+        self.set_slot(1)
+
+    def _turn_to(self, number: int) -> None:
+        self._slot = number
+        self._world.wavelength, self._world.bandwidth = self.wavelength, self.bandwidth

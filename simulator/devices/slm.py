@@ -1,0 +1,74 @@
+"""The panel: the phase that the light is given, as a still or as a video."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Setting, Surroundings
+from optics.edge import require_positive
+from optics.slm import require_grey
+from simulator.devices.simulated import Simulated
+
+
+class SimulatedSLM(Simulated):
+    """A liquid-crystal panel whose pixels are the world's.
+
+    frame_rate_hz: frames of a video in a second.
+    """
+
+    model = "simulated SLM"
+    role = "slm"
+
+    def __init__(self, surroundings: Surroundings, frame_rate_hz: float = 60.0) -> None:
+        super().__init__(surroundings)
+        require_positive("frame_rate_hz", frame_rate_hz, "Hz")
+        self._frame_time = 1 / frame_rate_hz
+        self._shown = "neutral"
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        # Whatever was shown before it was opened.
+        self._world.grey = np.zeros(self.shape, dtype=np.uint8)
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self._world.camera.panel.shape
+
+    @property
+    def shown(self) -> str:
+        return self._shown
+
+    @property
+    def frame_time(self) -> float:
+        return self._frame_time
+
+    @property
+    def settling(self) -> float:  # type: ignore[override]
+        return self._world.camera.panel.settling
+
+    def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
+        return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
+
+    def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
+        if video.ndim != 3 or not len(video):
+            reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
+            raise self._refuse(f"play {identifier}", reply, "Compute it again")
+        return self._present(f"play {identifier}", identifier, video)
+
+    def make_safe(self) -> None:
+        self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
+
+    def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
+        self._luck.begin(command, self.reply_time)
+        try:
+            for grey in frames:
+                require_grey(self._world.camera.panel, grey)
+        except (TypeError, ValueError) as error:
+            raise self._refuse(command, str(error), "Compute it again") from error
+        self._world.play(frames, self._frame_time)
+        self._shown = identifier
+        return Setting(identifier, identifier, self._clock.now() + self.settling)

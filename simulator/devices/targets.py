@@ -1,0 +1,31 @@
+"""The changer of targets: what the light comes from."""
+
+from __future__ import annotations
+
+from drivers.interfaces import Setting
+from simulator.devices.simulated import Simulated
+
+
+class SimulatedTargets(Simulated):
+    """A changer that puts the scene's targets before the camera, one at a time."""
+
+    model = "simulated target changer"
+    role = "targets"
+    by_hand = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._world.scene.targets)
+
+    @property
+    def placed(self) -> str:
+        return self._world.target
+
+    def place(self, name: str) -> Setting[str]:
+        self._luck.begin(f"place {name}", self.reply_time)
+        if name not in self.names:
+            raise self._refuse(
+                f"place {name}", "no such target", f"Choose one of {', '.join(self.names)}"
+            )
+        self._world.target = name
+        return Setting(name, name, self._clock.now())
