@@ -1,0 +1,62 @@
+"""The command line: `labapp --help` teaches it.
+
+Commands import what they need when they run, so that help is instant. They are listed in the
+order in which their modules are imported here.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+# isort: off
+from labapp.cli.app import app
+from labapp.cli import runs, records, optics, plans, bench
+
+# isort: on
+
+__all__ = ["app", "bench", "main", "optics", "plans", "records", "runs"]
+
+
+def main() -> None:
+    """Run the command line; errors are one or two lines, and a traceback with --debug."""
+    debug = "--debug" in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    try:
+        app(args=arguments, prog_name="labapp")
+    except Exception as error:
+        if debug:
+            raise
+        raise SystemExit(_explain(error)) from None
+    except KeyboardInterrupt:
+        if debug:
+            raise
+        raise SystemExit(_explain(KeyboardInterrupt())) from None
+
+
+def _explain(error: BaseException) -> int:
+    """Print an error for a person; the exit code that says what kind it was."""
+    from labapp.console import complain
+    from optics.progress import Cancelled
+
+    if isinstance(error, BrokenPipeError):
+        # Whoever read our output has gone; closing it again would complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    if isinstance(error, Cancelled | KeyboardInterrupt):
+        complain("cancelled")
+        return 130
+    complain(_in_words(error))
+    return 1
+
+
+def _in_words(error: Any) -> str:
+    from drivers.errors import DeviceError
+    from labapp.errors import UserError
+
+    if isinstance(error, UserError | DeviceError | ValueError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'file'}: {error.strerror or error}. Check the path and disk."
+    return f"unexpected {type(error).__name__}: {error}\nAdd --debug to see where, and report it."

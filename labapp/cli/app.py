@@ -1,0 +1,41 @@
+"""The application that the commands belong to."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import labapp
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"labapp {labapp.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def labapp_(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print and exit.")
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error (any command).")
+    ] = False,
+) -> None:
+    """Programmable optics for computational photography.
+
+    A phase-only SLM in front of a camera lens makes the optics programmable. labapp
+    computes its patterns, runs acquisitions on a real or simulated bench, and undoes the
+    coding. Start with **labapp demo**, which needs no hardware, then open
+    **labapp gui**.
+    """

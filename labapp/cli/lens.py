@@ -1,0 +1,103 @@
+"""A lens and a window on its image, as options of a command."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+FocalLength = Annotated[float, typer.Option(help="Of the lens, in metres.")]
+FNumber = Annotated[float, typer.Option(help="Focal length over the stop's diameter.")]
+Focus = Annotated[float, typer.Option(help="Plane in focus, in metres; inf is allowed.")]
+Distance = Annotated[float, typer.Option(help="Of the object, in metres; inf is allowed.")]
+Wavelength = Annotated[float, typer.Option(help="Wavelength in nanometres.")]
+Pitch = Annotated[float, typer.Option(help="Of the sensor's pixels, in micrometres.")]
+Size = Annotated[int, typer.Option(help="Side of the square window, in pixels.")]
+Centre = Annotated[
+    str, typer.Option(metavar="Y,X", help="Of the window, in micrometres from the axis.")
+]
+Blades = Annotated[int, typer.Option(help="Straight blades of the stop; 0: a round one.")]
+Rectangle = Annotated[
+    str | None, typer.Option(metavar="HxW", help="A rectangular stop, in stop diameters: 0.5x0.7.")
+]
+Obscuration = Annotated[
+    float, typer.Option(help="Radius of a central disc that hides the stop, in stop radii.")
+]
+Zernike = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="N,M,NM",
+        help="An aberration by its Zernike polynomial and its root mean square in nanometres; "
+        "repeat for more.",
+    ),
+]
+LensKind = Annotated[
+    str,
+    typer.Option(
+        "--lens",
+        help="thin: quadratic phase. stigmatic: corrected for its plane in focus, sine condition.",
+    ),
+]
+
+
+def _case(
+    focal_length: FocalLength,
+    f_number: FNumber,
+    focus: Focus,
+    distance: Distance,
+    wavelength_nm: Wavelength,
+    pitch_um: Pitch,
+    size: Size,
+    centre: Centre = "0,0",
+    blades: Blades = 0,
+    rectangle: Rectangle = None,
+    obscuration: Obscuration = 0.0,
+    zernike: Zernike = None,
+    lens: LensKind = "thin",
+) -> Any:
+    """The options of a lens and a window, read."""
+    from labapp.asked import Case, read_aberrations, read_stop, read_window
+    from optics.camera import Lens
+
+    stop = read_stop(blades, obscuration, rectangle)
+    kind: Any = lens
+    described = Lens(focal_length, f_number, focus, stop, read_aberrations(zernike or []), kind)
+    window = read_window(size, pitch_um * 1e-6, centre)
+    return Case(described, distance, wavelength_nm * 1e-9, window)
+
+
+def takes_case(**defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Let a command take the options of _case(), and get what they say as its `case`.
+
+    defaults: of the options, where _case() has none.
+    """
+
+    def options(function: Callable[..., Any], **changes: Any) -> list[inspect.Parameter]:
+        hints = get_type_hints(function, include_extras=True)
+        found = inspect.signature(function).parameters.values()
+        return [
+            one.replace(
+                annotation=hints[one.name],
+                default=changes.get(one.name, one.default),
+                kind=inspect.Parameter.KEYWORD_ONLY,
+            )
+            for one in found
+            if one.name != "case"
+        ]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        of_case, own = options(_case, **defaults), options(command)
+
+        def run(**given: Any) -> None:
+            case = _case(**{one.name: given.pop(one.name) for one in of_case})
+            command(case=case, **given)
+
+        # typer reads both.
+        run.__signature__ = inspect.Signature([*of_case, *own])  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in [*of_case, *own]}
+        run.__name__, run.__doc__ = command.__name__, command.__doc__
+        return run
+
+    return decorate

@@ -1,0 +1,136 @@
+"""Commands for the optics engine: a PSF, what accuracy costs, and the figures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.lens import takes_case
+from labapp.cli.options import (
+    BenchOption,
+    ForceOption,
+    JsonOption,
+)
+
+
+@app.command()
+@takes_case(
+    focal_length=0.125,
+    f_number=5.0,
+    focus=2.0,
+    distance=2.0,
+    wavelength_nm=550.0,
+    pitch_um=3.45,
+    size=256,
+)
+def psf(
+    case: Any,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
+    ],
+    tol: Annotated[
+        float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
+    ] = 1e-3,
+    points: Annotated[
+        bool, typer.Option("--points", help="Light at pixel centres, not on whole pixels.")
+    ] = False,
+    method: Annotated[
+        str | None,
+        typer.Option(help="axial, scattered or sampled; none: the cheapest that keeps tol."),
+    ] = None,
+    memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
+    pattern: Annotated[
+        Path | None, typer.Option(help="8-bit picture on the SLM before the lens; none: no SLM.")
+    ] = None,
+    bench: BenchOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
+
+    Without a pattern: a lens with its stop. With one: the panel of the bench file
+    before the lens. Values are shares of the light, one a pixel; a picture of five decades
+    is written beside the data.
+    """
+    one_thread()
+    from labapp.predicting import Asked, predict
+
+    asked = Asked(case, tol, points, method, memory_mb * 1_000_000, pattern, bench)
+    predict(asked, out, force=force, as_json=json)
+
+
+accuracy = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+app.add_typer(accuracy, name="accuracy")
+
+
+@accuracy.callback()
+def accuracy_() -> None:
+    """Show what accuracy costs in time, measured on your machine."""
+    one_thread()
+
+
+def one_thread() -> None:
+    """The libraries that multiply read this once, when they are loaded: it is early enough."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+@accuracy.command("psf")
+@takes_case(
+    focal_length=0.1,
+    f_number=5.6,
+    focus=float("inf"),
+    distance=2.0,
+    wavelength_nm=520.0,
+    pitch_um=3.45,
+    size=256,
+)
+def accuracy_psf_(
+    case: Any,
+    peers: Annotated[
+        bool,
+        typer.Option("--peers", help="Also prysm, poppy, hcipy and torchoptics, where installed."),
+    ] = False,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Rows stored with --json, or 'bundled': name points that became 20 % slower "
+            "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
+        ),
+    ] = None,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure error and time of every method for the PSF of a lens.
+
+    The default case is the one that wave-optics libraries are compared on: 38 waves of
+    defocus. Failures are rows too, and no other row beats one on the front in both time
+    and error.
+    """
+    from labapp.accuracy.command import accuracy_psf
+
+    accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
+
+
+@app.command()
+def figures(
+    only: Annotated[
+        str | None, typer.Option(metavar="WORD", help="Only figures whose name has this word.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure every figure that the README claims, and print it beside its goal."""
+    one_thread()
+    from labapp.figures import print_figures
+
+    print_figures(only, as_json=json)

@@ -1,0 +1,36 @@
+"""Options and arguments that several commands take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+BenchOption = Annotated[
+    Path | None,
+    typer.Option("--bench", help="Bench file (TOML). Default: the bundled virtual bench."),
+]
+SceneOption = Annotated[
+    Path | None,
+    typer.Option("--scene", help="Scene file (TOML) for simulated devices. Default: bundled."),
+]
+ImageOption = Annotated[
+    Path | None,
+    typer.Option("--image", help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."),
+]
+FaultsOption = Annotated[
+    Path | None,
+    typer.Option("--faults", help="Fault file (TOML): what simulated devices shall suffer."),
+]
+SpeedOption = Annotated[
+    float,
+    typer.Option(
+        help="Seconds of a virtual bench's time in a second; 1 is real time.",
+        show_default="as fast as the computer",
+    ),
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
+RecordArgument = Annotated[Path, typer.Argument(metavar="RUN.h5", help="Record of a run.")]
