@@ -297,3 +297,17 @@ def test_an_hdf5_file_of_others_is_refused(path):
         file["data"] = 1
     with pytest.raises(UserError, match="is not a record"):
         Record(path)
+
+
+def test_a_swmr_reader_sees_new_frames_when_it_refreshes(path):
+    """As any SWMR reader does: open once, refresh, read on."""
+    with new(path) as writer:
+        put(writer, 0)
+        with h5py.File(path, "r", libver="latest", swmr=True) as file:
+            stored, images = file["entry/data/stored"], file["entry/data/images"]
+            assert stored[:].tolist() == [1, 0, 0]
+            put(writer, 2)
+            stored.refresh()
+            images.refresh()
+            assert stored[:].tolist() == [1, 0, 1]
+            np.testing.assert_array_equal(images[2], frame(2).image)
