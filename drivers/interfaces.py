@@ -8,6 +8,7 @@ so that settling overlaps.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
@@ -53,6 +54,11 @@ class Frame:
     time: float
     number: int
     checksum: int | None = None
+
+
+def checksum(image: NDArray[np.uint16]) -> int:
+    """CRC-32 of a picture's bytes, row by row."""
+    return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 class Clock(Protocol):

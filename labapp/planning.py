@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import Expected, check, expect, prompts_by_frame
+from labapp.acquisition.checking import Expected, checked_shots, expect, prompts_by_frame
 from labapp.acquisition.keeping import free_bytes, require_space
-from labapp.acquisition.steps import Shot, shots
+from labapp.acquisition.steps import Shot
 from labapp.bench import Bench, BenchFiles, open_bench
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
@@ -83,8 +83,7 @@ def show_plan(
 def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
     """A plan on an open bench; UserError if the bench can't do it. source: the plan's file."""
     abilities = Abilities.of(bench)
-    check(plan, abilities, str(source))
-    listed = shots(plan, abilities)
+    listed = checked_shots(plan, abilities, str(source))
     expected = expect(listed, plan, abilities)
     return Preview(
         plan,

@@ -67,15 +67,15 @@ def resume_file(record: Path, bench: Path | None, faults: Path | None, manner: M
     """Take the frames that a record lacks, on the bench that it was begun on."""
     with Record(record) as opened:
         setup = setup_of(opened, faults)
-        missing = len(opened.missing())
+        missing = opened.missing()
     made_from = setup if bench is None else _with_bench(setup, bench)
     if not manner.as_json:
-        say(f"{record}: {missing} frames to take")
+        say(f"{record}: {len(missing)} frames to take")
     with (
         open_bench(made_from, speed=manner.speed) as opened_bench,
         _attended(manner) as (progress, ask),
     ):
-        outcome = resume_run(opened_bench, record, progress=progress, ask=ask)
+        outcome = resume_run(opened_bench, record, missing=missing, progress=progress, ask=ask)
     _tell(outcome, manner)
     if manner.as_json:
         print_json(_as_data(outcome))

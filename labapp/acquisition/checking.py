@@ -9,7 +9,7 @@ from math import prod
 
 from labapp.acquisition.abilities import Abilities
 from labapp.acquisition.hooks import GROUP
-from labapp.acquisition.steps import Shot, exposures
+from labapp.acquisition.steps import Shot, exposures, shots
 from labapp.errors import UserError
 from labapp.files.plan_file import Acquisition, PlanFile
 from labapp.record.layout import LOG_ROW, MEASURED, PLANNED, log_rows
@@ -90,6 +90,12 @@ def check(plan: PlanFile, abilities: Abilities, source: str) -> None:
         _check_targets(block, plan, abilities, where)
         _check_wavelengths(block, abilities, where)
         _check_exposures(block, plan, abilities, where)
+
+
+def checked_shots(plan: PlanFile, abilities: Abilities, source: str) -> list[Shot]:
+    """Every frame of a plan that the bench can take; UserError as check() says it."""
+    check(plan, abilities, source)
+    return shots(plan, abilities)
 
 
 def _check_hooks(plan: PlanFile, source: str) -> None:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import check, expect
+from labapp.acquisition.checking import checked_shots, expect
 from labapp.acquisition.runner import Outcome, run_plan
 from labapp.acquisition.state import State
-from labapp.acquisition.steps import shots
 from labapp.acquisition.taking import Ask
 from labapp.bench import Bench
 from labapp.errors import UserError
@@ -74,8 +73,7 @@ def _require_all(bench: Bench, requests: Sequence[Request], force: bool) -> list
     for request, path in zip(requests, paths, strict=True):
         if paths.count(path) > 1:
             raise UserError(f"{request.path}: two runs would write it. Give each its own name.")
-        check(request.plan, abilities, request.source)
+        listed = checked_shots(request.plan, abilities, request.source)
         require_writable(request.path, force=force)
-        listed = shots(request.plan, abilities)
         seconds.append(expect(listed, request.plan, abilities).seconds)
     return seconds

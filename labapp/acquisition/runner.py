@@ -7,11 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import check, expect
+from labapp.acquisition.checking import checked_shots, expect
 from labapp.acquisition.contents import contents_of
 from labapp.acquisition.hooks import Hooks
 from labapp.acquisition.keeping import require_space
-from labapp.acquisition.steps import Shot, shots
+from labapp.acquisition.steps import Shot
 from labapp.acquisition.taking import Ask
 from labapp.acquisition.under_way import OnFrame, Outcome, RunUnderWay
 from labapp.bench import Bench
@@ -54,8 +54,7 @@ def run_plan(
     """
     progress, watch = progress or Progress(), watch or Stopwatch()
     abilities = Abilities.of(bench)
-    check(plan, abilities, source)
-    listed = shots(plan, abilities)
+    listed = checked_shots(plan, abilities, source)
     expected = expect(listed, plan, abilities)
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
@@ -75,12 +74,14 @@ def resume_run(
     bench: Bench,
     path: Path,
     *,
+    missing: Sequence[int] | None = None,
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
     ask: Ask | None = None,
 ) -> Outcome:
     """Take the frames that a record lacks, with its own plan, patterns and seed.
 
+    missing: what Record.missing() gives, if it was asked already: it reads the whole file.
     A frame that doesn't read back as it was stored is taken again. Nothing happens to a
     record that is whole. UserError if the bench isn't the one that the run began on, or
     the record is still being written.
@@ -88,10 +89,10 @@ def resume_run(
     progress = progress or Progress()
     abilities = Abilities.of(bench)
     with Record(path) as record:
-        plan, missing = record.plan, record.missing()
+        plan = record.plan
+        missing = record.missing() if missing is None else missing
         patterns = record.patterns()
-        check(plan, abilities, str(path))
-        listed = shots(plan, abilities)
+        listed = checked_shots(plan, abilities, str(path))
         _require_same(record, bench, listed)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])

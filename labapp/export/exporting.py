@@ -25,10 +25,8 @@ _CHECKING = 0.3
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: files in `folder`, frames by index, and which had to be left out."""
+    """What was written: frames by index, and which had to be left out. bits: of the numbers."""
 
-    folder: Path
-    files: list[str]
     frames: list[int]
     not_stored: list[int]
     damaged: list[int]
@@ -61,13 +59,13 @@ def export(
         require_free(folder, names, force=force)
         found, not_stored, damaged = read_back(record, chosen, progress.part(0, _CHECKING))
         work = Work(record, kind, found, progress.part(_CHECKING, 1))
-        files = _write(work, folder) if found else []
-        return Exported(folder, files, found, not_stored, damaged, work.bits)
+        if found:
+            _write(work, folder)
+        return Exported(found, not_stored, damaged, work.bits)
 
 
-def _write(work: Work, folder: Path) -> list[str]:
-    """The files of an export, all of them or none; their names."""
+def _write(work: Work, folder: Path) -> None:
+    """The files of an export, all of them or none."""
     with all_or_none(folder, work.names) as draft:
         WRITERS[work.kind](work, draft)
         write_table(work, draft)
-    return work.names

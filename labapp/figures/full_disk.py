@@ -25,7 +25,6 @@ from labapp.bench import open_bench
 from labapp.figures import Figure
 from labapp.figures.durability import differing_arrays, run_small
 from labapp.figures.small_bench import random_plan, small_setup
-from labapp.files.plan_file import PlanFile
 from labapp.record.reader import Record
 
 _MOMENTS = 50
@@ -99,19 +98,14 @@ def _fill_once(
     reference, path = folder / "whole.h5", disk / "run.h5"
     for file in (reference, path):
         file.unlink(missing_ok=True)
-    frames = len(run_frames(plan, reference))
+    run_small(plan, reference)
+    with Record(reference) as whole:
+        frames = whole.frames
     filler = _Filler(disk, path, reference, int(rng.integers(frames - 1)), rng.random() < 0.5)
     with open_bench(small_setup()) as bench, _blindfolded(not watched):
         outcome = run_plan(bench, plan, path, on_frame=filler.after_frame)
     filler.join()
     return filler.trouble or _judge(outcome, reference, path), filler.pauses
-
-
-def run_frames(plan: PlanFile, path: Path) -> list[int]:
-    """The indices of a plan's frames, taken into a record."""
-    run_small(plan, path)
-    with Record(path) as record:
-        return list(range(record.frames))
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import threading
 import time
@@ -23,6 +22,7 @@ from labapp.bench import BenchSetup, open_bench
 from labapp.figures import Figure
 from labapp.figures.small_bench import small_setup
 from labapp.files.plan_file import PlanFile
+from labapp.files.writing import to_disk
 from labapp.record.reader import Record
 from optics.progress import Progress
 from simulator.devices import SimulatedCamera
@@ -196,7 +196,7 @@ def _plain(path: Path, frames: list[NDArray[np.uint16]]) -> float:
             file.flush()
             if index == 0:
                 began = time.perf_counter()
-        _to_disk(path)
+        to_disk(path)
         seconds = time.perf_counter() - began
     path.unlink()
     return seconds
@@ -209,7 +209,7 @@ def _engine(path: Path, frames: list[NDArray[np.uint16]]) -> float:
 
     def tell(shot: Shot, frame: Frame) -> None:
         if shot.index == _SUSTAINED - 1:
-            _to_disk(path)
+            to_disk(path)
         told.append(time.perf_counter())
 
     with open_bench(small_setup(_BIG, reply_s=60.0)) as bench, _ready_pictures(frames):
@@ -233,11 +233,3 @@ def _ready_pictures(frames: list[NDArray[np.uint16]]) -> Iterator[None]:
         yield
     finally:
         SimulatedCamera._expose = original  # type: ignore[method-assign]
-
-
-def _to_disk(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -41,6 +41,15 @@ def make_folder(folder: Path) -> None:
         ) from error
 
 
+def to_disk(path: Path) -> None:
+    """Return when what was written to a file is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file that takes its name only when it is whole."""
     draft = path.with_name(f".{path.name}.new")

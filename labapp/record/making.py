@@ -24,7 +24,7 @@ from drivers.interfaces import Identity
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
-from labapp.files.writing import require_writable
+from labapp.files.writing import require_writable, to_disk
 from labapp.record import layout, process
 
 _PACKAGES = ("numpy", "scipy", "torch", "h5py")
@@ -69,7 +69,7 @@ def make(path: Path, contents: Contents, *, force: bool = False) -> None:
     try:
         with h5py.File(draft, "w", libver="latest") as file:
             _fill(file, contents)
-        _to_disk(draft)
+        to_disk(draft)
         os.replace(draft, path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
@@ -89,14 +89,6 @@ def _remove_drafts(path: Path) -> None:
         if pid.isdigit() and not Path("/proc", pid).exists():
             with contextlib.suppress(OSError):
                 draft.unlink()
-
-
-def _to_disk(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _fill(file: h5py.File, c: Contents) -> None:

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.interfaces import checksum
 from labapp.acquisition.state import ENDED, State
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
@@ -21,7 +22,6 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.files.scene_file import SceneFile
 from labapp.record import layout, process
-from labapp.record.writer import checksum
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -145,22 +145,24 @@ class Record:
     def pattern_names(self) -> list[str]:
         return self._texts(f"{layout.PATTERNS}/names")
 
-    @property
-    def pattern_sums(self) -> dict[str, str]:
-        """SHA-256 of the grey levels of each pattern, by name, as they were when the run began."""
-        sums = self._texts(f"{layout.PATTERNS}/sha256")
-        return dict(zip(self.pattern_names, sums, strict=False))
+    def changed_patterns(self) -> list[str]:
+        """Names of the patterns that aren't as they were when the run began, by SHA-256."""
+        names = self.pattern_names
+        known = dict(zip(names, self._texts(f"{layout.PATTERNS}/sha256"), strict=False))
+        return [
+            name
+            for name in names
+            if sha256(self.pattern(name).tobytes()).hexdigest() != known.get(name)
+        ]
 
     def patterns(self) -> dict[str, NDArray[np.uint8]]:
         """All patterns by name; UserError if one isn't as it was shown."""
-        shown = {name: self.pattern(name) for name in self.pattern_names}
-        for name, known in self.pattern_sums.items():
-            if sha256(shown[name].tobytes()).hexdigest() != known:
-                raise UserError(
-                    f"{self.path}: the pattern {name!r} isn't as it was shown: the file is "
-                    "damaged. Run its plan again."
-                )
-        return shown
+        if changed := self.changed_patterns():
+            raise UserError(
+                f"{self.path}: the pattern {changed[0]!r} isn't as it was shown: the file is "
+                "damaged. Run its plan again."
+            )
+        return {name: self.pattern(name) for name in self.pattern_names}
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
         """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""

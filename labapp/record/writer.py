@@ -6,7 +6,6 @@ import fcntl
 import os
 import struct
 import time
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +13,8 @@ from typing import Any, Self
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.interfaces import Frame
+from drivers.interfaces import Frame, checksum
 from labapp.acquisition.state import ENDED, State
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
@@ -119,7 +117,9 @@ class RecordWriter:
         """Whether a stored frame is in the file as it was given."""
         place = self._places["images"]
         data = os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
-        return len(data) == place.row_bytes and zlib.crc32(data) == self._get("checksum", index)
+        if len(data) < place.row_bytes:
+            return False
+        return checksum(np.frombuffer(data, place.dtype)) == self._get("checksum", index)
 
     def log(self, time_: float, text: str) -> None:
         """Add a line to the log; when the log is full, its last line is overwritten."""
@@ -160,10 +160,6 @@ class RecordWriter:
         while data:
             written = os.pwrite(self._handle, data, offset)
             data, offset = data[written:], offset + written
-
-
-def checksum(image: NDArray[np.uint16]) -> int:
-    return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 def _place(dataset: h5py.Dataset) -> _Place:

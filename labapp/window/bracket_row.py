@@ -42,10 +42,6 @@ class BracketRow(QObject):
     def bracket(self) -> Bracket:
         return Bracket(self.shortest.value(), self.ratio.value(), self.count.value())
 
-    def set_enabled(self, on: bool) -> None:
-        for box in (self.shortest, self.ratio, self.count):
-            box.setEnabled(on)
-
     def _update(self) -> None:
         times = "  ".join(f"{ms:.6g}" for ms in self.bracket.exposures_ms)
         self.listed.setText(f"{times} ms")

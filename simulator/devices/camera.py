@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.interfaces import Frame, Setting, Surroundings
+from drivers.interfaces import Frame, Setting, Surroundings, checksum
 from optics.edge import require_positive
 from optics.sensor import expose
 from simulator.devices.simulated import Simulated, require_duration
@@ -122,16 +120,12 @@ class SimulatedCamera(Simulated):
         self._luck.require_alive("capture")
         self._number += 1
         image = numbers.numpy().astype(np.uint16)
-        return Frame(image, seconds, sensor.gain, began, self._number, _checksum(image))
+        return Frame(image, seconds, sensor.gain, began, self._number, checksum(image))
 
     def _wrong_exposure(self) -> float:
         """What a camera exposes that hasn't heard of its new setting yet."""
         low, high = self.exposure_range
         return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
-
-
-def _checksum(image: NDArray[np.uint16]) -> int:
-    return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 def _corrupted(frame: Frame) -> Frame:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import check
+from labapp.acquisition.checking import checked_shots
 from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.steps import Shot, shots
+from labapp.acquisition.steps import Shot
 from labapp.bench import Bench
 from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.files.writing import make_folder
 from labapp.record.reader import Record
 from labapp.window.engine.plan import bracket_plan
 from labapp.window.engine.run import Run
@@ -77,9 +78,8 @@ class Planner:
         )
 
     def _planned(self, plan: PlanFile, folder: Path, name: str, source: str, pictures: Path) -> Run:
-        check(plan, self._abilities, source)
-        listed = shots(plan, self._abilities)
-        folder.mkdir(parents=True, exist_ok=True)
+        listed = checked_shots(plan, self._abilities, source)
+        make_folder(folder)
         path = self._new_path(folder, name)
         return Run(
             plan.title,
@@ -97,8 +97,7 @@ class Planner:
         with Record(path) as record:
             title, plan = record.text("title"), record.plan
             missing = set(record.not_stored())
-        check(plan, self._abilities, str(path))
-        listed = shots(plan, self._abilities)
+        listed = checked_shots(plan, self._abilities, str(path))
         return Run(
             title,
             path,
