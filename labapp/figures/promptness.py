@@ -18,7 +18,7 @@ from drivers.interfaces import Frame
 from labapp.acquisition.runner import run_plan
 from labapp.acquisition.state import ENDED, State
 from labapp.acquisition.steps import Shot
-from labapp.bench import BenchSetup, open_bench
+from labapp.bench import Bench, BenchSetup, open_bench
 from labapp.figures import Figure
 from labapp.figures.small_bench import small_setup
 from labapp.files.plan_file import PlanFile
@@ -116,25 +116,34 @@ def _state(path: Path) -> State:
 
 
 def overhead_figure(folder: Path) -> list[Figure]:
-    """The median time from a frame to the next, less the camera's own, 512 x 512 pixels."""
+    """The median time from a frame to the next, less the camera's own, 512 x 512 pixels.
+
+    The first run finds memory that nobody has used yet, which a virtual machine is slow to
+    give, and isn't counted.
+    """
     with open_bench(small_setup((512, 512), reply_s=30.0)) as bench, _timed_camera() as spent:
-        told: list[tuple[float, float]] = []
-        run_plan(
-            bench,
-            plan_of([1, 8, 64, 512], _FRAMES // 4),
-            folder / "overhead.h5",
-            on_frame=lambda shot, frame: told.append((time.perf_counter(), spent[0])),
-        )
-    ends, camera = np.array(told).T
-    overhead = statistics.median((np.diff(ends) - np.diff(camera)).tolist())
+        runs = [_overheads(bench, folder / "overhead.h5", spent) for _ in range(1 + _REPEATS)]
+    overhead = statistics.median(one for run in runs[1:] for one in run)
     return [
         Figure(
             "frame of 512² acknowledged, time beside exposure, settling and image formation",
             f"≤ {_OVERHEAD_GOAL * 1e3:.0f} ms median",
-            f"{overhead * 1e3:.2f} ms, {_FRAMES} frames",
+            f"{overhead * 1e3:.2f} ms, {_REPEATS} x {_FRAMES} frames",
             overhead <= _OVERHEAD_GOAL,
         )
     ]
+
+
+def _overheads(bench: Bench, path: Path, spent: list[float]) -> list[float]:
+    """Seconds of each frame of a run, less those in `spent`, which the camera adds up."""
+    told: list[tuple[float, float]] = []
+    plan = plan_of([1, 8, 64, 512], _FRAMES // 4)
+    run_plan(
+        bench, plan, path, on_frame=lambda shot, frame: told.append((time.perf_counter(), spent[0]))
+    )
+    path.unlink()
+    ends, camera = np.array(told).T
+    return (np.diff(ends) - np.diff(camera)).tolist()
 
 
 @contextmanager
