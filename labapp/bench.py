@@ -26,8 +26,9 @@ from drivers.interfaces import (
     TargetChanger,
 )
 from drivers.supervised import Supervised, SupervisedCamera
+from labapp.calibration.in_force import doubts, summary
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile, DeviceTable
+from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
 from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
@@ -44,9 +45,10 @@ GROUP = "labapp.devices"
 
 @dataclass
 class Bench:
-    """Open devices and the description of the camera that they make up.
+    """Open devices and the description of the camera that they make up, calibrated.
 
-    world is the virtual world behind simulated devices, None without one.
+    world is the virtual world behind simulated devices, None without one. doubts: why the
+    calibration in force may not hold any more, in words.
     """
 
     file: BenchFile
@@ -60,6 +62,7 @@ class Bench:
     targets: TargetChanger
     watched: Mapping[str, Supervised] = field(default_factory=dict)
     """The same devices by name, as those who open them again see them."""
+    doubts: tuple[str, ...] = ()
 
     @property
     def devices(self) -> dict[str, Device]:
@@ -139,7 +142,7 @@ class BenchFiles:
 
     def read(self) -> BenchSetup:
         """UserError names file and key of what is wrong."""
-        bench = read_file(self.bench, BenchFile)
+        bench = read_bench(self.bench)
         faults = read_faults(self.faults) if self.faults else ()
         if not bench.is_virtual:
             if faults:
@@ -181,7 +184,9 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     camera = setup.bench.build_camera()
     # Who waits for one real device can't hurry the simulated ones.
     clock: Clock = RealClock() if setup.bench.is_real else VirtualClock(speed)
-    world = build_world(camera, setup, clock) if setup.scene else None
+    # A calibration is what is known of a world, and changes nothing in it.
+    described = setup.bench.uncalibrated().build_camera()
+    world = build_world(described, setup, clock) if setup.scene else None
     surroundings = Surroundings(clock, world)
     with ExitStack() as stack:
         stack.enter_context(lock_devices(setup.bench))
@@ -204,10 +209,24 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
             watched=watched,
             **opened,
         )
+        bench.doubts = _told_doubts(bench)
         try:
             yield bench
         finally:
             bench.make_safe()
+
+
+def _told_doubts(bench: Bench) -> tuple[str, ...]:
+    """Say which calibration is in force, and warn if it may not hold."""
+    calibration = bench.file.in_force
+    if calibration is None:
+        return ()
+    log.info("%s", summary(calibration))
+    identities = {name: device.identity for name, device in bench.devices.items()}
+    found = tuple(doubts(calibration, bench.file, identities))
+    for doubt in found:
+        log.warning("STALE CALIBRATION: %s", doubt)
+    return found
 
 
 def read_scene(files: BenchFiles) -> SceneFile:
@@ -220,14 +239,18 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
-    """The virtual world of a scene; UserError names the scene file if it can't be."""
+    """The virtual world of a scene; UserError names the scene file if it can't be.
+
+    What the scene knows better than the bench file stays in there.
+    """
     scene = setup.scene
     assert scene is not None
-    targets = scene.build()
+    targets, truth = scene.build(), scene.truth
     try:
         return World(
-            camera,
+            truth.camera(camera) if truth else camera,
             targets,
+            mount=truth.mount.build() if truth else None,
             tol=scene.tol,
             forced=scene.effects,
             clock=clock,

@@ -8,66 +8,13 @@ from typing import Literal
 
 from optics.edge import as_number, require_positive
 from optics.plane import Plane
+from optics.slm.panel import Panel as Panel
+from optics.slm.panel import require_share
 from optics.stop.aperture import Circle, Stop
 from optics.zernike import require_zernike
 
 _FULL_WELL_NOISE = 5.0
 """Standard deviations of read noise by which a full well may read too low."""
-
-
-def _share(name: str, value: float) -> None:
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A phase-only liquid-crystal modulator.
-
-    shape: (rows, columns) of pixels. pitch: metres. fill_factor: share of a pixel's
-    area that modulates. levels: grey levels. max_phase: pairs of (wavelength in
-    metres, phase in radians at the highest grey level). unmodulated: share of the
-    light that leaves the panel unmodulated. reflectivity: share of light that leaves
-    it at all. settling: seconds from a new frame to a phase that stands.
-    The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A.
-    """
-
-    shape: tuple[int, int] = (1080, 1920)
-    pitch: float = 8e-6
-    fill_factor: float = 0.87
-    levels: int = 256
-    max_phase: tuple[tuple[float, float], ...] = (
-        (452e-9, 9.0 * math.pi),
-        (532e-9, 6.7 * math.pi),
-        (633e-9, 5.4 * math.pi),
-    )
-    unmodulated: float = 0.05
-    reflectivity: float = 0.6
-    settling: float = 0.05
-
-    def __post_init__(self) -> None:
-        require_positive("pitch", self.pitch, "m")
-        require_positive("fill_factor", self.fill_factor, "")
-        _share("fill_factor", self.fill_factor)
-        _share("unmodulated", self.unmodulated)
-        _share("reflectivity", self.reflectivity)
-        if not 2 <= self.levels <= 256:
-            raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
-        if not self.max_phase:
-            raise ValueError("max_phase is empty; give the phase range at one wavelength or more")
-        for wavelength, phase in self.max_phase:
-            require_positive("max_phase's wavelength", wavelength, "m")
-            require_positive("max_phase's phase", phase, "rad")
-        Plane(self.shape, (self.pitch, self.pitch))
-
-    @property
-    def plane(self) -> Plane:
-        return Plane(self.shape, (self.pitch, self.pitch))
-
-    @property
-    def active_side(self) -> float:
-        """Side of the square of a pixel that modulates, in metres."""
-        return math.sqrt(self.fill_factor) * self.pitch
 
 
 @dataclass(frozen=True)
@@ -209,4 +156,4 @@ class Camera:
     transmission: float = 0.6
 
     def __post_init__(self) -> None:
-        _share("transmission", self.transmission)
+        require_share("transmission", self.transmission)

@@ -48,6 +48,18 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 
 @tensors_inside
+def shape_error(psf: torch.Tensor, target: torch.Tensor) -> float:
+    """NRMSE |PSF - c target| / |c target| with the best c, over the target's window."""
+    _require_alike(psf=psf, target=target)
+    _require_light(target)
+    seen, wanted = psf.to(torch.float64), target.to(torch.float64)
+    best = float((seen * wanted).sum() / wanted.square().sum())
+    if not best > 0:
+        raise ValueError("psf sends no light where the target is bright; its error is 0 / 0")
+    return float((seen - best * wanted).norm() / (best * wanted.norm()))
+
+
+@tensors_inside
 def relative_error(value: torch.Tensor, truth: torch.Tensor) -> float:
     """Relative L2 error without a fitted scale: |value - truth| / |truth|."""
     _require_alike(value=value, truth=truth)

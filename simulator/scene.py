@@ -10,7 +10,7 @@ import torch
 
 from optics.camera import Camera
 from optics.edge import require_finite, require_positive
-from optics.formation import spectrum_of_disc, spectrum_of_samples
+from optics.formation import frequencies, spectrum_of_disc, spectrum_of_samples
 from optics.plane import Plane, centred_crop, centred_pad
 
 _PRIMARIES = (610e-9, 540e-9, 450e-9)
@@ -35,25 +35,46 @@ class Dark:
 
 @dataclass(frozen=True)
 class Star:
-    """An artificial star on the axis: a lit pinhole (thesis §3.4).
+    """An artificial star: a lit pinhole (thesis §3.4).
 
-    diameter, distance: metres. radiance: W / (sr m² m).
+    diameter, distance: metres. radiance: W / (sr m² m). offset: (y, x) metres from the axis to
+    it; like a print it stands upright in the picture, y down the rows.
     """
 
     diameter: float
     distance: float
     radiance: float
+    offset: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_positive("diameter", self.diameter, "m")
         require_positive("distance", self.distance, "m")
         _require_radiance(self.radiance)
+        if not all(math.isfinite(part) for part in self.offset):
+            raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
 
     def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
-        """Of its geometric image: a disc whose samples count one where it covers them."""
-        size = self.diameter * camera.lens.image_distance / self.distance
+        """Of its geometric image: a disc whose samples count one where it covers them.
+
+        One that isn't wholly on the plane is too far off to be seen.
+        """
+        scale = camera.lens.image_distance / self.distance
+        size, (y, x) = self.diameter * scale, (part * scale for part in self.offset)
         samples = torch.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
-        return spectrum_of_disc(plane, size, samples)
+        spectrum = spectrum_of_disc(plane, size, samples)
+        if not (y or x):
+            return spectrum
+        if not _holds(plane, y, x, size / 2):
+            return torch.zeros_like(spectrum)
+        fy, fx = frequencies(plane)
+        turns = fy * y + fx * x
+        return spectrum * torch.polar(torch.ones_like(turns), -2 * math.pi * turns)
+
+
+def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
+    """Whether what reaches so far around a point lies within a plane."""
+    halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+    return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -116,10 +116,13 @@ def _timed(call: Callable[[], Any]) -> tuple[float, float]:
             return spent / count, (time.perf_counter() - wall) / count
 
 
-def mark_front(rows: Sequence[Row]) -> list[Row]:
+R = TypeVar("R", bound=Row)
+
+
+def mark_front(rows: Sequence[R]) -> list[R]:
     """The rows with those marked that no other beats in both time and error."""
 
-    def beaten(row: Row) -> bool:
+    def beaten(row: R) -> bool:
         return any(_price(other) < _price(row) and _error(other) < _error(row) for other in rows)
 
     return [replace(row, on_front=not row.failure and not beaten(row)) for row in rows]

@@ -12,11 +12,11 @@ from typing import Any
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import runs, records, optics, plans, bench
+from labapp.cli import runs, records, calibrate, optics, patterns, plans, bench
 
 # isort: on
 
-__all__ = ["app", "bench", "main", "optics", "plans", "records", "runs"]
+__all__ = ["app", "bench", "calibrate", "main", "optics", "patterns", "plans", "records", "runs"]
 
 
 def main() -> None:

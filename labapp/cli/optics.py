@@ -122,6 +122,43 @@ def accuracy_psf_(
     accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
 
 
+@accuracy.command("retrieval")
+def accuracy_retrieval_(
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="Shape of the PSF, as for labapp retrieve.")
+    ] = "spiral",
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as for labapp retrieve."),
+    ] = None,
+    wavelength_nm: Annotated[
+        float, typer.Option("--wavelength-nm", help="For which the pattern is made.")
+    ] = 550.0,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of a video whose mean counts.")] = 1,
+    budget: Annotated[
+        float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
+    ] = 10.0,
+    bench: BenchOption = None,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw quality against time (.png, .svg).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure quality and time of every method that finds patterns, for a target.
+
+    The thesis' own program is among them. There is no right answer: efficiency, speckle and
+    the error of the shape are measured, and no other row beats one on the front in both time
+    and error. What doesn't serve the target is a row too.
+    """
+    from labapp.accuracy.retrieval import accuracy_retrieval, asked_goal
+
+    goal, name = asked_goal(target, keys or [], wavelength_nm, bench)
+    accuracy_retrieval(goal, name, frames=frames, budget=budget, data=json, plot=plot, force=force)
+
+
 @app.command()
 def figures(
     only: Annotated[

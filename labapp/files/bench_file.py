@@ -2,44 +2,20 @@
 
 from __future__ import annotations
 
-import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from labapp.files.reading import FileModel
-from optics.camera import Camera, Lens, Panel, Sensor
+from labapp.errors import UserError
+from labapp.files.calibration_file import CalibrationFile
+from labapp.files.panel_file import PanelTable, with_panel
+from labapp.files.reading import FileModel, read_file, validate
+from optics.camera import Camera, Lens, Sensor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
-
-
-class PanelTable(FileModel):
-    """The modulator. max_phase_pi: wavelength in nm to highest phase in units of pi."""
-
-    model: str
-    width: Count
-    height: Count
-    pitch_um: Positive
-    fill_factor: Annotated[float, Field(gt=0, le=1)]
-    levels: Annotated[int, Field(ge=2, le=256)] = 256
-    unmodulated: Share
-    reflectivity: Share
-    settling_ms: Annotated[float, Field(ge=0)]
-    max_phase_pi: dict[Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")], Positive]
-
-    def build(self) -> Panel:
-        return Panel(
-            shape=(self.height, self.width),
-            pitch=self.pitch_um * 1e-6,
-            fill_factor=self.fill_factor,
-            levels=self.levels,
-            max_phase=tuple((float(nm) * 1e-9, p * math.pi) for nm, p in self.max_phase_pi.items()),
-            unmodulated=self.unmodulated,
-            reflectivity=self.reflectivity,
-            settling=self.settling_ms * 1e-3,
-        )
 
 
 class LensTable(FileModel):
@@ -125,7 +101,11 @@ class DevicesTable(FileModel):
 
 
 class BenchFile(FileModel):
-    """A bench: devices bound to a camera description."""
+    """A bench: devices bound to a camera description.
+
+    calibration: a file that `labapp calibrate` wrote, or what is in it; what it found counts
+    more than the description.
+    """
 
     version: Literal[1]
     name: str
@@ -134,6 +114,7 @@ class BenchFile(FileModel):
     lens: LensTable
     sensor: SensorTable
     devices: DevicesTable
+    calibration: str | CalibrationFile | None = None
 
     @property
     def is_virtual(self) -> bool:
@@ -145,5 +126,53 @@ class BenchFile(FileModel):
         """Whether a device is real, so that time is the wall's."""
         return not all(table.is_simulated for table in self.devices.tables.values())
 
+    @property
+    def in_force(self) -> CalibrationFile | None:
+        """The calibration that counts; UserError if its file can't be read."""
+        if isinstance(self.calibration, str):
+            return read_file(Path(self.calibration), CalibrationFile)
+        return self.calibration
+
+    def uncalibrated(self) -> BenchFile:
+        """The bench as it is described."""
+        return self.model_copy(update={"calibration": None})
+
     def build_camera(self) -> Camera:
-        return Camera(self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission)
+        """The camera as it is described, and calibrated; UserError if the two don't fit."""
+        described = Camera(
+            self.panel.build(), self.lens.build(), self.sensor.build(), self.transmission
+        )
+        calibration = self.in_force
+        if calibration is None:
+            return described
+        try:
+            return calibration.applied_to(described)
+        except ValueError as error:
+            raise UserError(
+                f"the calibration of {calibration.date:%Y-%m-%d} is not of this panel: {error}. "
+                "Calibrate this bench, or remove the key 'calibration' from its file."
+            ) from error
+
+
+class _Unread(FileModel):
+    """A file's plain data."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def read_bench(path: Path) -> BenchFile:
+    """A bench file; its panel may be a file of its own, as in `panel = { file = "mine.toml" }`.
+
+    The name of a bundled panel does as well (see labapp.files.panel_file), and keys beside
+    `file` count more than the file's. The panel's own files are looked for beside the file that
+    names them; the answer holds what is in them, or absolute paths of pictures, so that a
+    record of it can be read again. So it is with the file of a calibration. UserError names
+    file, key, value and rule.
+    """
+    folder = path.resolve().parent
+    data = with_panel(read_file(path, _Unread).model_dump(), folder, str(path))
+    bench = validate(data, BenchFile, str(path))
+    found: dict[str, Any] = {"panel": bench.panel.found_in(folder)}
+    if isinstance(bench.calibration, str):
+        found["calibration"] = read_file(folder / bench.calibration, CalibrationFile)
+    return bench.model_copy(update=found)

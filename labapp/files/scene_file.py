@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.files.reading import FileModel, read_picture
+from labapp.files.truth_table import TruthTable
 from simulator.scene import Dark, Flat, Photograph, Scene, Star, Target
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Distance = Annotated[float, Field(gt=0)]
 
 
@@ -26,15 +28,22 @@ class DarkTable(FileModel):
 
 
 class StarTable(FileModel):
-    """A lit pinhole. radiance: W / (sr m² nm)."""
+    """A lit pinhole. radiance: W / (sr m² nm).
+
+    offset_um: [y, x] from the axis to the pinhole, as in the upright picture.
+    """
 
     kind: Literal["star"]
     diameter_um: Positive
     distance_m: Distance
     radiance: Positive
+    offset_um: tuple[Finite, Finite] = (0.0, 0.0)
 
     def build(self) -> Target:
-        return Star(self.diameter_um * 1e-6, self.distance_m, self.radiance * 1e9)
+        y, x = self.offset_um
+        return Star(
+            self.diameter_um * 1e-6, self.distance_m, self.radiance * 1e9, (y * 1e-6, x * 1e-6)
+        )
 
 
 class FlatTable(FileModel):
@@ -75,7 +84,8 @@ class SceneFile(FileModel):
     """Named targets, and how exactly they are simulated.
 
     tol: relative error of the mean picture that effects may be left out for.
-    effects: effects that are on or off whatever their size.
+    effects: effects that are on or off whatever their size. truth: what the bench really is,
+    where that differs from the bench file.
     """
 
     version: Literal[1]
@@ -83,6 +93,7 @@ class SceneFile(FileModel):
     tol: Annotated[float, Field(gt=0, lt=1)] = 1e-2
     effects: dict[str, bool] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]
+    truth: TruthTable | None = None
 
     def build(self) -> Scene:
         """The scene; UserError if a picture can't be read."""

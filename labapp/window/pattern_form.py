@@ -1,6 +1,8 @@
-"""The numbers that make a pattern: one page a kind, in a plan file's own words."""
+"""What makes a pattern: one page a kind, in a plan file's own words."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
@@ -17,43 +19,29 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.messages import PatternTable
+from labapp.window.pattern_kinds import KINDS, Field, Kind, Number, PictureFile
 
-_KINDS = {
-    "constant": "Neutral",
-    "ring": "Ring",
-    "lens": "Fresnel lens",
-    "axicon": "Axicon",
-    "image": "Image file",
-}
-_NUMBERS: dict[str, tuple[tuple[str, str, str, float, float, float], ...]] = {
-    "constant": (),
-    "ring": (
-        ("radius_um", "Radius", " µm", 1, 2000, 80),
-        ("width_um", "Width", " µm", 0.5, 500, 8),
-    ),
-    "lens": (("focal_length_m", "Focal length", " m", -1000, 1000, 20),),
-    "axicon": (("radius_um", "Radius", " µm", 1, 5000, 80),),
-}
-"""Key in the plan file, label, unit, lowest, highest and first value."""
-
-_FOR_ONE_WAVELENGTH = ("ring", "lens", "axicon")
+_FILES = "Pictures and designs (*.png *.tif *.tiff *.bmp *.jpg *.h5)"
 
 
 class PatternForm(QWidget):
-    """Chooses a kind of pattern and its sizes. changed: something was chosen."""
+    """Chooses a kind of pattern and its sizes. changed: something was chosen.
+
+    numbers, texts: the fields, by kind and key.
+    """
 
     changed = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.kind = QComboBox(self)
+        self.kind.setMaxVisibleItems(len(KINDS))
         self.numbers: dict[tuple[str, str], QDoubleSpinBox] = {}
-        self.file = QLineEdit(self, placeholderText="8-bit picture of the panel's size")
-        self.browse = QPushButton("Browse …", self)
+        self.texts: dict[tuple[str, str], QLineEdit] = {}
         self._pages = QStackedWidget(self)
-        for kind, title in _KINDS.items():
-            self.kind.addItem(title, kind)
-            self._pages.addWidget(self._file_page() if kind == "image" else self._page(kind))
+        for kind in KINDS:
+            self.kind.addItem(kind.title, kind.name)
+            self._pages.addWidget(self._page(kind))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(4)
@@ -61,54 +49,85 @@ class PatternForm(QWidget):
         layout.addWidget(self._pages)
         self.kind.currentIndexChanged.connect(self._pages.setCurrentIndex)
         self.kind.currentIndexChanged.connect(lambda _: self.changed.emit())
-        self.file.editingFinished.connect(self.changed)
-        self.browse.clicked.connect(self._choose_file)
         # The first bracket of a newcomer shall code something.
         self.choose("ring")
 
+    @property
+    def file(self) -> QLineEdit:
+        """The path of an image pattern."""
+        return self.texts["image", "file"]
+
+    @property
+    def lacks(self) -> str:
+        """What has to be given before there is a pattern; empty if nothing."""
+        kind = self._chosen
+        for field in kind.fields:
+            if isinstance(field, Number) or self.texts[kind.name, field.key].text():
+                continue
+            return "choose a picture file" if isinstance(field, PictureFile) else "type some text"
+        return ""
+
     def table(self, wavelength_nm: float) -> PatternTable:
         """The pattern as a plan file writes it, designed for a wavelength."""
-        kind = self.kind.currentData()
-        table: PatternTable = {"kind": kind}
-        if kind == "image":
-            table["file"] = self.file.text()
-        for key, *_ in _NUMBERS.get(kind, ()):
-            table[key] = round(self.numbers[kind, key].value(), 3)
-        if kind in _FOR_ONE_WAVELENGTH:
-            table["wavelength_nm"] = round(wavelength_nm, 2)
-        return table
+        kind = self._chosen
+        table = kind.table({field.key: self._value(kind, field) for field in kind.fields})
+        return table | {"wavelength_nm": round(wavelength_nm, 2)} if kind.coded else table
 
     def choose(self, kind: str) -> None:
         index = self.kind.findData(kind)
         if index >= 0:
             self.kind.setCurrentIndex(index)
 
-    def _page(self, kind: str) -> QWidget:
+    @property
+    def _chosen(self) -> Kind:
+        return KINDS[self.kind.currentIndex()]
+
+    def _value(self, kind: Kind, field: Field) -> Any:
+        if not isinstance(field, Number):
+            return self.texts[kind.name, field.key].text()
+        value = self.numbers[kind.name, field.key].value()
+        return round(value, 3) if field.decimals else round(value)
+
+    def _page(self, kind: Kind) -> QWidget:
         page = QWidget(self)
         form = QFormLayout(page)
         form.setContentsMargins(0, 0, 0, 0)
         form.setVerticalSpacing(4)
-        for key, label, unit, low, high, first in _NUMBERS[kind]:
-            box = QDoubleSpinBox(page, suffix=unit, decimals=2)
-            box.setRange(low, high)
-            box.setValue(first)
-            box.setKeyboardTracking(False)
-            box.valueChanged.connect(lambda _: self.changed.emit())
-            self.numbers[kind, key] = box
-            form.addRow(label, box)
+        for field in kind.fields:
+            where = (kind.name, field.key)
+            if isinstance(field, Number):
+                self.numbers[where] = box = self._number(field, page)
+                form.addRow(field.label, box)
+                continue
+            self.texts[where] = line = QLineEdit(page)
+            line.editingFinished.connect(self.changed)
+            if isinstance(field, PictureFile):
+                line.setPlaceholderText(field.hint)
+                form.addRow(self._with_browser(line, page))
+            else:
+                line.setText(field.first)
+                line.setMaxLength(field.longest)
+                form.addRow(field.label, line)
         return page
 
-    def _file_page(self) -> QWidget:
-        page = QWidget(self)
-        row = QHBoxLayout(page)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.file, 1)
-        row.addWidget(self.browse)
-        return page
+    def _number(self, field: Number, page: QWidget) -> QDoubleSpinBox:
+        box = QDoubleSpinBox(page, suffix=field.unit, decimals=field.decimals)
+        box.setRange(field.low, field.high)
+        box.setValue(field.first)
+        box.setKeyboardTracking(False)
+        box.valueChanged.connect(lambda _: self.changed.emit())
+        return box
 
-    def _choose_file(self) -> None:
-        pictures = "Pictures (*.png *.tif *.tiff *.bmp *.jpg)"
-        path, _ = QFileDialog.getOpenFileName(self, "Pattern", self.file.text(), pictures)
+    def _with_browser(self, line: QLineEdit, page: QWidget) -> QHBoxLayout:
+        browse = QPushButton("Browse …", page)
+        browse.clicked.connect(lambda: self._choose_file(line))
+        row = QHBoxLayout()
+        row.addWidget(line, 1)
+        row.addWidget(browse)
+        return row
+
+    def _choose_file(self, line: QLineEdit) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Pattern", line.text(), _FILES)
         if path:
-            self.file.setText(path)
+            line.setText(path)
             self.changed.emit()

@@ -99,8 +99,7 @@ class PatternPanel(QWidget):
         mark(self.shown, self._chosen not in ("", self._on_panel))
 
     def _ask(self) -> None:
-        table = self.table()
-        if table.get("file") == "":
-            self.note.setText("choose a picture file")
+        if self.form.lacks:
+            self.note.setText(self.form.lacks)
             return
-        self.preview_asked.emit(table)
+        self.preview_asked.emit(self.table())

@@ -50,7 +50,7 @@ class _CommensurateRule(AxisRule):
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         shape = (*field.shape[:-2], self.length, field.shape[-1])
         spectrum = field.new_zeros(shape).index_add(-2, self.index, field * self.phase.conj())
-        signal = fft(spectrum, self.length, -2, inverse=True) * self.length
+        signal = fft(spectrum, self.length, -2, inverse=True, scaled=False)
         periods = -(-self.n // self.length)
         return signal.tile((periods, 1))[..., : self.n, :]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import scipy.fft
 import torch
@@ -14,16 +14,30 @@ from numpy.typing import NDArray
 _MANY_SAMPLES = 1 << 20
 
 
-def fft(x: torch.Tensor, length: int, dim: int, *, inverse: bool = False) -> torch.Tensor:
+def fft(
+    x: torch.Tensor,
+    length: int,
+    dim: int,
+    *,
+    inverse: bool = False,
+    scaled: bool = True,
+    overwrite: bool = False,
+) -> torch.Tensor:
     """One-dimensional FFT, zero-padded to `length`, by the fastest library for the case.
 
-    scipy is faster than torch on the CPU, and has no gradients.
+    scaled: whether the inverse is divided by `length`; if not, it is the adjoint. overwrite:
+    whether the answer may take x's memory. scipy is faster than torch on the CPU, and has no
+    gradients.
     """
+    norm: Literal["backward", "forward"] = "backward" if scaled or not inverse else "forward"
     if _needs_torch(x):
         transform = torch.fft.ifft if inverse else torch.fft.fft
-        return transform(x, n=length, dim=dim)
+        return transform(x, n=length, dim=dim, norm=norm)
     function = scipy.fft.ifft if inverse else scipy.fft.fft
-    return torch.from_numpy(function(_array(x), n=length, axis=dim, workers=_workers(x)))
+    answer = function(
+        _array(x), n=length, axis=dim, workers=_workers(x), norm=norm, overwrite_x=overwrite
+    )
+    return torch.from_numpy(answer)
 
 
 def rfft2(x: torch.Tensor) -> torch.Tensor:

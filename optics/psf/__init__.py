@@ -5,6 +5,7 @@ A PSFOperator takes the cheapest engine that keeps its tolerance: `axial` for ro
 behind a modulator.
 """
 
+from optics.psf.modulated import modulated_psf as modulated_psf
 from optics.psf.operator import METHODS as METHODS
 from optics.psf.operator import PSFOperator as PSFOperator
 from optics.psf.operator import nyquist_samples as nyquist_samples

@@ -90,7 +90,7 @@ class PSFOperator:
         phase_slope: float = 20.0,
         budget: Budget | None = None,
     ) -> None:
-        self._camera = camera = optics if isinstance(optics, Camera) else None
+        self.camera = camera = optics if isinstance(optics, Camera) else None
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _unmodulated(camera, unmodulated)
         require_light(as_number(distance), as_number(wavelength))
@@ -132,9 +132,19 @@ class PSFOperator:
     def _model_error(self, question: Question) -> ErrorEstimate:
         n = question.numeric
         reach = n.radius
-        if self._camera is not None:
-            reach = open_radius(replace(self._camera, lens=n.lens))
+        if self.camera is not None:
+            reach = open_radius(replace(self.camera, lens=n.lens))
         return model_error(n.lens, n.wavelength, min(n.radius, reach))
+
+    @property
+    def wavelength(self) -> Scalar:
+        """Metres."""
+        return self._question.wavelength
+
+    @property
+    def scale(self) -> Scalar:
+        """Wavelength times image distance: square metres of pupil by a cycle on the sensor."""
+        return self._question.scale
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predicted processor time of one call, on a machine of such a speed."""
@@ -156,11 +166,11 @@ class PSFOperator:
         light = self._light(phase, amplitude)
         if not self.unmodulated or phase is None:
             return light
-        straight = self._straight(amplitude).to(light.device)
+        straight = self.straight(amplitude).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * straight
 
-    def _straight(self, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """What the panel doesn't modulate is the same for every phase: it is kept."""
+    def straight(self, amplitude: torch.Tensor | None = None) -> torch.Tensor:
+        """The PSF of light that no phase is put on; kept, as it is the same for every pattern."""
         if amplitude is not None or self._question.differentiable:
             return self._light(None, amplitude)
         if self._kept is None:

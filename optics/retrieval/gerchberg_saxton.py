@@ -1,68 +1,87 @@
-"""The Gerchberg-Saxton algorithm (thesis §3.3.2; Gerchberg and Saxton, Optik 35, 237, 1972)."""
+"""Iterations between pupil and image for one frame (thesis §3.3.2).
+
+Gerchberg and Saxton, Optik 35, 237, 1972: in every iteration the panel's amplitude and the
+target's amplitude replace those of the wave, and its phases stay. Two changes of what is asked
+of the image have proved to be better, and stand beside it.
+"""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_positive, tensors_inside
-from optics.fourier import Geometry, Transform, plan_transform
+from optics.edge import tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.pupil import pupil_amplitude
+from optics.retrieval.far_field import unit
+from optics.retrieval.goal import Goal
+from optics.retrieval.starts import starting_field
+from optics.retrieval.superpixel import Superpixels
 from optics.threads import single_threaded
 
-_OVERSAMPLING = 2
-"""The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle
-hides between the samples."""
+Constraint = Callable[[torch.Tensor], torch.Tensor]
+"""From the field on the window to the one that is asked for."""
 
-STARTS = ("quadratic", "random")
-
-
-def design_plane(camera: Camera, wavelength: float, window: tuple[int, int]) -> Plane:
-    """The grid in the focal plane on which a PSF is designed and judged."""
-    require_positive("wavelength", wavelength, "m")
-    scale = wavelength * camera.lens.image_distance
-    pitch = scale / (_OVERSAMPLING * max(camera.panel.shape) * camera.panel.pitch)
-    return Plane(window, (pitch, pitch))
+_SIGNAL = 0.02
+"""Share of the target's peak from which a sample belongs to the signal."""
 
 
-def design_transform(camera: Camera, plane: Plane, wavelength: float) -> Transform:
-    """The transform from the panel to a design plane."""
-    scale = wavelength * camera.lens.image_distance
-    return plan_transform(Geometry(camera.panel.plane, plane, scale))
+def replaced(intensity: torch.Tensor) -> Constraint:
+    """The target's amplitude with the field's phase, as published."""
+    amplitude = torch.sqrt(intensity)
+    return lambda field: unit(field) * amplitude
 
 
-def starting_phase(
-    camera: Camera,
-    target: torch.Tensor,
-    plane: Plane,
-    wavelength: float,
-    start: str,
-    generator: torch.Generator,
-) -> torch.Tensor:
-    """The phase that the iterations start from.
+def over_compensated(intensity: torch.Tensor) -> Constraint:
+    """Where the amplitude a is below the target's A, ask for 2A - a, and for as much less where
+    it is above: an error is answered by its opposite.
 
-    "random": uniform over one wave in every pixel, as in the thesis. "quadratic": the
-    lens that spreads light over the target's extent, from which fewer speckles grow.
+    Feedback on the amplitude with gain one (Fienup, Appl. Opt. 21, 2758, 1982, calls the family
+    input-output algorithms).
     """
-    if start == "random":
-        return torch.rand(camera.panel.shape, generator=generator) * 2 * math.pi
-    if start != "quadratic":
-        raise ValueError(f"start is {start!r}; choose one of {', '.join(STARTS)}")
-    y, x = plane.mesh()
-    support = target > 0.5 * target.max()
-    extents = [float((axis.abs() * support).max()) for axis in (y, x)]
-    scale = wavelength * camera.lens.image_distance
-    phase = torch.zeros(camera.panel.shape, dtype=torch.float64)
-    for coordinate, extent, n in zip(
-        camera.panel.plane.mesh(), extents, camera.panel.shape, strict=True
-    ):
-        half = n * camera.panel.pitch / 2
-        phase = phase + math.pi * extent / (scale * half) * coordinate**2
-    return phase
+    amplitude = torch.sqrt(intensity)
+
+    def constrain(field: torch.Tensor) -> torch.Tensor:
+        asked = (2 * amplitude - field.abs()).clamp(min=0)
+        return unit(field) * torch.where(amplitude > 0, asked, amplitude)
+
+    return constrain
+
+
+def mixed_region(intensity: torch.Tensor, freedom: float) -> Constraint:
+    """MRAF: the target's amplitude where it is bright, and freedom where it is dark.
+
+    Pasienski and DeMarco, Opt. Express 16, 2176, 2008. freedom: share of the amplitude that
+    dark samples of the window may keep, 0 to 1; light there is the price of less speckle.
+    """
+    if not 0 <= freedom < 1:
+        raise ValueError(f"freedom is {freedom:g}; it must lie between 0 and 1, and not be 1")
+    amplitude = torch.sqrt(intensity)
+    signal = intensity > _SIGNAL * intensity.max()
+
+    def constrain(field: torch.Tensor) -> torch.Tensor:
+        asked = (1 - freedom) * unit(field) * amplitude
+        return torch.where(signal, asked, freedom * field)
+
+    return constrain
+
+
+def iterate(
+    pixels: Superpixels,
+    field: torch.Tensor,
+    constrain: Constraint,
+    iterations: int,
+    progress: Progress,
+    name: str,
+) -> torch.Tensor:
+    """The constrained field on the window after some iterations from a field on the panel."""
+    asked = constrain(pixels.far_field.forward(field))
+    for iteration in range(1, iterations):
+        progress.report(iteration / iterations, f"{name} {iteration + 1}/{iterations}")
+        asked = constrain(pixels.far_field.bounce(asked, pixels.uneven))
+    return asked
 
 
 @tensors_inside
@@ -78,35 +97,28 @@ def gerchberg_saxton(
     start: str = "quadratic",
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """A phase pattern whose PSF has the target's shape, (rows, columns) in radians.
+    """A phase pattern whose PSF has the target's shape, (rows, columns) in radians, float32.
 
-    target: intensity on `plane` (see design_plane), any positive scale; zero beyond it.
-    In every iteration the panel's amplitude and the target's amplitude replace those of
-    the wave, and its phases stay. Raises ValueError for an empty or negative target, or one
-    of another shape than the plane's.
+    The plain algorithm on every pixel of the panel, for comparison and for small panels;
+    retrieve() is faster and better. target: intensity on `plane` (see design_plane), any
+    positive scale; zero beyond it. start: one of STARTS. Raises ValueError for an
+    empty or negative target, or one of another shape than the plane's.
     """
-    require_positive("wavelength", wavelength, "m")
+    require_iterations(iterations)
+    goal = Goal(camera, target, plane, wavelength)
+    pixels = Superpixels(goal, 1)
+    field = starting_field(goal, pixels, start, generator)
+    asked = iterate(
+        pixels,
+        field,
+        replaced(pixels.intensity),
+        iterations,
+        progress or Progress(),
+        "Gerchberg-Saxton",
+    )
+    return pixels.pattern(asked)
+
+
+def require_iterations(iterations: int) -> None:
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    if target.shape != plane.shape:
-        raise ValueError(f"target is {tuple(target.shape)}; its plane has {plane.shape} samples")
-    if not (torch.isfinite(target).all() and target.min() >= 0 and target.sum() > 0):
-        raise ValueError("target must be finite, nowhere negative and somewhere positive")
-    progress = progress or Progress()
-    transform = design_transform(camera, plane, wavelength)
-    stop = pupil_amplitude(camera).to(torch.float32)
-    amplitude = torch.sqrt(target / target.sum()).to(torch.float32)
-    phase = starting_phase(camera, target, plane, wavelength, start, generator)
-    pupil = torch.polar(stop, phase.to(torch.float32))
-    for iteration in range(iterations):
-        progress.report(iteration / iterations, f"Gerchberg-Saxton {iteration + 1}/{iterations}")
-        back = transform.adjoint(_with_amplitude(transform(pupil), amplitude))
-        pupil = _with_amplitude(back, stop)
-    return torch.angle(pupil)
-
-
-def _with_amplitude(field: torch.Tensor, amplitude: torch.Tensor) -> torch.Tensor:
-    """The field's phase on another amplitude; where the field is zero, phase zero."""
-    size = field.abs()
-    dark = size == 0
-    return torch.where(dark, torch.ones_like(field), field / size.masked_fill(dark, 1)) * amplitude

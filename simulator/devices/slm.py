@@ -16,16 +16,17 @@ from simulator.devices.simulated import Simulated
 class SimulatedSLM(Simulated):
     """A liquid-crystal panel whose pixels are the world's.
 
-    frame_rate_hz: frames of a video in a second.
+    frame_rate_hz: frames of a video in a second; the panel's own if None.
     """
 
     model = "simulated SLM"
     role = "slm"
 
-    def __init__(self, surroundings: Surroundings, frame_rate_hz: float = 60.0) -> None:
+    def __init__(self, surroundings: Surroundings, frame_rate_hz: float | None = None) -> None:
         super().__init__(surroundings)
-        require_positive("frame_rate_hz", frame_rate_hz, "Hz")
-        self._frame_time = 1 / frame_rate_hz
+        rate = self._world.camera.panel.frame_rate if frame_rate_hz is None else frame_rate_hz
+        require_positive("frame_rate_hz", rate, "Hz")
+        self._frame_time = 1 / rate
         self._shown = "neutral"
 
     def __enter__(self) -> Self:

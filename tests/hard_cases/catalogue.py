@@ -6,10 +6,13 @@ from hard_cases import (
     frames,
     gradients,
     lenses,
+    modulators,
     panels,
+    patterns,
     pictures,
     pupils,
     restorations,
+    retrievals,
     transforms,
 )
 from hard_cases.table import Case
@@ -18,10 +21,13 @@ SUBJECTS: dict[str, list[Case]] = {
     "Pupils: stops and the wave in them": pupils.CASES,
     "PSFs of lenses": lenses.CASES,
     "PSFs behind a panel": panels.CASES,
+    "Modulators: grey, phase and field": modulators.CASES,
     "Fourier transforms": transforms.CASES,
     "Pictures and transfer functions": pictures.CASES,
     "Derivatives": gradients.CASES,
+    "Patterns and targets": patterns.CASES,
     "Patterns, frames, brackets": frames.CASES,
+    "Phase retrieval": retrievals.CASES,
     "Restorations": restorations.CASES,
 }
 CASES = [case for cases in SUBJECTS.values() for case in cases]

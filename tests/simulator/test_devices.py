@@ -130,6 +130,8 @@ def test_the_panel_plays_a_video_and_keeps_its_own_copy(surroundings):
 
 def test_a_panel_shows_sixty_frames_a_second_unless_it_says_otherwise(surroundings):
     assert SimulatedSLM(surroundings).frame_time == pytest.approx(1 / 60)
+    w = world(replace(CAMERA, panel=replace(CAMERA.panel, frame_rate=180.0)))
+    assert SimulatedSLM(Surroundings(w.clock, w)).frame_time == pytest.approx(1 / 180)
 
 
 @pytest.mark.parametrize(

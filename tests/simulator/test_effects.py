@@ -11,18 +11,22 @@ from optics.patterns import axicon
 from simulator.effects import Situation, decide, phase_spread
 
 EFFECTS = [
-    "filter bandwidth", "unmodulated light", "pixel aperture", "dark current", "shot noise",
-    "read noise",
+    "filter bandwidth", "illumination", "front reflection", "panel response",
+    "neighbour coupling", "flicker", "jitter", "gap light", "flatness", "liquid-crystal response",
+    "unmodulated light", "pixel aperture", "dark current", "shot noise", "read noise",
 ]  # fmt: skip
 
+OF_THE_PANEL = EFFECTS[1:10]
+"""Effects whose size depends on what the panel shows."""
 
-def situation(unmodulated=0.05, read_noise=2.4, dark=1.0, bandwidth=7e-9, spread=1e-4):
+
+def situation(unmodulated=0.05, read_noise=2.4, dark=1.0, bandwidth=7e-9, spread=1e-4, sizes=None):
     camera = replace(
         CAMERA,
         panel=replace(CAMERA.panel, unmodulated=unmodulated),
         sensor=replace(CAMERA.sensor, read_noise=read_noise, dark_current=dark),
     )
-    return Situation(camera, 550e-9, bandwidth, spread)
+    return Situation(camera, 550e-9, bandwidth, spread, sizes or {})
 
 
 situations = st.builds(
@@ -32,6 +36,7 @@ situations = st.builds(
     dark=st.floats(0, 100),
     bandwidth=st.floats(1e-10, 5e-8),
     spread=st.floats(0, 2e-3),
+    sizes=st.dictionaries(st.sampled_from(OF_THE_PANEL), st.floats(0, 10)),
 )
 
 
@@ -65,6 +70,7 @@ def test_forced_settings_win_and_are_recorded(s, tol, forced):
         if effect in forced:
             assert plan.is_on(effect) == forced[effect]
             assert plan[effect].why.startswith("forced. ")
+            assert plan[effect].forced
             assert plan[effect].estimate == free[effect].estimate
             assert plan[effect].nodes == (free[effect].nodes if forced[effect] else 1)
         else:
@@ -82,7 +88,7 @@ def test_every_effect_has_its_estimate_and_reason_in_the_order_of_the_physics():
 
 def test_an_effect_without_a_cause_is_off():
     plan = decide(situation(unmodulated=0.0, dark=0.0, read_noise=0.0), 1e-9, {})
-    for effect in ("unmodulated light", "dark current", "read noise"):
+    for effect in (*OF_THE_PANEL, "unmodulated light", "dark current", "read noise"):
         assert not plan.is_on(effect)
         assert plan[effect].estimate == 0
     assert plan.is_on("shot noise")
@@ -95,6 +101,17 @@ def test_the_plan_is_plain_data():
     shot = next(d for d in data["decisions"] if d["effect"] == "shot noise")
     assert shot["on"] is False
     assert shot["why"].startswith("forced")
+
+
+def test_the_plain_data_is_silent_about_what_nothing_causes():
+    """As the table that people read is: unless they have asked for it."""
+    told = decide(situation(dark=0.0), 0.01, {"jitter": False}).as_data()["decisions"]
+    assert [d["effect"] for d in told] == [
+        "filter bandwidth", "jitter", "unmodulated light", "pixel aperture", "shot noise",
+        "read noise",
+    ]  # fmt: skip
+    everything = situation(sizes=dict.fromkeys(OF_THE_PANEL, 1e-9))
+    assert [d["effect"] for d in decide(everything, 0.01, {}).as_data()["decisions"]] == EFFECTS
 
 
 def test_an_unknown_effect_is_refused_with_the_known_ones():

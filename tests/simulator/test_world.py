@@ -19,10 +19,18 @@ from virtual_bench import (
 )
 
 import optics.formation
+import optics.slm
+import optics.slm.modulator
+import simulator.deciding
+import simulator.effects
+import simulator.effects.panel
+import simulator.motion
+import simulator.mount
+import simulator.rendering
 import simulator.world
 from optics.slm import grey_to_phase
 from simulator.scene import Dark, Photograph, Scene, Star
-from simulator.world import shares_of_time
+from simulator.shown import shares_of_time
 
 WAVELENGTH = 550e-9
 
@@ -186,9 +194,9 @@ class Counted:
 
 def test_effects_that_are_off_are_not_computed(monkeypatch):
     aperture = Counted(optics.formation.pixel_transfer)
-    operators = Counted(simulator.world.PSFOperator)
+    operators = Counted(simulator.rendering.PSFOperator)
     monkeypatch.setattr(optics.formation, "pixel_transfer", aperture)
-    monkeypatch.setattr(simulator.world, "PSFOperator", operators)
+    monkeypatch.setattr(simulator.rendering, "PSFOperator", operators)
     off = {"filter bandwidth": False, "pixel aperture": False, "unmodulated light": False}
     w = world(forced=off)
     light_of(w, ring_pattern(200e-6))
@@ -198,6 +206,30 @@ def test_effects_that_are_off_are_not_computed(monkeypatch):
     nodes = on.effect_plan(on.grey, WAVELENGTH)["filter bandwidth"].nodes
     assert aperture.calls == 1
     assert operators.calls == 1 + nodes
+
+
+def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
+    """No code of the panel's effects is called, neither to render them nor to judge them."""
+
+    def never(*args, **kwargs):
+        raise AssertionError("called for nothing")
+
+    for name in ("coupled", "flatness_phase", "gap_light", "scattered_share", "flicker_nodes"):
+        monkeypatch.setattr(optics.slm.modulator, name, never)
+    monkeypatch.setattr(optics.slm.Map, "on", never)
+    monkeypatch.setattr(optics.slm.Response, "at", never)
+    for name in ("first_start", "time_nodes", "flicker_nodes"):
+        monkeypatch.setattr(simulator.motion, name, never)
+    monkeypatch.setattr(simulator.deciding, "crystal_size", never)
+    looks = [never] * len(simulator.effects.panel.PANEL_EFFECTS)
+    for effect, size in zip(simulator.effects.panel.PANEL_EFFECTS, looks, strict=True):
+        monkeypatch.setitem(effect.__dict__, "size", size)
+    for name in ("field", "sharpness", "linear_phase"):
+        monkeypatch.setattr(simulator.effects.Pattern, name, property(never))
+    monkeypatch.setattr(simulator.mount.Mount, "turned", never)
+    w = world()
+    light_of(w, ring_pattern(80e-6))
+    video_of(w, STILLS, 2 * FRAME)
 
 
 def test_the_same_state_is_computed_once(monkeypatch):
@@ -390,12 +422,11 @@ def test_a_short_look_at_a_long_video_sees_one_frame():
 
 
 def test_frames_that_are_not_seen_are_not_computed(monkeypatch):
-    phases = Counted(simulator.world.grey_to_phase)
+    fields = Counted(optics.slm.Modulator.modulation)
+    monkeypatch.setattr(optics.slm.Modulator, "modulation", lambda *args: fields(*args))
     w = world(forced={"filter bandwidth": False})
-    video_of(w, STILLS, 3 * FRAME)
-    monkeypatch.setattr(simulator.world, "grey_to_phase", phases)
     video_of(w, STILLS, FRAME)
-    assert phases.calls == 1
+    assert fields.calls == 1
 
 
 def test_the_light_of_no_time_is_that_of_whole_periods():

@@ -2,9 +2,30 @@
 
 import cv2
 import numpy as np
+import pytest
 from PySide6.QtCore import Qt
 
+from labapp.window.engine.plan import read_pattern
 from labapp.window.messages import PatternPreview
+from labapp.window.pattern_kinds import KINDS, Number, Words
+
+
+def first(field):
+    """What a field holds in a new window."""
+    return field.first if isinstance(field, Number | Words) else "picture.png"
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_every_kind_is_a_pattern_of_a_plan_at_its_limits(kind):
+    """Fields that a plan file doesn't know, or that reach too far, would be told to nobody."""
+    values = {field.key: first(field) for field in kind.fields}
+    coded = {"wavelength_nm": 500.0} if kind.coded else {}
+    spec = read_pattern(kind.table(values) | coded)
+    assert spec.label.endswith("for 500 nm") == kind.coded
+    for field in kind.fields:
+        if isinstance(field, Number) and field.unit not in (" m", " px"):
+            for limit in (field.low, field.high):
+                read_pattern(kind.table(values | {field.key: limit}) | coded)
 
 
 def test_a_pattern_changes_the_picture(bench, person):
@@ -36,6 +57,43 @@ def test_the_previewed_psf_is_a_ring(bench, person):
     assert psf[ring].sum() > 0.7 * psf[elsewhere].sum()
     person.waits(lambda: "Predicted PSF" in bench.window.pattern.note.text())
     assert len(np.unique(person.looks_at(bench.window.pattern.psf))) > 30
+
+
+def test_a_psf_may_have_any_shape(bench, person):
+    """The letter I: most light in a narrow column."""
+    person.chooses(bench.window.pattern.form.kind, "Letters")
+    person.types(bench.window.pattern.form.texts["letters", "text"], "I")
+    person.waits(lambda: bench.last(PatternPreview).name.startswith("letters I 100/5 µm"))
+    psf = bench.last(PatternPreview).psf
+    y, x = (np.indices(psf.shape) - psf.shape[0] // 2) * 3.45
+    beside = np.hypot(y, x) > 15
+    inside = (np.abs(x) < 15) & (np.abs(y) < 65)
+    assert psf[inside & beside].sum() > 0.8 * psf[beside].sum()
+
+
+def test_a_pattern_that_is_too_steep_is_refused_with_the_limit(bench, person):
+    person.chooses(bench.window.pattern.form.kind, "Blazed grating")
+    person.waits(lambda: "blaze 40 px" in bench.last(PatternPreview).name)
+    person.types(bench.window.pattern.form.numbers["blaze", "period_px"], "1.5")
+    person.waits(lambda: bench.window.message.is_error)
+    assert "1.33 pi per pixel" in bench.window.message.text
+    assert "choose at least 2 pixels" in bench.window.message.text
+    assert bench.window.pattern.note.text() == "no preview"
+    person.clicks(bench.window.message)
+
+
+def test_a_logo_is_chosen_from_a_file(bench, person, tmp_path):
+    """Bright on the left only: so is the light, but for the unmodulated."""
+    path = tmp_path / "logo.png"
+    half = np.zeros((40, 80), np.uint8)
+    half[:, :20] = 255
+    cv2.imwrite(str(path), half)
+    person.chooses(bench.window.pattern.form.kind, "Logo from a picture")
+    person.waits(lambda: bench.window.pattern.note.text() == "choose a picture file")
+    person.types(bench.window.pattern.form.texts["logo", "file"], str(path))
+    person.waits(lambda: bench.last(PatternPreview).name.startswith("logo logo.png"))
+    psf = bench.last(PatternPreview).psf
+    assert psf[:, :70].sum() > 2 * psf[:, 90:].sum()
 
 
 def test_a_picture_of_the_wrong_size_is_refused_in_words(bench, person, tmp_path):

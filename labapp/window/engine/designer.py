@@ -12,13 +12,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labapp.designing.predicted import predicted_psf
 from labapp.patterns import compute_pattern
 from labapp.window.engine.plan import pattern_name, read_pattern
 from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera
 from optics.progress import Progress
-from optics.psf import PSFOperator
-from optics.slm import grey_to_phase
 
 _KEPT = 8
 _PSF_WINDOW = 160
@@ -46,7 +45,7 @@ class Designer:
             if key in self._kept:
                 return self._kept[key]
         grey = compute_pattern(read_pattern(table), self._camera, self._seed, progress, Path())
-        if table["kind"] != "image":  # a file may change under the same name
+        if not _names_a_file(table):
             with self._lock:
                 self._kept[key] = grey
                 while len(self._kept) > _KEPT:
@@ -66,8 +65,11 @@ class Designer:
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
         """Of an object in focus; what falls beyond the window isn't shown."""
-        camera = self._camera
-        pixels = camera.sensor.window((_PSF_WINDOW, _PSF_WINDOW))
-        operator = PSFOperator(camera, camera.lens.focus_distance, wavelength, pixels)
-        phase = grey_to_phase(camera.panel, torch.from_numpy(grey), wavelength)
-        return operator(phase).to(torch.float32).numpy()
+        pixels = self._camera.sensor.window((_PSF_WINDOW, _PSF_WINDOW))
+        greys = torch.from_numpy(grey)[None]
+        return predicted_psf(self._camera, greys, wavelength, pixels)[0].to(torch.float32).numpy()
+
+
+def _names_a_file(table: PatternTable) -> bool:
+    """Whether it may mean another pattern though its text is the same: files change."""
+    return "file" in table or "file" in table.get("target", {})

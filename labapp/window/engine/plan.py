@@ -7,14 +7,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from labapp.errors import UserError
-from labapp.files.pattern_table import (
-    AxiconPattern,
-    ConstantPattern,
-    ImagePattern,
-    LensPattern,
-    RingPattern,
-    Still,
-)
+from labapp.files.pattern_table import ConstantPattern, Still
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate
 from labapp.window.messages import Acquire, PatternTable
@@ -37,18 +30,7 @@ def read_pattern(table: PatternTable) -> Still:
 
 def pattern_name(pattern: Still) -> str:
     """What a pattern is called on the screen and in records: what it is, and its sizes."""
-    if isinstance(pattern, ConstantPattern):
-        return "neutral" if pattern.grey == 0 else f"grey {pattern.grey}"
-    if isinstance(pattern, ImagePattern):
-        return f"image {pattern.file.rpartition('/')[2]}"
-    if isinstance(pattern, RingPattern):
-        what = f"ring {pattern.radius_um:g}/{pattern.width_um:g} µm"
-    elif isinstance(pattern, LensPattern):
-        what = f"lens {pattern.focal_length_m:g} m"
-    else:
-        assert isinstance(pattern, AxiconPattern)
-        what = f"axicon {pattern.radius_um:g} µm"
-    return f"{what} for {pattern.wavelength_nm:g} nm"
+    return pattern.label
 
 
 def bracket_plan(request: Acquire) -> PlanFile:

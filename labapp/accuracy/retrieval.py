@@ -1,0 +1,218 @@
+"""`labapp accuracy retrieval`: quality against time, of every method for a target."""
+
+from __future__ import annotations
+
+import io
+import json
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import torch
+from matplotlib.figure import Figure
+
+from labapp.accuracy.rows import Row, mark_front
+from labapp.bench import BenchFiles
+from labapp.console import out, table, watched
+from labapp.designing.kinds import read_psf
+from labapp.figures import machine
+from labapp.files.bench_file import read_bench
+from labapp.files.writing import require_writable, write_whole
+from labapp.patterns import designed
+from labapp.speed import machine_speed
+from optics.accuracy import MachineSpeed
+from optics.progress import Progress
+from optics.retrieval import METHODS, Retrieved, retrieve
+from optics.retrieval.goal import Goal
+from optics.threads import single_threaded
+
+_ITERATIONS = (3, 10, 30, 100, 300)
+_SHORT = 0.5
+"""Processor seconds below which a setting is timed three times."""
+
+_REPEATS = 3
+
+
+@dataclass(frozen=True)
+class RetrievalRow(Row):
+    """A method after so many iterations; error_achieved is the NRMSE of the shape.
+
+    tol is None: there is no right answer. efficiency, contrast: as optics.metrics has them.
+    """
+
+    frames: int = 1
+    iterations: int = 0
+    efficiency: float | None = None
+    contrast: float | None = None
+
+
+def asked_goal(
+    target: str, keys: Sequence[str], wavelength_nm: float, bench: Path | None
+) -> tuple[Goal, str]:
+    """What a command line asks to retrieve, and its name in words; UserError for what can't be."""
+    spec = read_psf(target, keys, wavelength_nm, {})
+    camera = read_bench(BenchFiles.default(bench).bench).build_camera()
+    drawing = spec.target.at(1, Path())[0]
+    shape, plane = designed(drawing, camera, spec.wavelength)
+    name = f"{spec.target.sizes}, {wavelength_nm:g} nm"
+    return Goal(camera, shape, plane, spec.wavelength), name
+
+
+@single_threaded
+def accuracy_retrieval(
+    goal: Goal,
+    name: str,
+    *,
+    frames: int,
+    budget: float,
+    data: Path | None,
+    plot: Path | None,
+    force: bool,
+) -> None:
+    """Measure every method for a target, print the table, and write rows and plot if asked.
+
+    name: of the target, in words. budget: processor seconds that one setting may take.
+    """
+    for path in (data, plot):
+        if path is not None:
+            require_writable(path, force=force)
+    with watched() as progress:
+        speed = machine_speed(progress.part(0.0, 0.1))
+        rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
+    _print(name, rows)
+    if data is not None:
+        told = {"machine": machine(), "rows": [asdict(row) for row in rows]}
+        write_whole(data, json.dumps(told, indent=2).encode())
+        out.print(f"wrote {data}")
+    if plot is not None:
+        buffer = io.BytesIO()
+        draw(name, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+        write_whole(plot, buffer.getvalue())
+        out.print(f"wrote {plot}")
+
+
+def measure_retrieval(
+    goal: Goal, name: str, frames: int, budget: float, speed: MachineSpeed, progress: Progress
+) -> list[RetrievalRow]:
+    """Every method that serves so many frames, after more and more iterations; the front is
+    marked. What doesn't serve the target is a row too."""
+    # Stop, target and FFT plans are made once, and are no method's price.
+    _once(goal, frames, "published", 1)
+    settings = list(_settings(goal, frames, budget, speed))
+    rows = []
+    for number, (method, iterations) in enumerate(settings):
+        progress.report(number / len(settings), f"{method}, {iterations} iterations")
+        rows.append(_measured(goal, name, frames, method, iterations))
+    return mark_front(rows)
+
+
+def _settings(
+    goal: Goal, frames: int, budget: float, speed: MachineSpeed
+) -> Iterator[tuple[str, int]]:
+    """Method and iterations, as far as the budget goes; each method once at least."""
+    slow = goal.camera.panel.response_time > 0
+    for name, method in METHODS.items():
+        if not method.serves(frames) or (name == "responding" and not slow):
+            continue
+        for iterations in _ITERATIONS:
+            predicted = method.seconds(goal, frames, iterations, speed)
+            if iterations == _ITERATIONS[0] or predicted <= budget:
+                yield name, iterations
+
+
+def _once(goal: Goal, frames: int, method: str, iterations: int) -> Retrieved:
+    return retrieve(
+        goal.camera,
+        goal.target,
+        goal.plane,
+        goal.wavelength,
+        frames=frames,
+        method=method,
+        iterations=iterations,
+        generator=torch.Generator().manual_seed(1),
+    )
+
+
+def _measured(goal: Goal, name: str, frames: int, method: str, iterations: int) -> RetrievalRow:
+    row = RetrievalRow(
+        "retrieval", name, method, "float32", None, frames=frames, iterations=iterations
+    )
+    started = time.perf_counter()
+    try:
+        found = _once(goal, frames, method, iterations)
+    except ValueError as error:
+        return replace(row, failure=str(error))
+    wall, times = time.perf_counter() - started, [found.cpu_seconds]
+    if found.cpu_seconds < _SHORT:
+        times += [_once(goal, frames, method, iterations).cpu_seconds for _ in range(_REPEATS - 1)]
+    quality = found.quality
+    return replace(
+        row,
+        error_achieved=quality.nrmse,
+        efficiency=quality.efficiency,
+        contrast=quality.contrast,
+        cpu_s=statistics.median(times),
+        wall_s=wall,
+        peak_bytes=found.phases.numel() * found.phases.element_size(),
+    )
+
+
+def _print(name: str, rows: list[RetrievalRow]) -> None:
+    columns = ["method", "iterations ", "efficiency ", "contrast ", "NRMSE ", "CPU s ", ""]
+    cells = [
+        [
+            row.method,
+            str(row.iterations),
+            "failed" if row.failure else _number(row.efficiency, 3),
+            _number(row.contrast, 4),
+            _number(row.error_achieved, 4),
+            _number(row.cpu_s, 2),
+            "front" if row.on_front else "",
+        ]
+        for row in rows
+    ]
+    table(f"Retrieval: {_case(name, rows)}", columns, cells)
+    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
+        out.print(f"failed: {failure}", markup=False)
+    out.print(
+        "Of the mean PSF, rounded to the panel's levels, on a grid twice finer than Nyquist; "
+        "NRMSE and time decide the front. One thread."
+    )
+    out.print(machine(), style="dim")
+
+
+def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
+    frames = rows[0].frames
+    return f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def draw(name: str, rows: list[RetrievalRow]) -> Figure:
+    """Error of the shape, speckle and lost light against time, a curve a method."""
+    figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
+    good = [row for row in rows if not row.failure]
+    shown = {
+        "NRMSE of the shape": [row.error_achieved or 0 for row in good],
+        "speckle contrast": [row.contrast or 0 for row in good],
+        "light beside the target": [1 - (row.efficiency or 0) for row in good],
+    }
+    for axes, (title, values) in zip(figure.subplots(1, 3), shown.items(), strict=True):
+        for method in dict.fromkeys(row.method for row in good):
+            line = [number for number, row in enumerate(good) if row.method == method]
+            times = [good[number].cpu_s or 0 for number in line]
+            axes.loglog(times, [values[number] for number in line], "o-", label=method)
+        axes.set_title(title, fontsize=10)
+        axes.grid(alpha=0.3, which="both")
+        axes.set_xlabel("processor time, s (one thread)")
+    axes.legend(fontsize=8)
+    failed = len(rows) - len(good)
+    figure.suptitle(
+        f"{_case(name, rows)}. {machine()}. {failed} of {len(rows)} settings failed.",
+        fontsize=9,
+    )
+    return figure

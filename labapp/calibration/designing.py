@@ -1,0 +1,172 @@
+"""What a calibration shows: gratings that steer, stripes of two levels, known defocus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.calibration import request as names
+from labapp.calibration.request import Design, Exposures, Request
+from labapp.errors import UserError
+from labapp.files.plan_file import PlanFile
+from optics.calibration.gratings import (
+    compass_vectors,
+    longest_vector,
+    ramp,
+    region_vectors,
+    striped,
+)
+from optics.camera import Camera
+from optics.pupil import open_radius
+from optics.slm import max_phase, phase_to_grey
+
+Patterns = dict[str, NDArray[np.uint8]]
+
+_BLUR = 8.0
+"""Sensor pixels by which star, lens and filter widen a spot, at the most."""
+
+_DEFOCUS = (-1.5, 1.5)
+"""Waves, edge to centre of the open pupil."""
+
+_STRIDE = 0.382
+"""Of a sweep, from one level to the next that is shown: a lamp that drifts is seen as scatter,
+not as phase."""
+
+_TO_THE_ENDS = 0.35
+"""By how much a sweep's levels are denser at the ends."""
+
+_NEUTRALS, _DARKS = 2, 2
+
+
+def design(camera: Camera, request: Request, exposures: tuple[Exposures, ...]) -> Design:
+    """The gratings and levels that a camera's panel and sensor allow.
+
+    UserError if the regions' spots can't be told apart on the sensor.
+    """
+    panel, sensor, z = camera.panel, camera.sensor, camera.lens.image_distance
+    # The longest wavelength reaches farthest, and the shortest has the widest sweep.
+    longest_nm, shortest_nm = max(request.wavelengths_nm), min(request.wavelengths_nm)
+    scale = longest_nm * 1e-9 * z
+    longest = longest_vector(sensor.shape, sensor.pitch, panel.pitch, scale)
+    made = Design(
+        request=request,
+        exposures=exposures,
+        compass=_pairs(compass_vectors(longest)),
+        defocus_waves=_DEFOCUS if request.asks_for("wavefront") else (),
+    )
+    if not request.asks_for("response"):
+        return made
+    blur = _BLUR * sensor.pitch * panel.pitch / (shortest_nm * 1e-9 * z)
+    try:
+        vectors = region_vectors(panel.shape, request.regions, longest, blur)
+    except ValueError as error:
+        raise UserError(f"--regions {request.regions[0]}x{request.regions[1]}: {error}.") from error
+    low, high = sweep_levels(panel.levels, request.levels, max_phase(panel, shortest_nm * 1e-9))
+    return made.model_copy(update={"vectors": _pairs(vectors), "low": low, "high": high})
+
+
+def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Levels of a sweep's two stripes, frame by frame in the order in which they are shown.
+
+    The upper ones are spread over all levels, more densely towards the ends, where a curve is
+    held on one side only; the last one comes twice. The lower ones are the first level, and in
+    every other frame about a quarter of a wave above it, by the expected reach in radians.
+    """
+    top = levels - 1
+    x = np.linspace(0, 1, frames - 1)
+    spread = top * (x - _TO_THE_ENDS * np.sin(2 * math.pi * x) / (2 * math.pi))
+    high = np.append(spread.round().astype(int), top)
+    quarter = max(1, round(top * (math.pi / 2) / reach))
+    low = np.where(np.arange(frames) % 2 == 1, quarter, 0)
+    stride = round(_STRIDE * frames)
+    while math.gcd(stride, frames) > 1:
+        stride += 1
+    order = (np.arange(frames) * stride) % frames
+    return tuple(low[order].tolist()), tuple(high[order].tolist())
+
+
+def patterns(camera: Camera, made: Design) -> Patterns:
+    """Grey levels of every pattern of a design, by name, (rows, columns)."""
+    panel = camera.panel
+    shown: Patterns = {names.neutral(): np.zeros(panel.shape, dtype=np.uint8)}
+    for nm in made.request.wavelengths_nm:
+        for number, vector in enumerate(made.compass):
+            phase = torch.from_numpy(ramp(panel.shape, vector))
+            shown[names.steer(nm, number)] = phase_to_grey(panel, phase, nm * 1e-9).numpy()
+    nm = made.reference_nm
+    for number, waves in enumerate(made.defocus_waves):
+        shown[names.defocus(nm, number)] = _defocused(camera, waves, nm * 1e-9)
+    vectors = np.array(made.vectors)
+    for low, high in zip(made.low, made.high, strict=True):
+        grey = striped(panel.shape, made.request.regions, vectors, low, high)
+        shown[names.stripes(low, high)] = grey
+    return shown
+
+
+def _defocused(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
+    """In as many whole waves as the panel has, so that it jumps as rarely as can be."""
+    y, x = camera.panel.plane.mesh()
+    phase = 2 * math.pi * waves * (y**2 + x**2) / open_radius(camera) ** 2
+    orders = max(1, int(max_phase(camera.panel, wavelength) / (2 * math.pi)))
+    # Without need to wrap where the range is enough.
+    shown = phase - phase.min()
+    return phase_to_grey(camera.panel, shown, wavelength, orders).numpy()
+
+
+def plan_of(made: Design, shown: Mapping[str, NDArray[np.uint8]], folder: str) -> PlanFile:
+    """The plan that takes a design's frames. folder: of the pictures, beside the plan."""
+    request = made.request
+    blocks = []
+    for nm in request.wavelengths_nm:
+        exposures = made.exposure(nm)
+        full = [names.steer(nm, k) for k in range(len(made.compass))]
+        if nm == made.reference_nm:
+            full += [names.defocus(nm, k) for k in range(len(made.defocus_waves))]
+        sweep = [names.stripes(low, high) for low, high in zip(made.low, made.high, strict=True)]
+        if request.dark:
+            blocks.append(_dark(request.dark, nm, exposures, bool(sweep)))
+        blocks.append(_light(request.star, [names.neutral()], nm, exposures.full_ms, _NEUTRALS))
+        blocks.append(_light(request.star, full, nm, exposures.full_ms))
+        if sweep:
+            blocks.append(_light(request.star, sweep, nm, exposures.sweep_ms))
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": "Calibration: " + ", ".join(request.parts),
+            "metadata": {names.DESIGN_KEY: made.model_dump_json()},
+            "patterns": {n: {"kind": "image", "file": f"{folder}/{n}.png"} for n in shown},
+            "acquire": blocks,
+        }
+    )
+
+
+def _light(
+    star: str, shown: list[str], nm: float, exposure_ms: float, repeats: int = 1
+) -> dict[str, object]:
+    return {
+        "targets": [star],
+        "patterns": shown,
+        "wavelengths_nm": [nm],
+        "exposures_ms": [exposure_ms],
+        "repeats": repeats,
+    }
+
+
+def _dark(dark: str, nm: float, exposures: Exposures, sweep: bool) -> dict[str, object]:
+    lasting = [exposures.full_ms] + ([exposures.sweep_ms] if sweep else [])
+    return {
+        "role": "dark",
+        "targets": [dark],
+        "patterns": [names.neutral()],
+        "wavelengths_nm": [nm],
+        "exposures_ms": sorted(set(lasting)),
+        "repeats": _DARKS,
+    }
+
+
+def _pairs(vectors: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    return tuple((float(y), float(x)) for y, x in vectors)

@@ -1,0 +1,176 @@
+"""The exposure at which the neutral star is bright and not clipped, found by a few trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.calibration import request as names
+from labapp.calibration.request import Exposures, Request
+from labapp.errors import UserError
+from labapp.files.plan_file import PlanFile
+from optics.calibration.spots import frame_variance, without_hot_pixels
+from optics.camera import Camera, Sensor
+
+_FIRST_MS = 2.0
+_STEP = 16.0
+"""Between the exposures of a trial: a frame measures a range of some fifty."""
+
+_FULL, _SWEEP = 0.6, 0.5
+"""Of the range from black to full scale, that the brightest pixel shall reach."""
+
+_CLIPPED = 0.97
+"""Of that range, from which a star's pixel counts as clipped."""
+
+_AROUND = 8
+"""Pixels around the brightest one that the star's light falls on."""
+
+_SEEN = 20.0
+"""Times its noise that the brightest pixel must have, to set an exposure by."""
+
+_FIRST_ORDER = 4 / math.pi**2
+"""Of the light of stripes, in either first order."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A frame of the neutral star. exposure: seconds."""
+
+    exposure: float
+    numbers: NDArray[np.uint16]
+
+
+def first_bracket(camera: Camera) -> tuple[float, ...]:
+    """Exposures of a first trial in seconds, within the sensor's range."""
+    return _bracket(camera.sensor, [_FIRST_MS * 1e-3 * _STEP**k for k in (-1, 0, 1)])
+
+
+def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
+    low, high = sensor.exposure_range
+    return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
+
+
+def trial_plan(request: Request, wavelength_nm: float, exposures: tuple[float, ...]) -> PlanFile:
+    """The neutral star at one wavelength, at several exposures in seconds."""
+    block = {
+        "targets": [request.star],
+        "patterns": [names.neutral()],
+        "wavelengths_nm": [wavelength_nm],
+        "exposures_ms": [t * 1e3 for t in exposures],
+    }
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": f"Trial of the exposure, {wavelength_nm:g} nm",
+            "patterns": {names.neutral(): {"kind": "constant", "grey": 0}},
+            "acquire": [block],
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Found:
+    """exposure: seconds at which the neutral star is well exposed. width: the square root of its
+    light over its brightest pixel, in pixels: how wide it is."""
+
+    exposure: float
+    width: float
+
+
+def judged(trials: Sequence[Trial], camera: Camera) -> Found | tuple[float, ...]:
+    """What the trials tell, or the exposures in seconds that must be tried next.
+
+    UserError if the star is too bright or too dim for the camera.
+    """
+    sensor = camera.sensor
+    room = sensor.full_scale - sensor.black_level
+    longer = None
+    for trial in sorted(trials, key=lambda trial: -trial.exposure):
+        peak, noise, width = _looked_at(trial.numbers, sensor)
+        if peak >= _CLIPPED * room:
+            longer = trial.exposure
+        elif peak >= _SEEN * noise:
+            return Found(_within(trial.exposure * _FULL * room / peak, sensor), width)
+        elif longer is not None:
+            return _bracket(sensor, [math.sqrt(longer * trial.exposure)])
+        else:
+            return _beyond(trial.exposure, _STEP, sensor)
+    return _beyond(min(trial.exposure for trial in trials), 1 / _STEP, sensor)
+
+
+def _looked_at(numbers: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
+    """The star's brightest pixel above the background, the noise, and the star's width; hot
+    pixels left out."""
+    frame = numbers.astype(np.float64)
+    variance = frame_variance(frame, sensor)
+    light = without_hot_pixels(frame - np.median(frame), variance)
+    y, x = np.unravel_index(int(np.argmax(light)), light.shape)
+    part = light[max(y - _AROUND, 0) : y + _AROUND + 1, max(x - _AROUND, 0) : x + _AROUND + 1]
+    peak = float(light[y, x])
+    width = math.sqrt(max(float(part.sum()) / peak, 1.0)) if peak > 0 else 1.0
+    return peak, math.sqrt(float(np.median(variance))), width
+
+
+def _beyond(edge: float, step: float, sensor: Sensor) -> tuple[float, ...]:
+    """The next exposures on one side; UserError at the end of the camera's range."""
+    further = _bracket(sensor, [edge * step, edge * step**2])
+    if further[0] == edge or further[-1] == edge:
+        trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
+        raise UserError(
+            f"the neutral star is too {trouble} at {edge * 1e3:g} ms, the end of what the camera "
+            f"can expose. {remedy} the lamp, check that the star is in the frame, or give "
+            "--exposure-ms."
+        )
+    return further
+
+
+def _within(exposure: float, sensor: Sensor) -> float:
+    low, high = sensor.exposure_range
+    return min(max(exposure, low), high)
+
+
+def exposures_of(
+    camera: Camera,
+    request: Request,
+    wavelength_nm: float,
+    found: Found,
+    trials: int,
+) -> Exposures:
+    """From the neutral star to the regions' spots.
+
+    A region's spot has its share of the light in its own first order, and is wider than the star
+    by the region's own diffraction.
+    """
+    panel, sensor = camera.panel, camera.sensor
+    scale = wavelength_nm * 1e-9 * camera.lens.image_distance / sensor.pitch
+    lines = [scale / (n * panel.pitch) for n in panel.shape]
+    blur2 = max(found.width**2 - lines[0] * lines[1], 0.0)
+    wide = [
+        math.sqrt((line * count) ** 2 + blur2)
+        for line, count in zip(lines, request.regions, strict=True)
+    ]
+    light = _FIRST_ORDER / math.prod(request.regions)
+    dimmer = light * max(found.width**2, 1.0) / max(wide[0] * wide[1], 1.0)
+    sweep = _within(found.exposure * _SWEEP / _FULL / min(dimmer, 1.0), sensor)
+    return Exposures(
+        wavelength_nm=wavelength_nm,
+        full_ms=_milliseconds(found.exposure),
+        sweep_ms=_milliseconds(sweep),
+        trials=trials,
+    )
+
+
+def nominal_width(camera: Camera, wavelength_nm: float) -> float:
+    """The same from the camera's description: the pupil's diffraction and a pixel."""
+    scale = wavelength_nm * 1e-9 * camera.lens.image_distance / camera.sensor.pitch
+    lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
+    return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
+
+
+def _milliseconds(seconds: float) -> float:
+    """Whole microseconds, as cameras count."""
+    return round(seconds * 1e6) / 1e3

@@ -1,0 +1,255 @@
+"""From a record to a calibration: every fit of a design, in the order in which they build up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.calibration import request as names
+from labapp.calibration.frames import Frames
+from labapp.calibration.request import Design
+from labapp.errors import UserError
+from labapp.record.reader import Record
+from optics.calibration.orders import first_orders
+from optics.calibration.registration import Registration, register
+from optics.calibration.response import ResponseFit, Sweep, fit_response
+from optics.calibration.spots import find_spot
+from optics.calibration.star import StarModel
+from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefront
+from optics.calibration.zeroth import ZerothOrder, left_in_the_centre, zeroth_share
+from optics.camera import Camera
+from optics.progress import Progress
+from optics.slm import Response, grey_to_phase
+
+Array = NDArray[np.float64]
+
+_CENTRE = 12
+"""Pixels around the zeroth order that aren't searched for steered spots."""
+
+_WINDOW = 24
+"""Pixels from the star's middle to the edge of its pictures for the wavefront, at the most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One region's sweep and what was fitted to it."""
+
+    sweep: Sweep
+    fit: ResponseFit
+    clipped: int
+
+
+@dataclass(eq=False)
+class Fits:
+    """All that a record tells; what wasn't asked for is empty. By wavelength in nm."""
+
+    path: Path
+    design: Design
+    camera: Camera
+    registrations: dict[float, Registration] = field(default_factory=dict)
+    responses: dict[float, list[Region]] = field(default_factory=dict)
+    zeroth: dict[float, ZerothOrder] = field(default_factory=dict)
+    wavefront: WavefrontFit | None = None
+    pictures: StarPictures | None = None
+
+    @property
+    def calibrated(self) -> Camera:
+        """The camera with the response and the zeroth order that were found."""
+        panel = self.camera.panel
+        if self.responses:
+            phases = np.stack(
+                [
+                    np.stack([region.fit.phase for region in regions]).reshape(
+                        *self.design.request.regions, -1
+                    )
+                    for regions in self.responses.values()
+                ]
+            )
+            wavelengths = [nm * 1e-9 for nm in self.responses]
+            response = Response.measured(panel, wavelengths, torch.from_numpy(phases))
+            panel = replace(panel, response=response)
+        if self.zeroth:
+            share = float(np.mean([found.share for found in self.zeroth.values()]))
+            panel = replace(panel, unmodulated=min(max(share, 0.0), 1.0), front_reflection=0.0)
+        return replace(self.camera, panel=panel)
+
+
+def fit_record(path: Path, progress: Progress | None = None) -> Fits:
+    """Every fit that a record was taken for.
+
+    UserError if it is no record of a calibration, lacks frames, or a fit can't be trusted; it
+    says what to do at the bench.
+    """
+    progress = progress or Progress()
+    with Record(path) as record:
+        frames = Frames.of(record)
+        design, request = frames.design, frames.design.request
+        fits = Fits(path, design, frames.camera)
+        count = len(request.wavelengths_nm)
+        for number, nm in enumerate(request.wavelengths_nm):
+            part = progress.part(0.7 * number / count, 0.7 * (number + 1) / count)
+            _fit_wavelength(frames, nm, fits, part)
+        if request.asks_for("wavefront"):
+            progress.report(0.7, "wavefront")
+            with _explained(path, "wavefront"):
+                _fit_wavefront(frames, fits, progress.part(0.7, 1.0))
+    progress.report(1.0, "fitted")
+    return fits
+
+
+class _explained:
+    """Turns a fit's ValueError into words that name the record and the fit."""
+
+    def __init__(self, path: Path, what: str) -> None:
+        self._path, self._what = path, what
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, ValueError):
+            raise UserError(f"{self._path}: {self._what}: {error}.") from error
+
+
+def _fit_wavelength(frames: Frames, nm: float, fits: Fits, progress: Progress) -> None:
+    request = frames.design.request
+    progress.report(0.0, f"registration, {nm:g} nm")
+    with _explained(frames.record.path, f"registration at {nm:g} nm"):
+        fits.registrations[nm] = _registered(frames, nm)
+    if request.asks_for("response"):
+        with _explained(frames.record.path, f"response at {nm:g} nm"):
+            regions = _responses(frames, nm, fits.registrations[nm], progress)
+            fits.responses[nm] = regions
+    if request.asks_for("zeroth"):
+        with _explained(frames.record.path, f"zeroth order at {nm:g} nm"):
+            fits.zeroth[nm] = _zeroth(frames, nm, fits)
+
+
+def _registered(frames: Frames, nm: float) -> Registration:
+    """From the spots of the compass' gratings, seen beside the neutral star."""
+    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
+    neutral, variance = frames.light(names.neutral(), nm, dark)
+    hot = frames.hot(dark)
+    clipped = frames.clipped(names.neutral(), nm) & ~hot
+    if clipped.any():
+        raise ValueError(
+            f"{int(clipped.sum())} pixels of the neutral star are clipped; expose it shorter "
+            "(--exposure-ms)"
+        )
+    centre = find_spot(np.where(hot, 0.0, neutral), variance)
+    y, x = np.ogrid[: neutral.shape[0], : neutral.shape[1]]
+    near = np.hypot(y - centre.y, x - centre.x) < _CENTRE
+    spots = [centre]
+    for number in range(len(frames.design.compass)):
+        steered, noise = frames.light(names.steer(nm, number), nm, dark)
+        light = np.where(hot, 0.0, steered - neutral)
+        spots.append(find_spot(light, noise + variance, hidden=near | hot))
+    vectors = np.array([(0.0, 0.0), *frames.design.compass])
+    return register(vectors, spots, nm * 1e-9)
+
+
+def _responses(
+    frames: Frames, nm: float, registration: Registration, progress: Progress
+) -> list[Region]:
+    design, camera = frames.design, frames.camera
+    panel = camera.panel
+    regions = design.request.regions
+    cells = (panel.shape[0] // regions[0], panel.shape[1] // regions[1])
+    vectors = np.array(design.vectors)
+    gathered = first_orders(
+        frames.sweep(nm),
+        frames.dark(nm, design.exposure(nm).sweep_ms),
+        registration,
+        vectors,
+        cells,
+        camera.sensor,
+        nm * 1e-9,
+    )
+    low, high = np.array(design.low), np.array(design.high)
+    top = torch.full(panel.shape, panel.levels - 1, dtype=torch.uint8)
+    reach = float(grey_to_phase(panel, top, nm * 1e-9).mean())
+    found = []
+    for number, (light, vector) in enumerate(zip(gathered, vectors, strict=True)):
+        progress.report(number / len(vectors), f"response, {nm:g} nm, region {number + 1}")
+        ok = ~light.clipped
+        period = 1 / math.hypot(*vector)
+        sweep = Sweep(low[ok], high[ok], light.light[ok], light.noise[ok], period)
+        fit = fit_response(sweep, panel.levels, reach)
+        found.append(Region(sweep, fit, int(light.clipped.sum())))
+    return found
+
+
+def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
+    """What the compass' gratings leave in the centre, but for what they were seen to show."""
+    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
+    neutral, _ = frames.light(names.neutral(), nm, dark)
+    panel = fits.calibrated.panel
+    steered, noises, expected = [], [], []
+    for number in range(len(frames.design.compass)):
+        name = names.steer(nm, number)
+        light, noise = frames.light(name, nm, dark)
+        grey = torch.from_numpy(frames.record.pattern(name))
+        steered.append(light)
+        noises.append(noise)
+        expected.append(left_in_the_centre(grey_to_phase(panel, grey, nm * 1e-9).numpy()))
+    usable = ~(frames.hot(dark) | frames.clipped(names.neutral(), nm))
+    centre = fits.registrations[nm].centre
+    return zeroth_share(neutral, steered, noises, expected, centre, usable)
+
+
+def _fit_wavefront(frames: Frames, fits: Fits, progress: Progress) -> None:
+    design, request = frames.design, frames.design.request
+    nm = design.reference_nm
+    if request.star_diameter_um is None or request.star_distance_m is None:
+        raise ValueError("the star's size and distance aren't known (--star-um, --star-m)")
+    shown = [names.neutral(), *(names.defocus(nm, k) for k in range(len(design.defocus_waves)))]
+    registration = fits.registrations[nm]
+    corner, shape = _window(registration.centre, frames.camera.sensor.shape)
+    part = tuple(slice(c, c + n) for c, n in zip(corner, shape, strict=True))
+    fits.pictures = _star_pictures(frames, shown, nm, part)
+    calibrated = fits.calibrated
+    phases = [
+        grey_to_phase(calibrated.panel, torch.from_numpy(frames.record.pattern(name)), nm * 1e-9)
+        for name in shown
+    ]
+    model = StarModel(
+        calibrated,
+        phases,
+        registration,
+        nm * 1e-9,
+        corner=corner,
+        shape=shape,
+        diameter=request.star_diameter_um * 1e-6,
+        distance=request.star_distance_m,
+        unmodulated=calibrated.panel.unmodulated,
+    )
+    fits.wavefront = fit_wavefront(model, fits.pictures, progress=progress)
+
+
+def _window(
+    centre: tuple[float, float], shape: tuple[int, int]
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First pixel and shape of a window around the star, inside of the frame."""
+    low = [max(round(c) - _WINDOW, 0) for c in centre]
+    high = [min(round(c) + _WINDOW + 1, n) for c, n in zip(centre, shape, strict=True)]
+    return (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
+
+
+def _star_pictures(
+    frames: Frames, shown: Sequence[str], nm: float, part: tuple[slice, ...]
+) -> StarPictures:
+    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
+    hot = frames.hot(dark)
+    lights, variances, usable = [], [], []
+    for name in shown:
+        light, variance = frames.light(name, nm, dark)
+        lights.append(light[part])
+        variances.append(variance[part])
+        usable.append(~(hot | frames.clipped(name, nm))[part])
+    return StarPictures(np.stack(lights), np.stack(variances), np.stack(usable))

@@ -1,0 +1,132 @@
+"""The frames of a calibration's record, as its fits want them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.acquisition.state import State
+from labapp.calibration import request as names
+from labapp.calibration.request import Design
+from labapp.errors import UserError
+from labapp.files.reading import validate
+from labapp.record.reader import Record
+from optics.calibration.spots import frame_variance
+from optics.camera import Camera
+
+Array = NDArray[np.float64]
+
+_HOT = 8.0
+"""Standard deviations of read noise by which a pixel in a dark frame is hot."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """A record and the design that it was made by.
+
+    camera: the bench's description, without a calibration in force.
+    """
+
+    record: Record
+    design: Design
+    camera: Camera
+
+    @staticmethod
+    def of(record: Record) -> Frames:
+        """UserError if the record isn't one of a calibration, or isn't whole."""
+        text = record.plan.metadata.get(names.DESIGN_KEY)
+        if not isinstance(text, str):
+            raise UserError(
+                f"{record.path}: is no record of a calibration. Give one that "
+                "`labapp calibrate` made, or the run of a plan that it wrote."
+            )
+        if record.state is not State.COMPLETE:
+            raise UserError(
+                f"{record.path}: the run is {record.state}, and a calibration needs all of its "
+                f"frames. Take them with: labapp resume {record.path}"
+            )
+        design = validate_design(text, str(record.path))
+        return Frames(record, design, record.bench.uncalibrated().build_camera())
+
+    def raw(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
+        """All frames of a pattern at a wavelength, (frames, rows, columns)."""
+        indices = [
+            index
+            for index in self.record.select(pattern=pattern)
+            if self._is_at(index, wavelength_nm) and self._target(index) == self.design.request.star
+        ]
+        if not indices:
+            raise UserError(
+                f"{self.record.path}: has no frame of {pattern!r} at {wavelength_nm:g} nm. "
+                "Run its plan again."
+            )
+        return np.stack([self.record.image(index) for index in indices])
+
+    def sweep(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
+        """The frames of the sweep, in the order of the design's levels."""
+        levels = zip(self.design.low, self.design.high, strict=True)
+        return [self.raw(names.stripes(low, high), wavelength_nm)[0] for low, high in levels]
+
+    def dark(self, wavelength_nm: float, exposure_ms: float) -> Array:
+        """The mean dark frame of an exposure; the sensor's black level where there is none."""
+        dark = self.design.request.dark
+        exposure = round(exposure_ms * 1e3) / 1e6
+        indices = [
+            index
+            for index in (self.record.select(target=dark) if dark else [])
+            if self._is_at(index, wavelength_nm) and abs(self._asked[index] - exposure) < 0.5e-6
+        ]
+        if not indices:
+            sensor = self.camera.sensor
+            level = sensor.black_level + sensor.dark_current * exposure / sensor.gain
+            return np.full(sensor.shape, level)
+        return np.mean([self.record.image(index) for index in indices], axis=0)
+
+    def light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
+        """A pattern's mean picture less its dark, and the variance of that, (rows, columns)."""
+        frames = self.raw(pattern, wavelength_nm).astype(np.float64)
+        sensor = self.camera.sensor
+        variance = frame_variance(frames, sensor).mean(axis=0) / len(frames)
+        return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
+
+    def clipped(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
+        """Pixels at full scale in one of a pattern's frames, (rows, columns)."""
+        brightest = self.raw(pattern, wavelength_nm).max(axis=0)
+        return brightest >= self.camera.sensor.full_scale
+
+    def hot(self, dark: Array) -> NDArray[np.bool_]:
+        """Pixels that are bright without light."""
+        sensor = self.camera.sensor
+        return dark - np.median(dark) > _HOT * sensor.read_noise / sensor.gain + 1
+
+    @cached_property
+    def _wavelengths(self) -> Array:
+        return self.record.column("wavelength_asked")
+
+    @cached_property
+    def _asked(self) -> Array:
+        return self.record.column("exposure_asked")
+
+    @cached_property
+    def _targets(self) -> list[str]:
+        known = self.record.target_names
+        return [known[number] for number in self.record.column("target")]
+
+    def _is_at(self, index: int, wavelength_nm: float) -> bool:
+        return abs(self._wavelengths[index] - wavelength_nm * 1e-9) < 1e-12
+
+    def _target(self, index: int) -> str:
+        return self._targets[index]
+
+
+def validate_design(text: str, source: str) -> Design:
+    """UserError if the text isn't a design."""
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise UserError(f"{source}: its design is damaged: {error}. Run its plan again.") from error
+    return validate(data, Design, f"{source}: {names.DESIGN_KEY}")

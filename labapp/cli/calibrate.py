@@ -1,0 +1,100 @@
+"""The command that calibrates a bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.options import (
+    BenchOption,
+    FaultsOption,
+    ForceOption,
+    JsonOption,
+    SceneOption,
+    SpeedOption,
+    YesOption,
+)
+from labapp.errors import UserError
+
+
+@app.command()
+def calibrate(
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where plan, record and results go.")
+    ] = None,
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    wavelength_nm: Annotated[
+        list[float] | None,
+        typer.Option(metavar="NM", help="At which to calibrate; several times for several.  [532]"),
+    ] = None,
+    regions: Annotated[
+        str, typer.Option(metavar="RxC", help="Of the panel, each with a curve of its own.")
+    ] = "2x2",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART",
+            help="registration, response, wavefront or zeroth; several times for several.  [all]",
+        ),
+    ] = None,
+    levels: Annotated[int, typer.Option(help="Frames of the sweep of grey levels.")] = 40,
+    exposure_ms: Annotated[
+        float | None,
+        typer.Option(help="Of the neutral star, a little below clipping.  [found by trial]"),
+    ] = None,
+    star: Annotated[str, typer.Option(help="The target with the star.")] = "star",
+    dark: Annotated[str, typer.Option(help="The target without light; '' for none.")] = "dark",
+    star_um: Annotated[
+        float | None, typer.Option(help="Diameter of the pinhole.  [the scene's]")
+    ] = None,
+    star_m: Annotated[
+        float | None, typer.Option(help="Distance of the pinhole.  [the scene's]")
+    ] = None,
+    plan_only: Annotated[
+        bool, typer.Option("--plan-only", help="Write plan and patterns, take no pictures.")
+    ] = False,
+    fit: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN.h5", help="Fit a record that is there; take no pictures."),
+    ] = None,
+    faults: FaultsOption = None,
+    speed: SpeedOption = float("inf"),
+    yes: YesOption = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find out what panel, lens and sensor really do, with an artificial star.
+
+    Takes 56 frames for one wavelength, fits them, and writes **plan.toml**, **patterns/**,
+    **run.h5**, **calibration.json** and **calibration.png** to a folder: where gratings send
+    light on the sensor, the phase of every grey level, wavefront and focus, and the light that no
+    pattern moves, each with residual and uncertainty. A line in the bench file,
+    `calibration = "calibration.json"`, puts it in force.
+    """
+    from labapp.bench import BenchFiles
+    from labapp.calibration.command import Asked, calibrate_bench, fit_again, write_plan_only
+    from labapp.running import Manner
+
+    manner = Manner(force, yes, speed, json)
+    if fit is not None:
+        fit_again(fit, manner)
+        return
+    if out is None:
+        raise UserError("--out is missing: name a folder for plan, record and results.")
+    asked = Asked(
+        wavelengths_nm=tuple(wavelength_nm or [532.0]),
+        regions=regions,
+        only=tuple(only or ()),
+        levels=levels,
+        exposure_ms=exposure_ms,
+        star=star,
+        dark=dark,
+        star_um=star_um,
+        star_m=star_m,
+    )
+    files = BenchFiles.default(bench, scene, None, faults)
+    (write_plan_only if plan_only else calibrate_bench)(asked, out, files, manner)

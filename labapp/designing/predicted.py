@@ -1,0 +1,58 @@
+"""The PSF that frames on a panel will give, as the camera's description has it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import torch
+
+from optics.camera import Camera
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.psf import PSFOperator
+from optics.psf.modulated import modulated_psf
+from optics.slm import Modulator
+
+Exposure = tuple[int, float, torch.Tensor]
+"""The frame, its share of the whole time, and what the panel does to the light meanwhile."""
+
+
+def predicted_psf(
+    camera: Camera,
+    greys: torch.Tensor,
+    wavelength: float,
+    pixels: Plane,
+    progress: Progress | None = None,
+    moments: int = 1,
+) -> torch.Tensor:
+    """The share of an in-focus point's light on each pixel, (moments, rows, columns).
+
+    greys: (frames, rows, columns) of the panel; several are a video that is played again and
+    again, and seen for whole periods. moments: into which the frames are grouped evenly.
+    """
+    modulator = Modulator(camera.panel, wavelength)
+    focus = camera.lens.focus_distance
+    operator = PSFOperator(camera, focus, wavelength, pixels, unmodulated=0.0)
+    each = len(greys) // moments
+    exposures = _watched(_exposures(modulator, greys), len(greys), progress or Progress())
+    parts = []
+    for _, group in itertools.groupby(exposures, lambda exposure: exposure[0] // each):
+        seen = ((weight * moments, modulation) for _, weight, modulation in group)
+        parts.append(modulated_psf(operator, modulator, seen))
+    return torch.stack(parts)
+
+
+def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
+    """Of a still pattern, or of one period of a video."""
+    if len(greys) == 1:
+        for weight, modulation in modulator.still(greys[0]):
+            yield 0, weight, modulation
+        return
+    yield from modulator.cycle(modulator.phase(greys), 1 / modulator.panel.frame_rate)
+
+
+def _watched(exposures: Iterator[Exposure], frames: int, progress: Progress) -> Iterator[Exposure]:
+    for exposure in exposures:
+        progress.report(exposure[0] / frames, f"predicting the PSF, frame {exposure[0] + 1}")
+        yield exposure

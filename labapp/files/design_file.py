@@ -1,0 +1,212 @@
+"""Design files: a pattern with everything that it was made from, in one HDF5 file.
+
+/entry  (NXentry)        title, definition "labapp_design", start_time
+    settings             the pattern as a plan file writes it, seed and frames (JSON)
+    bench                the bench file (JSON)
+    versions             of the programs that made it (JSON)
+    wavelength           metres
+    pattern/ (NXcollection)
+        grey             (frames, rows, columns) uint8: what the SLM shows
+        phase            (frames, rows, columns) float32, radians; absent for grey levels
+        orders           whole waves of the panel's range that the phase is shown in
+        frame_time       seconds that a frame of a video stands
+        pixel_pitch      metres
+    psf/     (NXdata)    predicted (y, x): share of the light on each sensor pixel
+    target/  (NXdata)    image (moment, y, x), sum one; absent where there is none
+    quality/ (NXcollection)
+        efficiency, contrast, nrmse    by moment
+        method, iterations, cpu_seconds
+        seen_nrmse                     by picture of a bench's camera, if pictures corrected it
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+import labapp
+from labapp.errors import UserError
+
+DEFINITION = "labapp_design"
+_PACKAGES = ("numpy", "scipy", "torch", "h5py")
+_GREY = "entry/pattern/grey"
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Pictures with the positions of their samples: y and x in metres."""
+
+    images: NDArray[Any]
+    y: NDArray[np.float64]
+    x: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignContents:
+    """What a design file holds; see the module's text for shapes and units."""
+
+    title: str
+    settings: Mapping[str, Any]
+    bench: Mapping[str, Any]
+    wavelength: float
+    grey: NDArray[np.uint8]
+    phase: NDArray[np.float32] | None
+    orders: int
+    frame_time: float
+    pixel_pitch: float
+    psf: Grid
+    target: Grid | None
+    quality: Mapping[str, Any]
+
+
+def write_design(path: Path, contents: DesignContents) -> None:
+    """A file that takes its name only when it is whole; UserError if it can't be written."""
+    draft = path.with_name(f".{path.name}.new")
+    try:
+        with h5py.File(draft, "w") as file:
+            _fill(file, contents)
+        draft.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def is_design(path: Path) -> bool:
+    """Whether a file's name says that it is a design file."""
+    return path.suffix.lower() in (".h5", ".hdf5")
+
+
+def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
+    """Grey levels of one frame, (rows, columns); UserError if there is none."""
+    with _opened(path) as file:
+        grey = file[_GREY]
+        if frame >= len(grey):
+            raise UserError(f"{path}: has no frame {frame}. Choose 0 to {len(grey) - 1}.")
+        return np.asarray(grey[frame])
+
+
+def read_design(path: Path) -> DesignContents:
+    """Everything that is in a design file; UserError if it is none, or damaged."""
+    with _opened(path) as file:
+        entry = file["entry"]
+        pattern = entry["pattern"]
+        return DesignContents(
+            title=_text(file, "entry/title"),
+            settings=json.loads(entry["settings"][()]),
+            bench=json.loads(entry["bench"][()]),
+            wavelength=float(entry["wavelength"][()]),
+            grey=pattern["grey"][()],
+            phase=pattern["phase"][()] if "phase" in pattern else None,
+            orders=int(pattern["orders"][()]),
+            frame_time=float(pattern["frame_time"][()]),
+            pixel_pitch=float(pattern["pixel_pitch"][()]),
+            psf=_read_grid(entry["psf"], "predicted"),
+            target=_read_grid(entry["target"], "image") if "target" in entry else None,
+            quality={name: _plain(value[()]) for name, value in entry.get("quality", {}).items()},
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """A design file, for reading; what fails in the block is a UserError."""
+    try:
+        with h5py.File(path, "r") as file:
+            if _GREY not in file or _text(file, "entry/definition") != DEFINITION:
+                raise UserError(
+                    f"{path}: is no design file. Give one that labapp pattern or retrieve wrote."
+                )
+            yield file
+    except FileNotFoundError as error:
+        raise UserError(f"{path}: there is no such file. Check the path.") from error
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read as HDF5: {error}.") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{path}: is damaged: {error}. Make it again.") from error
+
+
+def _read_grid(group: h5py.Group, signal: str) -> Grid:
+    return Grid(group[signal][()], group["y"][()], group["x"][()])
+
+
+def _plain(value: Any) -> Any:
+    """As it was written: text, a number, or a list of them."""
+    return value.decode() if isinstance(value, bytes) else value.tolist()
+
+
+def _text(file: h5py.File, name: str) -> str:
+    return file[name][()].decode() if name in file else ""
+
+
+def _fill(file: h5py.File, c: DesignContents) -> None:
+    file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "labapp"})
+    file.attrs["creator_version"] = labapp.__version__
+    entry = _group(file, "entry", "NXentry")
+    entry.attrs["default"] = "psf"
+    texts = {
+        "title": c.title,
+        "definition": DEFINITION,
+        "start_time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "settings": json.dumps(c.settings),
+        "bench": json.dumps(c.bench),
+        "versions": json.dumps(_versions()),
+    }
+    for name, text in texts.items():
+        entry[name] = np.bytes_(text.encode())
+    _number(entry, "wavelength", c.wavelength, "m")
+    pattern = _group(entry, "pattern", "NXcollection")
+    # Frames can be read one by one. Phases don't get smaller by much.
+    one = (1, *c.grey.shape[1:])
+    pattern.create_dataset("grey", data=c.grey, chunks=one, compression="gzip", compression_opts=1)
+    if c.phase is not None:
+        pattern["phase"] = c.phase
+        pattern["phase"].attrs["units"] = "rad"
+    pattern["orders"] = c.orders
+    _number(pattern, "frame_time", c.frame_time, "s")
+    _number(pattern, "pixel_pitch", c.pixel_pitch, "m")
+    _grid(entry, "psf", "predicted", c.psf)
+    if c.target is not None:
+        _grid(entry, "target", "image", c.target)
+    if c.quality:
+        quality = _group(entry, "quality", "NXcollection")
+        for name, value in c.quality.items():
+            quality[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+
+
+def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:
+    data = _group(entry, name, "NXdata")
+    axes = ["moment", "y", "x"][3 - grid.images.ndim :]
+    data.attrs.update({"signal": signal, "axes": axes})
+    data[signal] = grid.images
+    data[signal].attrs["interpretation"] = "image"
+    if grid.images.ndim == 3:
+        data["moment"] = np.arange(len(grid.images))
+    _number(data, "y", grid.y, "m")
+    _number(data, "x", grid.x, "m")
+
+
+def _number(group: h5py.Group, name: str, value: Any, unit: str) -> None:
+    group[name] = value
+    group[name].attrs["units"] = unit
+
+
+def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
+    group = parent.create_group(name)
+    group.attrs["NX_class"] = kind
+    return group
+
+
+def _versions() -> dict[str, str]:
+    found = {name: version(name) for name in _PACKAGES}
+    return {"labapp": labapp.__version__, "python": platform.python_version(), **found}

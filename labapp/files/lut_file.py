@@ -1,0 +1,103 @@
+"""A panel's response to grey levels: a vendor's table, or a measurement."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from labapp.errors import UserError
+from labapp.files.reading import FileModel, read_file
+from optics.slm import Panel, Response
+
+Wavelength = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ResponseTable(FileModel):
+    """Phases in units of pi, level by level, at wavelengths in nm.
+
+    phase_pi: for every wavelength the phases of all levels, or rows of columns of regions of
+    them. Regions are equally large and cover the panel.
+    """
+
+    wavelengths_nm: Annotated[list[Wavelength], Field(min_length=1)]
+    phase_pi: list[Any]
+
+    def build(self, panel: Panel) -> Response:
+        """ValueError for phases that are no numbers, or none of this panel."""
+        try:
+            phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
+        except (TypeError, ValueError):
+            raise ValueError(
+                "phase_pi must hold equally long lists of numbers, one for every wavelength"
+            ) from None
+        return Response.measured(panel, [nm * 1e-9 for nm in self.wavelengths_nm], phases)
+
+
+class LutFile(ResponseTable):
+    """A ResponseTable in a TOML or JSON file of its own."""
+
+    version: int = Field(ge=1, le=1)
+
+
+def read_lut(path: Path, levels: int) -> ResponseTable:
+    """The response in a file; UserError names the file, and the line where it has lines.
+
+    TOML and JSON files hold a LutFile. Others hold text: a first line of `grey` and wavelengths
+    in nm, then lines of a level and its phases in units of pi, parted by commas, semicolons or
+    blanks. Levels between those that are given are interpolated linearly; the first and the
+    last level must be there. `#` begins a comment.
+    """
+    if path.suffix.lower() in (".toml", ".json"):
+        return ResponseTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
+    lines = _lines(path)
+    if not lines:
+        raise UserError(f"{path}: is empty. Give a line of grey levels and phases a level.")
+    (number, head), *rest = lines
+    wavelengths = _numbers(head[1:])
+    if head[0].lower() != "grey" or not wavelengths or min(wavelengths) <= 0:
+        raise UserError(
+            f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
+        )
+    rows = [_row(path, number, parts, len(head)) for number, parts in rest]
+    level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
+    if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():
+        raise UserError(
+            f"{path}: the grey levels must rise from 0 in the first line to {levels - 1}, the "
+            "panel's last, in the last."
+        )
+    every = np.arange(levels)
+    curves = [np.interp(every, level, column).tolist() for column in phases.T]
+    return ResponseTable(wavelengths_nm=wavelengths, phase_pi=curves)
+
+
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Numbered lines that say something, in parts."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: is not a text file. Give a table as CSV.") from error
+    said = [(n, line.partition("#")[0].strip()) for n, line in enumerate(text.splitlines(), 1)]
+    return [(n, re.split(r"\s*[,;]\s*|\s+", line)) for n, line in said if line]
+
+
+def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
+    values = _numbers(parts)
+    if values is None or len(values) != length:
+        raise UserError(
+            f"{path}: line {number} is {' '.join(parts)!r}; it must hold {length} numbers, a grey "
+            "level and its phases in units of pi."
+        )
+    return values
+
+
+def _numbers(parts: list[str]) -> list[float] | None:
+    try:
+        return [float(part) for part in parts]
+    except ValueError:
+        return None

@@ -1,0 +1,159 @@
+"""The panel: in a bench file, or in a file of its own that benches share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from labapp.errors import UserError
+from labapp.files.lut_file import ResponseTable, read_lut
+from labapp.files.map_file import FlatnessTable, MapTable
+from labapp.files.reading import FileModel, bundled, read_file, validate
+from optics.slm import Panel
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class PanelTable(FileModel):
+    """The modulator. max_phase_pi: wavelength in nm to highest phase in units of pi.
+
+    What has a default is off by it; optics.slm.Panel says what it is. lut: a file of phases,
+    see read_lut(), which is read into `response`.
+    """
+
+    model: str
+    width: Count
+    height: Count
+    pitch_um: Positive
+    fill_factor: Annotated[float, Field(gt=0, le=1)]
+    levels: Annotated[int, Field(ge=2, le=256)] = 256
+    unmodulated: Share
+    reflectivity: Share
+    settling_ms: Annotated[float, Field(ge=0)]
+    max_phase_pi: dict[Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")], Positive]
+    frame_rate_hz: Positive = 60.0
+    response_time_ms: Amount = 0.0
+    coupling_um: Amount = 0.0
+    flicker: Share = 0.0
+    jitter_rad: Amount = 0.0
+    front_reflection: Share = 0.0
+    gap_reflection: Share = 0.0
+    lut: str | None = None
+    response: ResponseTable | None = None
+    flatness: FlatnessTable | None = None
+    illumination: MapTable | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> PanelTable:
+        if self.lut is not None and self.response is not None:
+            raise ValueError("give lut or response, not both")
+        self._without_maps()
+        return self
+
+    def build(self) -> Panel:
+        """UserError if a file can't be read, or doesn't fit the panel."""
+        table = self.found_in(Path()) if self.lut is not None else self
+        maps = {
+            name: getattr(self, name).build()
+            for name in ("flatness", "illumination")
+            if getattr(self, name) is not None
+        }
+        try:
+            return table._without_maps(**maps)
+        except ValueError as error:
+            raise UserError(f"{self.model}: {error}.") from error
+
+    def _without_maps(self, **maps: Any) -> Panel:
+        panel = Panel(
+            shape=(self.height, self.width),
+            pitch=self.pitch_um * 1e-6,
+            fill_factor=self.fill_factor,
+            levels=self.levels,
+            max_phase=tuple((float(nm) * 1e-9, p * math.pi) for nm, p in self.max_phase_pi.items()),
+            unmodulated=self.unmodulated,
+            reflectivity=self.reflectivity,
+            settling=self.settling_ms * 1e-3,
+            frame_rate=self.frame_rate_hz,
+            response_time=self.response_time_ms * 1e-3,
+            coupling=self.coupling_um * 1e-6,
+            flicker=self.flicker,
+            jitter=self.jitter_rad,
+            front_reflection=self.front_reflection,
+            gap_reflection=self.gap_reflection,
+            **maps,
+        )
+        if self.response is None:
+            return panel
+        return replace(panel, response=self.response.build(panel))
+
+    def found_in(self, folder: Path) -> PanelTable:
+        """The panel with all that its files hold, or their absolute paths if they are large.
+
+        Files are looked for in `folder`. UserError if the table of levels can't be read.
+        """
+        change: dict[str, Any] = {}
+        if self.lut is not None:
+            path = folder / self.lut
+            change = {"lut": None, "response": read_lut(path, self.levels)}
+            try:
+                self.model_copy(update=change)._without_maps()
+            except ValueError as error:
+                raise UserError(f"{path}: {error}.") from error
+        for name in ("flatness", "illumination"):
+            table = getattr(self, name)
+            if table is not None:
+                change[name] = table.found_in(folder.resolve())
+        return self.model_copy(update=change)
+
+
+class PanelFile(PanelTable):
+    """A panel in a file of its own."""
+
+    version: Literal[1]
+
+
+def bundled_panels() -> list[str]:
+    """The names of the panels that come with the application."""
+    return sorted(path.stem for path in bundled("panels").glob("*.toml"))
+
+
+def read_panel(file: str, folder: Path) -> PanelTable:
+    """A panel by the name of one that is bundled, or by its file, looked for in `folder`.
+
+    UserError names file, key, value and rule.
+    """
+    if file in bundled_panels():
+        path = bundled("panels") / f"{file}.toml"
+    else:
+        path = folder / file
+        if not path.exists():
+            raise UserError(
+                f"{path}: there is no such panel. Give its file, or one of those that come with "
+                f"labapp: {', '.join(bundled_panels())}."
+            )
+    data = read_file(path, PanelFile).model_dump(exclude={"version"})
+    return validate(data, PanelTable, str(path)).found_in(path.parent)
+
+
+def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+    """A bench's plain data with all of the panel in it, if it names a panel's file.
+
+    Keys beside `file` count more than the file's. source: what errors name.
+    """
+    panel = data.get("panel")
+    if not isinstance(panel, dict) or "file" not in panel:
+        return data
+    file, own = panel["file"], {key: value for key, value in panel.items() if key != "file"}
+    if not isinstance(file, str):
+        raise UserError(f"{source}: key 'panel.file' is {file!r}: it should be a string.")
+    given = read_panel(file, folder).model_dump()
+    if "lut" in own:
+        given["response"] = None
+    return data | {"panel": given | own}

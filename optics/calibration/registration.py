@@ -1,0 +1,199 @@
+"""From panel to sensor: where a grating sends light, as an affine map that spots decide."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.calibration.spots import Spot
+
+Array = NDArray[np.float64]
+
+_FEWEST = 4
+_NEAR = 0.5
+"""Pixels by which a spot may miss whatever its noise: a lens distorts."""
+
+_OUTLYING = 5.0
+"""Standard deviations from which a spot is another one than was thought."""
+
+_SYSTEMATIC = 0.01
+"""Pixels by which a centroid may be wrong beside its noise."""
+
+Flip = Literal["none", "left-right", "up-down", "both"]
+
+_FLIPS: dict[tuple[bool, bool], Flip] = {
+    (False, False): "none",
+    (False, True): "left-right",
+    (True, False): "up-down",
+    (True, True): "both",
+}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """An affine map taken apart: first the mirror, then shear and scale, then the turn.
+
+    flip: none, left-right, up-down or both. rotation: radians from x towards y, at most a
+    quarter turn either way. scale: (y, x) camera pixels per cycle per panel pixel. shear: of x
+    by y, as a tangent.
+    """
+
+    flip: Flip
+    rotation: float
+    scale: tuple[float, float]
+    shear: float
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Where on the sensor a grating sends light: centre + matrix @ vector.
+
+    wavelength: metres; vectors at another one reach in proportion. centre: (y, x) pixel of the
+    zeroth order. matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
+    covariance: (3, 3) of centre and matrix, the same for y and for x, pixels². shift: (y, x)
+    pixels by which all steered spots lay beside the map, as they do when the response isn't the
+    same all over the panel. residuals: (spots, 2) pixels, measured less fitted. used: which
+    spots decided; others were outliers.
+    """
+
+    wavelength: float
+    centre: tuple[float, float]
+    matrix: Array
+    covariance: Array
+    shift: tuple[float, float]
+    residuals: Array
+    used: NDArray[np.bool_]
+
+    def pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
+        """Places (..., 2) on the sensor of grating vectors (..., 2), (y, x) of both."""
+        return np.asarray(self.centre) + self._stretch(wavelength) * (vectors @ self.matrix.T)
+
+    def vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
+        """The grating vectors (..., 2) that send light to places (..., 2) on the sensor."""
+        away = (pixels - np.asarray(self.centre)) / self._stretch(wavelength)
+        return away @ np.linalg.inv(self.matrix).T
+
+    def uncertainty(self, vectors: Array) -> Array:
+        """Standard deviation in pixels, along either axis, of where light is sent, (...)."""
+        ones = np.ones((*vectors.shape[:-1], 1))
+        design = np.concatenate([ones, vectors], axis=-1)
+        return np.sqrt(np.einsum("...i,ij,...j", design, self.covariance, design))
+
+    def field_uncertainty(self, shape: tuple[int, int]) -> float:
+        """The largest of a sensor's corners, (rows, columns), in pixels."""
+        corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
+        return float(self.uncertainty(self.vectors(corners)).max())
+
+    @property
+    def residual(self) -> float:
+        """Root mean square distance in pixels between spots that decided and their fit."""
+        return float(np.sqrt((self.residuals[self.used] ** 2).sum(1).mean()))
+
+    @property
+    def parts(self) -> Parts:
+        return taken_apart(self.matrix)
+
+    def _stretch(self, wavelength: float | None) -> float:
+        return 1.0 if wavelength is None else wavelength / self.wavelength
+
+
+def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Registration:
+    """The registration that grating vectors and the spots that they made decide.
+
+    vectors: (spots, 2) cycles per panel pixel, (0, 0) for the zeroth order of a neutral pattern,
+    which must be among them. A panel whose response isn't the same everywhere, and isn't known
+    yet, shows gratings with a step or a slope between its parts: it shifts all steered spots by
+    the same. That shift is fitted beside the map, which is the one of the zeroth order.
+
+    Spots that agree with no others are outliers: all maps through three steered spots are tried,
+    the one that most follow is kept, and fitted to those by weighted least squares (Fischler and
+    Bolles 1981, doi 10.1145/358669.358692, with every sample instead of random ones).
+
+    Raises ValueError for fewer than four steered spots or no zeroth order, for vectors that lie
+    on a line, and if fewer than four spots agree.
+    """
+    vectors = np.asarray(vectors, dtype=np.float64)
+    steered = _steered(vectors, spots)
+    places = np.array([spot.place for spot in spots])
+    sigma = np.hypot([spot.sigma for spot in spots], _SYSTEMATIC)
+    design = np.column_stack([np.ones(len(vectors)), vectors, steered])
+    used = ~steered
+    used[steered] = _agreeing(design[steered, :3], places[steered], sigma[steered])
+    if used[steered].sum() < _FEWEST:
+        raise ValueError(
+            f"only {used[steered].sum()} of {steered.sum()} spots agree on one map from panel to "
+            f"sensor, and {_FEWEST} are needed; check that the star is in focus and that nothing "
+            "but the panel sends light to the frame"
+        )
+    weight = 1 / sigma[used, None]
+    weighted = design[used] * weight
+    solution, *_ = np.linalg.lstsq(weighted, places[used] * weight, rcond=None)
+    residuals = places - design @ solution
+    freedom = 2 * (int(used.sum()) - 4)
+    chi2 = float(((residuals[used] * weight) ** 2).sum()) / freedom
+    return Registration(
+        wavelength,
+        (float(solution[0, 0]), float(solution[0, 1])),
+        solution[1:3].T.copy(),
+        # Spots that scatter more than their noise tell how much is not known.
+        np.linalg.inv(weighted.T @ weighted)[:3, :3] * max(chi2, 1.0),
+        (float(solution[3, 0]), float(solution[3, 1])),
+        residuals,
+        used,
+    )
+
+
+def _steered(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
+    """Which spots are steered; ValueError if they can't decide a map."""
+    if vectors.shape != (len(spots), 2):
+        raise ValueError(f"vectors are {vectors.shape}; {len(spots)} spots need ({len(spots)}, 2)")
+    steered: NDArray[np.bool_] = np.hypot(*vectors.T) > 0
+    if steered.all():
+        raise ValueError("no vector is (0, 0); give the zeroth order of a neutral pattern too")
+    if steered.sum() < _FEWEST:
+        raise ValueError(
+            f"{steered.sum()} steered spots were found; a registration needs {_FEWEST} at least"
+        )
+    spread = np.linalg.svd(vectors[steered] - vectors[steered].mean(0), compute_uv=False)
+    if spread[1] < 1e-3 * spread[0]:
+        raise ValueError("the vectors lie on a line; give gratings of several directions")
+    return steered
+
+
+def _agreeing(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
+    """Which spots follow the map through three of them that most spots follow."""
+    allowed = np.maximum(_NEAR, _OUTLYING * sigma)
+    best, fewest = np.zeros(len(places), dtype=bool), math.inf
+    for three in itertools.combinations(range(len(places)), 3):
+        some = design[list(three)]
+        if abs(np.linalg.det(some)) < 1e-12:
+            continue
+        away = np.hypot(*(places - design @ np.linalg.solve(some, places[list(three)])).T)
+        doubt = float((np.minimum(away / allowed, 1) ** 2).sum())
+        if doubt < fewest:
+            best, fewest = away <= allowed, doubt
+    return best
+
+
+def taken_apart(matrix: Array) -> Parts:
+    """Flip, rotation, scale and shear of a (2, 2) matrix of (y, x); ValueError if it is flat."""
+    turned = matrix[::-1, ::-1]
+    if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
+        raise ValueError("the matrix sends all gratings to one line; it is no registration")
+    found = []
+    for (up_down, left_right), name in _FLIPS.items():
+        mirror = np.diag([-1.0 if left_right else 1.0, -1.0 if up_down else 1.0])
+        q, r = np.linalg.qr(turned @ mirror)
+        signs = np.sign(np.diag(r))
+        q, r = q * signs, (r.T * signs).T
+        if np.linalg.det(q) < 0:
+            continue
+        angle = math.atan2(q[1, 0], q[0, 0])
+        found.append(Parts(name, angle, (float(r[1, 1]), float(r[0, 0])), float(r[0, 1] / r[0, 0])))
+    return min(found, key=lambda parts: abs(parts.rotation))

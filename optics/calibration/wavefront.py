@@ -1,0 +1,260 @@
+"""Wavefront and focus, from pictures of the star with known phases on the panel.
+
+One picture of a point can't tell a wavefront from its mirror image; several, with a defocus of
+known strength on the panel between them, can (phase diversity: Gonsalves 1982,
+doi 10.1117/12.7972989).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.calibration.star import StarModel
+from optics.camera import Panel
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.zernike import zernike
+
+Array = NDArray[np.float64]
+Term = tuple[int, int]
+
+TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n + 1, 2))
+"""Zernike polynomials that are fitted unless others are asked for: defocus to the fourth degree."""
+
+_DEFOCUS = (2, 0)
+
+_STARTS = np.linspace(-1.0, 1.0, 9)
+"""Waves of defocus, root mean square, from which a fit may begin."""
+
+_FOLLOWED = 2
+_STEPS = 60
+
+_UNIT = 0.05
+"""Of a wave, root mean square, and of a pixel: a step that an optimiser takes for one."""
+
+_NUDGE = 0.02
+"""Of the unit, for derivatives by differences."""
+
+_SYSTEMATIC = 0.01
+"""Of a picture's peak, by which the model may be wrong beside the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class WavefrontFit:
+    """Optical path besides the pattern, as Zernike polynomials over a disc about the pupil.
+
+    terms: (n, m). coefficients: metres, root mean square over the disc; covariance: m². radius:
+    of the disc, metres on the panel. rms, sigma: of the path over the open pupil, less its mean
+    and tilt, and its standard deviation there, metres. offset: (y, x) pixels between the star's
+    geometric image and the registration's centre. residual: relative L2 between pictures and
+    model. chi2: mean squared residual in standard deviations, less what was fitted.
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: Array
+    covariance: Array
+    radius: float
+    rms: float
+    sigma: float
+    offset: tuple[float, float]
+    residual: float
+    chi2: float
+
+    @property
+    def vergence(self) -> tuple[float, float]:
+        """Focus error in dioptres, and its standard deviation: of the star's distance, as if it
+        stood elsewhere than in the plane in focus."""
+        k = self.terms.index(_DEFOCUS)
+        scale = 4 * math.sqrt(3) / self.radius**2
+        sigma = math.sqrt(float(self.covariance[k, k]))
+        return scale * float(self.coefficients[k]), scale * sigma
+
+    def path(self, panel: Panel) -> torch.Tensor:
+        """Metres at the panel's pixels, (rows, columns) float64."""
+        return path_of(self.terms, self.coefficients, self.radius, panel.plane)
+
+
+def path_of(
+    terms: Sequence[Term], coefficients: Sequence[float] | Array, radius: float, plane: Plane
+) -> torch.Tensor:
+    """The sum of Zernike polynomials over a disc, metres, (rows, columns) of a plane."""
+    y, x = plane.mesh()
+    total = torch.zeros(plane.shape, dtype=torch.float64)
+    for (n, m), strength in zip(terms, coefficients, strict=True):
+        total = total + float(strength) * zernike(n, m, y / radius, x / radius)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class StarPictures:
+    """What was seen: light (pictures, rows, columns) less its dark, with its variance.
+
+    usable: pixels that may be believed, neither clipped nor hot.
+    """
+
+    light: Array
+    variance: Array
+    usable: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        shapes = {self.light.shape, self.variance.shape, self.usable.shape}
+        if len(shapes) > 1 or self.light.ndim != 3:
+            raise ValueError(
+                "light, variance and usable pixels must have the same three axes; here: "
+                f"{', '.join(map(str, sorted(shapes)))}"
+            )
+        if not (np.isfinite(self.light).all() and (self.variance > 0).all()):
+            raise ValueError("light must be finite and its variance positive")
+
+
+def fit_wavefront(
+    model: StarModel,
+    pictures: StarPictures,
+    *,
+    terms: Sequence[Term] = TERMS,
+    progress: Progress | None = None,
+) -> WavefrontFit:
+    """The Zernike polynomials that make a model show what was seen.
+
+    model: of the star through panel and lens, with the patterns that were shown. Least squares
+    in units of noise, by gradients through the PSF (L-BFGS), from the defocus that fits best of
+    nine; each picture's light and background are fitted with it. Raises ValueError if fewer
+    than two pictures were taken, or defocus isn't among the terms.
+    """
+    if len(pictures.light) < 2 or len(pictures.light) != model.patterns:
+        raise ValueError(
+            f"{len(pictures.light)} pictures of {model.patterns} patterns; a wavefront needs one "
+            "of each, and two at least"
+        )
+    if _DEFOCUS not in terms:
+        raise ValueError("terms lack defocus, (2, 0); add it")
+    progress = progress or Progress()
+    task = _Task(model, pictures, tuple(terms))
+    starts = sorted((task.started(defocus * 0.5) for defocus in _STARTS), key=task.cost)
+    found = []
+    for number, start in enumerate(starts[:_FOLLOWED]):
+        part = progress.part(number / (_FOLLOWED + 1), (number + 1) / (_FOLLOWED + 1))
+        found.append(task.descended(start, part))
+    best = min(found, key=task.cost)
+    progress.report(_FOLLOWED / (_FOLLOWED + 1), "wavefront: uncertainty")
+    return task.told(best)
+
+
+class _Task:
+    """Parameters are the polynomials, in _UNIT waves, and the star's place (y, x), in _UNIT
+    pixels."""
+
+    def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
+        self._model, self._terms = model, terms
+        self._light = torch.from_numpy(pictures.light)
+        peak = pictures.light.max(axis=(1, 2), keepdims=True)
+        variance = pictures.variance + (_SYSTEMATIC * peak) ** 2
+        weight = np.where(pictures.usable, 1 / variance, 0.0)
+        self._weight = torch.from_numpy(weight)
+        y, x = model.plane.mesh()
+        shapes = [zernike(n, m, y / model.radius, x / model.radius) for n, m in terms]
+        self._shapes = torch.stack([shape.expand(model.plane.shape) for shape in shapes])
+        self._path_unit = _UNIT * model.wavelength
+
+    def started(self, waves: float) -> torch.Tensor:
+        start = torch.zeros(len(self._terms) + 2, dtype=torch.float64)
+        start[self._terms.index(_DEFOCUS)] = waves / _UNIT
+        return start
+
+    def seen(self, parameters: torch.Tensor) -> torch.Tensor:
+        """The model's pictures, each with the light and background that fit best."""
+        path = torch.tensordot(parameters[:-2], self._shapes, 1) * self._path_unit
+        shares = self._model(path, parameters[-2:] * _UNIT)
+        return torch.stack(
+            [
+                _fitted(share, light, weight)
+                for share, light, weight in zip(shares, self._light, self._weight, strict=True)
+            ]
+        )
+
+    def misfit(self, parameters: torch.Tensor) -> torch.Tensor:
+        return ((self.seen(parameters) - self._light) ** 2 * self._weight).sum()
+
+    def cost(self, parameters: torch.Tensor) -> float:
+        with torch.no_grad():
+            return float(self.misfit(parameters))
+
+    def descended(self, start: torch.Tensor, progress: Progress) -> torch.Tensor:
+        parameters = start.clone().requires_grad_(True)
+        scale = max(self.cost(start), 1.0)
+        optimiser = torch.optim.LBFGS(
+            [parameters], max_iter=_STEPS, history_size=20, line_search_fn="strong_wolfe"
+        )
+        calls = 0
+
+        def closure() -> torch.Tensor:
+            nonlocal calls
+            calls += 1
+            progress.report(min(calls / (1.25 * _STEPS), 1.0), "wavefront")
+            optimiser.zero_grad()
+            loss = self.misfit(parameters) / scale
+            loss.backward()  # type: ignore[no-untyped-call]
+            return loss
+
+        optimiser.step(closure)  # type: ignore[no-untyped-call]
+        return parameters.detach()
+
+    def told(self, parameters: torch.Tensor) -> WavefrontFit:
+        with torch.no_grad():
+            seen = self.seen(parameters)
+            columns = []
+            for k in range(len(parameters)):
+                nudge = torch.zeros_like(parameters)
+                nudge[k] = _NUDGE
+                change = self.seen(parameters + nudge) - self.seen(parameters - nudge)
+                columns.append((change / (2 * _NUDGE) * self._weight.sqrt()).ravel())
+        jacobian = torch.stack(columns, dim=1)
+        used = int((self._weight > 0).sum())
+        freedom = max(used - len(parameters) - 2 * len(seen), 1)
+        chi2 = self.cost(parameters) / freedom
+        # Pixels aren't independent where the model is wrong: chi2 below one proves nothing.
+        covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * max(chi2, 1.0)
+        polynomials = covariance[:-2, :-2].numpy() * self._path_unit**2
+        coefficients = parameters[:-2].numpy() * self._path_unit
+        rms, sigma = self._over_the_pupil(coefficients, polynomials)
+        usable = self._weight > 0
+        away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
+        return WavefrontFit(
+            self._terms,
+            coefficients,
+            polynomials,
+            self._model.radius,
+            rms,
+            sigma,
+            (float(parameters[-2]) * _UNIT, float(parameters[-1]) * _UNIT),
+            away / float(self._light[usable].norm()),
+            chi2,
+        )
+
+    def _over_the_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
+        """Root mean square of the path over the open pupil, less mean and tilt, and its sigma."""
+        lit = self._model.light_on_panel.numpy()
+        weight = (lit / lit.sum()).ravel()
+        y, x = self._model.plane.mesh()
+        flat = torch.stack([torch.ones(lit.shape), y.expand(lit.shape), x.expand(lit.shape)])
+        basis = flat.reshape(3, -1).T.numpy() * np.sqrt(weight)[:, None]
+        shapes = self._shapes.reshape(len(self._terms), -1).T.numpy() * np.sqrt(weight)[:, None]
+        shapes = shapes - basis @ np.linalg.lstsq(basis, shapes, rcond=None)[0]
+        spread = float(np.einsum("pi,ij,pj", shapes, covariance, shapes))
+        return float(np.linalg.norm(shapes @ coefficients)), math.sqrt(max(spread, 0.0))
+
+
+def _fitted(share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """A picture's share times the light, plus the background, that fit best."""
+    with torch.no_grad():
+        design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)
+        root = weight.ravel().sqrt()
+        solution = torch.linalg.lstsq(design * root[:, None], (light.ravel() * root)[:, None])
+        amount, background = solution.solution[:, 0]
+    return amount * share + background

@@ -1,0 +1,69 @@
+"""The share of the light that no pattern moves out of the centre."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_REACH = 6
+"""Pixels around the centre that are looked at."""
+
+
+@dataclass(frozen=True)
+class ZerothOrder:
+    """share: of the light that stays in the centre whatever the pattern. sigma: its standard
+    deviation. by_frame: what each frame says."""
+
+    share: float
+    sigma: float
+    by_frame: tuple[float, ...]
+
+
+def zeroth_share(
+    neutral: Array,
+    steered: Sequence[Array],
+    variance: Sequence[Array],
+    expected: Sequence[float],
+    centre: tuple[float, float],
+    usable: NDArray[np.bool_],
+) -> ZerothOrder:
+    """What gratings leave in the centre, relative to a neutral pattern.
+
+    neutral: light less its dark, (rows, columns), where all light is in the centre. steered:
+    of gratings that send it away, at the same exposure; variance: of each difference to what
+    is expected. expected: share of the modulated light that each grating leaves in the centre
+    by itself, as the calibrated response has it. centre: (y, x) pixel. usable: pixels neither
+    clipped nor hot. All have the neutral star's shape in the centre, so that it is the weight.
+    Raises ValueError if the neutral centre is dark, or no grating was shown.
+    """
+    if not steered or not len(steered) == len(variance) == len(expected):
+        raise ValueError(
+            f"{len(steered)} steered pictures, {len(variance)} variances and {len(expected)} "
+            "expected shares; give one of each for every grating"
+        )
+    part = tuple(slice(max(round(c) - _REACH, 0), round(c) + _REACH + 1) for c in centre)
+    weight = np.where(usable[part], np.clip(neutral[part], 0, None), 0.0)
+    total = float((weight * neutral[part]).sum())
+    if not total > 0:
+        raise ValueError("the neutral star's centre is dark or clipped; expose it otherwise")
+    shares, noises = [], []
+    for light, noise, left in zip(steered, variance, expected, strict=True):
+        ratio = float((weight * light[part]).sum()) / total
+        shares.append((ratio - left) / (1 - left))
+        noises.append(math.sqrt(float((weight**2 * noise[part]).sum())) / total / (1 - left))
+    weights = np.array(noises) ** -2.0
+    share = float(np.average(shares, weights=weights))
+    scatter = float(np.sqrt(np.average((np.array(shares) - share) ** 2, weights=weights)))
+    sigma = math.hypot(1 / math.sqrt(weights.sum()), scatter / math.sqrt(max(len(shares) - 1, 1)))
+    return ZerothOrder(share, sigma, tuple(shares))
+
+
+def left_in_the_centre(phase: Array) -> float:
+    """Share of modulated light that a phase (rows, columns) in radians leaves in the centre."""
+    return float(np.abs(np.exp(1j * phase).mean()) ** 2)

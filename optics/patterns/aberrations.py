@@ -1,0 +1,72 @@
+"""Zernike polynomials on the panel: to make aberrations, or to undo a lens' own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+
+from optics.camera import Panel
+from optics.edge import require_positive, rounded_down
+from optics.patterns.slope import strengthened
+from optics.zernike import require_zernike, zernike
+
+
+def aberrated(
+    panel: Panel,
+    terms: Sequence[tuple[int, int, float]],
+    radius: float,
+    wavelength: float,
+) -> torch.Tensor:
+    """The sum of Zernike polynomials over a disc, as a lens with these aberrations adds it.
+
+    terms: triples (n, m, metres of optical path, root mean square over the disc), as a Lens has
+    them; negative ones undo a lens' own. radius: of the disc, metres on the panel. Beyond the
+    disc the polynomials go on, and grow: the slope is judged on the whole panel. Raises
+    ValueError for a polynomial that doesn't exist, and with the share of the terms that the
+    pixels allow.
+    """
+    require_positive("radius", radius, "m")
+    require_positive("wavelength", wavelength, "m")
+    for n, m, strength in terms:
+        require_zernike(n, m)
+        if not math.isfinite(strength):
+            raise ValueError(f"the aberration ({n}, {m}) is {strength} m; it must be finite")
+    path = _path(panel, terms, radius)
+    if not torch.isfinite(path).all():
+        raise ValueError(f"radius is {radius:g} m; the polynomials overflow: choose a larger one")
+    return strengthened(
+        "terms",
+        2 * math.pi / wavelength * path,
+        1.0,
+        lambda share: f"make them weaker, all by {rounded_down(share)}, or the radius larger",
+    )
+
+
+def _path(panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float) -> torch.Tensor:
+    """Metres on every pixel, (rows, columns).
+
+    A polynomial of degree d is known by its values on d + 1 Chebyshev nodes an axis: recurrences
+    run on few points, and two small products of matrices fill the panel, to rounding.
+    """
+    nodes = 1 + max((n for n, _, _ in terms), default=0)
+    angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
+    axes = [panel.plane.coordinates(axis) for axis in (0, 1)]
+    halves = [float(axis.abs().max()) or panel.pitch for axis in axes]
+    y, x = (half / radius * torch.cos(angle) for half in halves)
+    known = torch.zeros(nodes, nodes, dtype=torch.float64)
+    for n, m, strength in terms:
+        known = known + strength * zernike(n, m, y[:, None], x[None, :])
+    rows, columns = (
+        _from_nodes(axis / half, angle) for axis, half in zip(axes, halves, strict=True)
+    )
+    return rows @ known @ columns.T
+
+
+def _from_nodes(place: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
+    """The matrix from values on Chebyshev nodes cos(angle) to values at -1 <= place <= 1."""
+    order = torch.arange(angle.numel(), dtype=torch.float64)
+    weight = (2 - (order == 0).to(order)) / angle.numel()
+    there = torch.cos(torch.acos(place)[:, None] * order)
+    return (there * weight) @ torch.cos(angle[:, None] * order).T

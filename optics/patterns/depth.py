@@ -1,0 +1,69 @@
+"""Patterns that extend the depth of field: their PSFs hardly change with an object's distance."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from optics.camera import Panel
+from optics.edge import require_positive, rounded_down
+from optics.patterns.slope import require_slope, strengthened
+
+
+def cubic(panel: Panel, strength: float, radius: float | None = None) -> torch.Tensor:
+    """Strength times (x³ + y³), with x and y in units of a radius (thesis Eq. 2.41).
+
+    strength: radians at one radius from the centre, along an axis; of the order of 20 pi for a
+    large depth of field (Dowski and Cathey 1995, 10.1364/AO.34.001859). radius: metres on the
+    panel; None for half its longer side. Raises ValueError with the greatest strength that the
+    pixels allow.
+    """
+    if not math.isfinite(strength):
+        raise ValueError(f"strength is {strength} rad; it must be finite")
+    radius = _longer_half(panel) if radius is None else radius
+    require_positive("radius", radius, "m")
+    y, x = panel.plane.mesh()
+    return strengthened(
+        "strength",
+        (y / radius) ** 3 + (x / radius) ** 3,
+        strength,
+        lambda most: f"choose at most {rounded_down(most)} rad in size, or a larger radius",
+    )
+
+
+def annular(panel: Panel, rings: int, depth: float, radius: float | None = None) -> torch.Tensor:
+    """Equally wide rings around the axis, with the same parabola across each of them.
+
+    Every ring sends light over the same part of the sensor, whatever the defocus: the annular
+    phase mask of Ohta et al. (Jpn. J. Appl. Phys. 54, 09ME03, 2015), which the thesis shows with
+    eight rings (section 5.6, Fig. 5.5). depth: radians in the middle of a ring, over its edges,
+    where the phase is zero, as it is beyond all rings. radius: metres, outer edge of the last
+    ring; None for the panel's corners. Raises ValueError with the greatest depth, or number of
+    rings, that the pixels allow.
+    """
+    if not math.isfinite(depth):
+        raise ValueError(f"depth is {depth} rad; it must be finite")
+    radius = 0.5 * math.hypot(*panel.shape) * panel.pitch if radius is None else radius
+    require_positive("radius", radius, "m")
+    most = math.floor(radius / (2 * panel.pitch) * (1 + 1e-9))
+    if most < 1:
+        raise ValueError(f"radius is {radius:g} m; a ring needs at least {2 * panel.pitch:g} m")
+    if not 1 <= rings <= most:
+        raise ValueError(
+            f"rings is {rings}; choose 1 to {most}, so that a ring is two pixels wide at least"
+        )
+    width = radius / rings
+    # The parabola's slope at a ring's edges.
+    step = 4 * abs(depth) / width * panel.pitch
+    deepest = math.pi * width / (4 * panel.pitch)
+    remedy = f"choose at most {rounded_down(deepest)} rad in size, or fewer rings"
+    require_slope("depth", step, remedy)
+    y, x = panel.plane.mesh()
+    place = torch.hypot(y, x) / width
+    across = 2 * (place - torch.floor(place)) - 1
+    return torch.where(place < rings, depth * (1 - across**2), 0.0)
+
+
+def _longer_half(panel: Panel) -> float:
+    return max(panel.shape) * panel.pitch / 2

@@ -1,0 +1,73 @@
+"""Which order of the panel's range each phase of a video is shown in.
+
+A phase and the same plus whole waves give the same light once the liquid crystal stands, and
+not while it moves: it passes all phases between two frames. A panel that reaches several waves
+has a choice.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+_TURN = 2 * math.pi
+_AT_A_TIME = 1 << 20
+"""Phases of a video whose ways are looked for at a time: a few of their orders fit in memory."""
+
+
+def short_ways(phases: torch.Tensor, reach: float) -> torch.Tensor:
+    """Phases plus whole waves, within 0 to `reach`, whose squared steps over the repeated video
+    are the least.
+
+    phases: (frames, rows, columns), radians, any branch. reach: radians, one wave at least.
+    Exact, by dynamic programming over the orders of every pixel, once for each order of the
+    first frame. Answers (frames, rows, columns), float32. Raises ValueError for less than a wave.
+    """
+    if reach < _TURN * (1 - 1e-9):
+        raise ValueError(
+            f"reach is {reach / math.pi:.2f} pi; a pattern needs 2 pi: choose a shorter wavelength"
+        )
+    wrapped = torch.remainder(phases.to(torch.float64), _TURN).to(torch.float32)
+    flat = wrapped.reshape(len(phases), -1)
+    pixels = max(1, _AT_A_TIME // len(phases))
+    parts = [_shortest(part, reach) for part in torch.split(flat, pixels, dim=1)]
+    return torch.cat(parts, dim=1).reshape(phases.shape)
+
+
+def _shortest(phases: torch.Tensor, reach: float) -> torch.Tensor:
+    """short_ways() of (frames, pixels) that lie within the first wave."""
+    orders = math.ceil(reach / _TURN)
+    offsets = _TURN * torch.arange(orders, dtype=phases.dtype)
+    # (frames, orders, pixels); what the panel can't show costs more than any way.
+    shown = phases[:, None] + offsets[:, None]
+    beyond = torch.where(shown > max(reach, _TURN), 1e6, 0.0)
+    best, least = phases, torch.full(phases.shape[1:], math.inf, dtype=phases.dtype)
+    for first in range(orders):
+        way, cost = _cheapest_way(shown, beyond, first)
+        better = cost < least
+        best = torch.where(better, way, best)
+        least = torch.where(better, cost, least)
+    return best
+
+
+def _cheapest_way(
+    shown: torch.Tensor, beyond: torch.Tensor, first: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The way (frames, pixels) that begins and ends in the order `first`, and what it costs."""
+    frames, orders, pixels = shown.shape
+    cost = torch.full((orders, pixels), math.inf, dtype=shown.dtype)
+    cost[first] = beyond[0, first]
+    came_from = []
+    for frame in range(1, frames):
+        steps = (shown[frame][:, None] - shown[frame - 1][None, :]).square() + cost[None, :]
+        least, order = steps.min(dim=1)
+        cost = least + beyond[frame]
+        came_from.append(order)
+    closing = cost + (shown[0, first] - shown[-1]).square()
+    total, order = closing.min(dim=0)
+    way = [shown[-1].gather(0, order[None])[0]]
+    for frame in range(frames - 2, -1, -1):
+        order = came_from[frame].gather(0, order[None])[0]
+        way.insert(0, shown[frame].gather(0, order[None])[0])
+    return torch.stack(way), total

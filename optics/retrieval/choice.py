@@ -1,0 +1,167 @@
+"""From a target to a pattern or a video, by the method that serves best in the time given."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.camera import Camera
+from optics.edge import require_positive, rounded_up, tensors_inside
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.retrieval.gerchberg_saxton import require_iterations
+from optics.retrieval.goal import Goal
+from optics.retrieval.judging import Quality, judge
+from optics.retrieval.methods import (
+    CONVERGED,
+    METHODS,
+    MOST_FRAMES,
+    QUICK_ITERATIONS,
+    Job,
+    quick_method,
+)
+from optics.retrieval.slow_crystal import orders_of, shown_light
+from optics.retrieval.starts import require_start
+from optics.slm import phase_to_grey
+from optics.threads import single_threaded
+
+_WORTH = 5
+"""Steps of the descent from which it gains more than the quick method would."""
+
+
+@dataclass(frozen=True)
+class Retrieved:
+    """Frames that give a target's shape.
+
+    phases: (frames, rows, columns), radians, float32. orders: waves of the panel's range that
+    they use: show them with phase_to_grey(panel, phases, wavelength, orders). quality: of their
+    mean PSF, rounded to the panel's levels, and with the liquid crystal's motion if there are
+    several and the panel's response_time isn't zero; on a grid twice finer than Nyquist.
+    cpu_seconds: spent on the frames, the judgement left out.
+    """
+
+    phases: torch.Tensor
+    orders: int
+    method: str
+    iterations: int
+    quality: Quality
+    cpu_seconds: float
+
+
+@tensors_inside
+@single_threaded
+def retrieve(
+    camera: Camera,
+    target: torch.Tensor,
+    plane: Plane,
+    wavelength: float,
+    *,
+    frames: int = 1,
+    budget: float | None = None,
+    iterations: int | None = None,
+    method: str | None = None,
+    start: str = "smooth",
+    generator: torch.Generator,
+    progress: Progress | None = None,
+    speed: MachineSpeed | None = None,
+) -> Retrieved:
+    """Phases whose PSF, or whose frames' mean PSF, has the target's shape.
+
+    target: intensity on `plane` (rows, columns), from design_plane(camera, wavelength, ...);
+    any scale, zero beyond. frames: of a video. budget: processor seconds that may be spent, as
+    predicted; iterations: instead of it. method: one of METHODS; if None, the quick one, and
+    gradient descent through the modulator where the budget has time left for it. start: of
+    single frames, one of STARTS. generator: all chance comes from it. speed: of the
+    machine, by which a budget becomes a number of iterations.
+
+    There is no right answer, and no tolerance: the quality reached is measured. Raises
+    ValueError for a target that no PSF can have, a method that doesn't serve here, or a budget
+    in which no iteration fits.
+    """
+    progress, speed = progress or Progress(), speed or MachineSpeed()
+    _require(frames, budget, iterations, method)
+    require_start(start)
+    goal = Goal(camera, target, plane, wavelength)
+    # A panel that can't show a pattern is refused before one is computed.
+    phase_to_grey(camera.panel, torch.zeros(camera.panel.shape), wavelength)
+    slow = frames > 1 and camera.panel.response_time > 0
+    if method is None and budget is None:
+        method = "responding" if slow else quick_method(frames)
+    if budget is None:
+        count = QUICK_ITERATIONS if iterations is None else iterations
+    elif method is None:
+        method, count = _best(goal, frames, budget, slow, speed)
+    else:
+        rest = budget - _before(goal, frames, method, speed)
+        count = METHODS[method].iterations(goal, frames, rest, speed)
+        _require_time(goal, frames, budget, method, count, speed)
+    assert method is not None
+    job = Job(goal, frames, count, generator, progress.part(0, 0.9), start)
+    started = time.process_time()
+    phases = METHODS[method].solve(job)
+    spent = time.process_time() - started
+    progress.report(0.9, "measuring the quality")
+    orders = orders_of(camera.panel, wavelength) if method == "responding" else 1
+    quality = judge(goal, shown_light(goal, phases, orders))
+    progress.report(1.0, f"{method}, {count} iterations")
+    return Retrieved(phases, orders, method, count, quality, spent)
+
+
+def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
+    """Raise ValueError for what can't be asked for, whatever the target."""
+    if not 1 <= frames <= MOST_FRAMES:
+        raise ValueError(
+            f"frames is {frames}; a pattern has one, and a video {MOST_FRAMES} at most"
+        )
+    if budget is not None and iterations is not None:
+        raise ValueError("budget and iterations are both given; give one of them")
+    if budget is not None:
+        require_positive("budget", budget, "s")
+    if iterations is not None:
+        require_iterations(iterations)
+    if method is None:
+        return
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; choose one of {', '.join(METHODS)}")
+    if not METHODS[method].serves(frames):
+        serving = ", ".join(name for name, one in METHODS.items() if one.serves(frames))
+        raise ValueError(
+            f"method {method!r} doesn't serve {frames} "
+            f"{'frame' if frames == 1 else 'frames'}; choose one of {serving}"
+        )
+
+
+def _best(
+    goal: Goal, frames: int, budget: float, slow: bool, speed: MachineSpeed
+) -> tuple[str, int]:
+    """The method on the front of quality against time, and its iterations."""
+    quick = "responding" if slow else quick_method(frames)
+    count = METHODS[quick].iterations(goal, frames, budget, speed)
+    _require_time(goal, frames, budget, quick, count, speed)
+    if slow:
+        return quick, count
+    rest = budget - _before(goal, frames, "descent", speed)
+    steps = METHODS["descent"].iterations(goal, frames, rest, speed)
+    return ("descent", steps) if steps >= _WORTH else (quick, count)
+
+
+def _before(goal: Goal, frames: int, method: str, speed: MachineSpeed) -> float:
+    """Seconds until a method's first iteration: the descent starts from a good solution."""
+    if method != "descent":
+        return 0.0
+    return METHODS[quick_method(frames)].seconds(goal, frames, CONVERGED[frames == 1], speed)
+
+
+def _require_time(
+    goal: Goal, frames: int, budget: float, method: str, count: int, speed: MachineSpeed
+) -> None:
+    if count < 1:
+        least = METHODS[method].seconds(goal, frames, 1, speed)
+        least += _before(goal, frames, method, speed)
+        raise ValueError(
+            f"budget is {budget:g} s; one iteration of {method} with {frames} "
+            f"{'frame' if frames == 1 else 'frames'} takes about {rounded_up(least)} s: allow more"
+        )

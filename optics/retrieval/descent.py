@@ -1,0 +1,92 @@
+"""Gradient descent through the modulator: what the panel really does is in the loop.
+
+The other methods believe in a panel of ideal pixels. Here every phase goes through the panel's
+levels, response, neighbours, gaps and flatness before its light is compared with the target,
+and light that isn't modulated is there too, so that what can be made up for is made up for
+(after Schroff et al., Sci. Rep. 13, 3252, 2023). Every iteration costs a pass over all pixels
+and back: dear, and meant for the last improvement of a good start.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from optics.progress import Progress
+from optics.pupil import pupil_amplitude
+from optics.retrieval.goal import Goal
+from optics.slm.modulator import Modulator
+
+_RATE = 0.03
+"""Radians of a step at first; the last ones are ten times smaller."""
+
+
+class Descent:
+    """The difference between a goal and the mean light of frames on a real panel.
+
+    orders: waves of the panel's range that are used. The loss is the squared error of the mean
+    intensity over the window, relative to the target's, with as much light in it as the start
+    had there: a fitted scale would let light go astray for a smoother shape.
+    """
+
+    def __init__(self, goal: Goal, orders: int = 1) -> None:
+        self.goal, self.orders = goal, orders
+        self.modulator = Modulator(goal.camera.panel, goal.wavelength)
+        self._stop = pupil_amplitude(goal.camera).to(torch.float32)
+        self._power = goal.power
+        self._straight = torch.zeros(goal.plane.shape)
+        for share, field in self.modulator.straight:
+            still = torch.ones(goal.camera.panel.shape) if field is None else field
+            self._straight += share * goal.far_field.intensity(self._lit(still)) / self._power
+
+    def _lit(self, modulation: torch.Tensor) -> torch.Tensor:
+        return modulation.to(torch.complex64) * self._stop
+
+    def light(self, phase: torch.Tensor) -> torch.Tensor:
+        """Share of all light a sample that one frame (rows, columns) sends to the window.
+
+        Differentiable: the levels are rounded in the value, and not in the derivative.
+        """
+        modulated = self.goal.far_field.intensity(
+            self._lit(self.modulator.modulation(self._shown(phase)))
+        )
+        steered = (1 - self.modulator.unmodulated) * (1 - self.modulator.scattered)
+        return steered * modulated / self._power + self._straight
+
+    def _shown(self, phase: torch.Tensor) -> torch.Tensor:
+        """The phase that the panel's levels make of it."""
+        with torch.no_grad():
+            shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
+            rounding = shown.to(torch.float32) - phase
+        return phase + rounding
+
+    def run(self, phases: torch.Tensor, iterations: int, progress: Progress) -> torch.Tensor:
+        """Better phases (frames, rows, columns), float32, from good ones; the best that came."""
+        frames = [phase.to(torch.float32).clone().requires_grad_() for phase in phases]
+        adam = torch.optim.Adam(frames, lr=_RATE)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, iterations, _RATE / 10)
+        wanted, best, least = None, phases, float("inf")
+        for iteration in range(iterations + 1):
+            progress.report(iteration / (iterations + 1), f"descent {iteration}/{iterations}")
+            with torch.no_grad():
+                mean = torch.stack([self.light(frame) for frame in frames]).mean(0)
+            if wanted is None:
+                wanted = self._wanted(mean)
+            error = float((mean - wanted).square().sum())
+            if error < least:
+                least, best = error, torch.stack([frame.detach().clone() for frame in frames])
+            if iteration == iterations:
+                break
+            adam.zero_grad()
+            pull = 2 * (mean - wanted) / (len(frames) * wanted.square().sum())
+            for frame in frames:
+                # One frame's graph at a time: they share the mean, and not the memory.
+                (self.light(frame) * pull).sum().backward()  # type: ignore[no-untyped-call]
+            adam.step()
+            schedule.step()
+        return best
+
+    def _wanted(self, mean: torch.Tensor) -> torch.Tensor:
+        """The target with the light that is in its brighter part now."""
+        target = self.goal.target.to(torch.float32)
+        bright = target > 0.02 * target.max()
+        return target * (mean[bright].sum() / target[bright].sum())

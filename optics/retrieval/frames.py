@@ -1,0 +1,121 @@
+"""Frames whose mean has the target's shape: a phase video that the exposure averages.
+
+The thesis averages frames that know nothing of each other (§3.3.2), whose speckle falls with
+the square root of their number, to a floor that averaging never removes. Its outlook (§3.6)
+proposes to aim each frame at what the others left; that is `sequential`. `joint` computes all
+frames together.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from optics.progress import Progress
+from optics.retrieval.far_field import unit
+from optics.retrieval.gerchberg_saxton import iterate, over_compensated, replaced
+from optics.retrieval.starts import random, smooth
+from optics.retrieval.superpixel import Superpixels
+
+_GAIN = 0.5
+"""Power of the correction of the mean in each iteration."""
+
+_FIRST = 3
+"""Iterations until the mean is worth correcting."""
+
+_STEP = 10.0
+"""The correction's largest factor in one iteration."""
+
+_FAINT = 1e-3
+"""Share of a sample's target below which its mean counts as this."""
+
+
+def independent(
+    pixels: Superpixels,
+    frames: int,
+    iterations: int,
+    generator: torch.Generator,
+    progress: Progress,
+) -> torch.Tensor:
+    """Fields on the window (frames, rows, columns), each from a random start of its own."""
+    fields = []
+    for frame in range(frames):
+        part = progress.part(frame / frames, (frame + 1) / frames)
+        start = pixels.lit(random(pixels, generator))
+        constrain = replaced(pixels.intensity)
+        fields.append(iterate(pixels, start, constrain, iterations, part, f"frame {frame + 1}:"))
+    return torch.stack(fields)
+
+
+def sequential(
+    pixels: Superpixels,
+    frames: int,
+    iterations: int,
+    generator: torch.Generator,
+    progress: Progress,
+) -> torch.Tensor:
+    """Each frame aims at what the frames before it left: n T minus the sum of their light."""
+    target = pixels.intensity
+    total, fields = torch.zeros_like(target), []
+    for frame in range(frames):
+        part = progress.part(frame / frames, (frame + 1) / frames)
+        missing = ((frame + 1) * target - total).clamp(min=0)
+        missing = torch.where(missing.sum() > 0, missing, target)
+        wanted = missing * (target.sum() / missing.sum())
+        start = pixels.lit(smooth(pixels.goal, pixels, generator))
+        field = iterate(
+            pixels, start, over_compensated(wanted), iterations, part, f"frame {frame + 1}:"
+        )
+        fields.append(field)
+        given = light(pixels.far_field.bounce(field, pixels.uneven))
+        # What falls beside the target can't be made up for by asking for more.
+        total = total + given * (target.sum() / given[target > 0].sum())
+    return torch.stack(fields)
+
+
+def joint(
+    pixels: Superpixels,
+    frames: int,
+    iterations: int,
+    generator: torch.Generator,
+    progress: Progress,
+) -> torch.Tensor:
+    """All frames together: each keeps its share of the light at a sample, and their mean is
+    what is asked for, corrected by what it came out as."""
+    target = pixels.intensity
+    amplitude, floor = torch.sqrt(target), 1e-6 * float(target.max())
+    fields, wanted = [], target
+    for _ in range(frames):
+        start = pixels.lit(smooth(pixels.goal, pixels, generator))
+        fields.append(pixels.far_field.forward(start))
+    for iteration in range(iterations):
+        progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
+        mean = torch.stack([light(field) for field in fields]).mean(0)
+        if iteration < _FIRST:
+            asked = [unit(field) * amplitude for field in fields]
+        else:
+            wanted = corrected(wanted, target, mean)
+            factor = torch.sqrt(wanted / mean.clamp(min=floor))
+            asked = [field * factor for field in fields]
+        if iteration < iterations - 1:
+            fields = [pixels.far_field.bounce(field, pixels.uneven) for field in asked]
+    return torch.stack(asked)
+
+
+def corrected(wanted: torch.Tensor, target: torch.Tensor, mean: torch.Tensor) -> torch.Tensor:
+    """What to ask for next, when asking for `wanted` gave `mean` and `target` is the goal.
+
+    Only the shape counts: light that is missing everywhere isn't asked for.
+    """
+    lit = target > 0
+    scale = mean[lit].sum() / target[lit].sum()
+    missing = scale * target
+    given = torch.maximum(mean, _FAINT * missing)
+    change = torch.where(given > 0, missing / given, 1.0).clamp(1 / _STEP, _STEP)
+    change = torch.where(lit, change, 1.0)
+    asked = wanted * change**_GAIN
+    return asked * (target.sum() / asked.sum())
+
+
+def light(field: torch.Tensor) -> torch.Tensor:
+    """The intensity of a field."""
+    return field.real**2 + field.imag**2

@@ -1,0 +1,16 @@
+"""The modulator: from grey levels to the light that leaves a liquid-crystal panel, and back.
+
+One file an effect, in the order in which light meets them: the panel as data; the reach of
+its phase over wavelengths; the response to grey levels and its inverse; the liquid crystal in
+time; flicker; the coupling of neighbours; the gap between pixels. `Modulator` puts together
+those that a panel has.
+"""
+
+from optics.slm.dispersion import max_phase as max_phase
+from optics.slm.lut import grey_to_phase as grey_to_phase
+from optics.slm.lut import phase_to_grey as phase_to_grey
+from optics.slm.maps import Map as Map
+from optics.slm.modulator import Modulator as Modulator
+from optics.slm.panel import Panel as Panel
+from optics.slm.picture import require_grey as require_grey
+from optics.slm.response import Response as Response

@@ -1,0 +1,186 @@
+"""What neighbouring pixels do to each other: fringing fields blur the phase across edges.
+
+The phase behind the fringing field is the staircase of the pixels' phases, convolved with a
+Gaussian (Persson, Engström and Goksör, Opt. Express 20, 22334, 2012, doi
+10.1364/OE.20.022334; Moser et al., Opt. Express 27, 25046, 2019, doi 10.1364/OE.27.025046).
+It acts on the phase as it is shown: a wrap by a wave becomes a fly-back, and not nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.special import ndtr
+from torch.autograd.function import once_differentiable
+from torch.nn.functional import pad
+
+TOL = 3e-3
+"""Of the mean over a pixel beside the largest step of the phase; elsewhere it is better."""
+
+_REACH = 4.9
+"""Standard deviations beyond which a Gaussian holds a millionth."""
+
+_MOST_NODES = 32
+
+_FINE = 400
+"""Nodes by which rules of few nodes are judged."""
+
+Places = tuple[np.ndarray, np.ndarray]
+"""Nodes from -1/2 to 1/2 across a pixel, and their weights."""
+
+Rule = tuple[tuple[float, tuple[float, ...]], ...]
+"""Nodes along an axis: the weight of each, and of the neighbours in the phase that it sees."""
+
+
+def coupled(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
+    """The mean of exp(i blurred phase) over the active area of each pixel, complex.
+
+    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, and side: of
+    the square that modulates, both in pixels. The panel's outermost pixels are continued.
+
+    The blur of a staircase is a sum of error functions, known at any point: the mean is taken
+    over Gauss-Legendre nodes inside the pixel, as many as the largest step calls for, and no
+    array becomes finer than the panel. Differentiable, once; the nodes are computed again for
+    the gradient, so that memory stays that of a few pictures.
+
+    Raises ValueError for steps of the phase that no reasonable number of nodes follows.
+    """
+    down, along = (_rule(sigma, side, _rounded(_largest_step(phase, axis))) for axis in (-2, -1))
+    return _Coupled.apply(phase, down, along)  # type: ignore[no-untyped-call]
+
+
+class _Coupled(torch.autograd.Function):
+    """The mean over nodes, and its derivative by the same filters transposed."""
+
+    @staticmethod
+    def forward(ctx: Any, phase: torch.Tensor, down: Rule, along: Rule) -> torch.Tensor:
+        ctx.save_for_backward(phase)
+        ctx.rules = down, along
+        real, imaginary = torch.zeros_like(phase), torch.zeros_like(phase)
+        for height, high in down:
+            rows = _filtered(phase, high, -2)
+            for width, wide in along:
+                angle = _filtered(rows, wide, -1)
+                real.add_(torch.cos(angle), alpha=height * width)
+                imaginary.add_(torch.sin(angle), alpha=height * width)
+        return torch.complex(real, imaginary)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
+        (phase,), (down, along) = ctx.saved_tensors, ctx.rules
+        total = torch.zeros_like(phase)
+        for height, high in down:
+            rows, back = _filtered(phase, high, -2), torch.zeros_like(phase)
+            for width, wide in along:
+                angle = _filtered(rows, wide, -1)
+                turned = gradient.imag * torch.cos(angle) - gradient.real * torch.sin(angle)
+                back.add_(_returned(turned, wide, -1), alpha=height * width)
+            total.add_(_returned(back, high, -2))
+        return total, None, None
+
+
+def _filtered(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
+    """The sum over neighbours along an axis, the outermost continued."""
+    reach, n = len(taps) // 2, values.shape[axis]
+    margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
+    wide = pad(values.reshape(-1, *values.shape[-2:]), margins, mode="replicate")
+    total = taps[0] * wide.narrow(axis, 0, n)
+    for k, weight in enumerate(taps[1:], 1):
+        total.add_(wide.narrow(axis, k, n), alpha=weight)
+    return total.reshape(values.shape)
+
+
+def _returned(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
+    """The transpose of _filtered()."""
+    reach, n = len(taps) // 2, values.shape[axis]
+    margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
+    wide = pad(torch.zeros_like(values), margins)
+    for k, weight in enumerate(taps):
+        wide.narrow(axis, k, n).add_(values, alpha=weight)
+    total = wide.narrow(axis, reach, n).clone()
+    total.narrow(axis, 0, 1).add_(wide.narrow(axis, 0, reach).sum(axis, keepdim=True))
+    total.narrow(axis, n - 1, 1).add_(wide.narrow(axis, n + reach, reach).sum(axis, keepdim=True))
+    return total
+
+
+def _largest_step(phase: torch.Tensor, axis: int) -> float:
+    """Radians between neighbours along an axis."""
+    steps = phase.detach().diff(dim=axis)
+    return float(steps.abs().max()) if steps.numel() else 0.0
+
+
+def _rounded(step: float) -> float:
+    """Up to the next of a few steps, for which rules are kept."""
+    return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
+
+
+@lru_cache(maxsize=256)
+def _rule(sigma: float, side: float, step: float) -> Rule:
+    """The fewest nodes that average over a pixel beside steps of the phase, to TOL."""
+    if step == 0:
+        return ((1.0, (1.0,)),)
+    known = _steps(step, _taps_beside(sigma, side))
+    truth = _means(known, sigma, next(_offered(sigma, side, _FINE)))
+    for count in range(1, _MOST_NODES + 1):
+        for places in _offered(sigma, side, count):
+            if np.abs(_means(known, sigma, places) - truth).max() <= TOL:
+                return _nodes(sigma, places)
+    raise ValueError(
+        f"the phase steps by {step:.3g} rad between neighbours, which a coupling of {sigma:.3g} "
+        "pixels can't be followed over; wrap the phase into the panel's range"
+    )
+
+
+def _taps_beside(sigma: float, side: float) -> int:
+    """Neighbours on each side that a pixel's active area sees."""
+    return max(1, math.ceil(side / 2 - 0.5 + _REACH * sigma))
+
+
+def _offered(sigma: float, side: float, count: int) -> Iterator[Places]:
+    """Ways to place so many nodes: over all of the pixel, or most of them at its edges."""
+    yield _spread((-side / 2, side / 2), count)
+    flat = 0.5 - _REACH * sigma
+    if 0 < flat < side / 2 and count % 2 and count >= 5:
+        edge = _spread((flat, side / 2), count // 2)
+        share = (side / 2 - flat) / side
+        yield (
+            np.concatenate([-edge[0], [0.0], edge[0]]),
+            np.concatenate([share * edge[1], [1 - 2 * share], share * edge[1]]),
+        )
+
+
+def _spread(ends: tuple[float, float], count: int) -> Places:
+    place, weight = np.polynomial.legendre.leggauss(count)
+    return (ends[0] + ends[1] + place * (ends[1] - ends[0])) / 2, weight / 2
+
+
+def _nodes(sigma: float, places: Places) -> Rule:
+    reach = _taps_beside(sigma, 2 * float(places[0].max()))
+    taps = _taps(sigma, places[0], reach).tolist()
+    return tuple((float(w), tuple(t)) for w, t in zip(places[1], taps, strict=True))
+
+
+def _taps(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
+    """What each neighbour has of the phase at some places in a pixel, (places, neighbours)."""
+    edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
+    # What lies beyond the last neighbours is continued: the sum is one.
+    return np.diff(ndtr(edges), axis=1, prepend=0, append=1)
+
+
+def _steps(step: float, beside: int) -> np.ndarray:
+    """Phases around a pixel, (cases, neighbours): an edge, a line, stripes, a slope, a valley."""
+    n = np.arange(-beside, beside + 1)
+    edge, line, stripes = n > 0, n == 0, n % 2
+    slope, valley = np.sign(n), np.where(n < 0, 0.5, n > 0)
+    return step * np.array([edge, line, stripes, slope, valley], dtype=np.float64)
+
+
+def _means(phases: np.ndarray, sigma: float, places: Places) -> np.ndarray:
+    taps = _taps(sigma, places[0], phases.shape[1] // 2)
+    return np.exp(1j * phases @ taps.T) @ places[1]

@@ -1,0 +1,47 @@
+"""How far a panel's phase reaches at a wavelength."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from optics.slm.panel import Panel
+
+
+def max_phase(panel: Panel, wavelength: float) -> float:
+    """Phase in radians at the highest grey level, at a wavelength in metres.
+
+    The optical path difference of a nematic cell follows its birefringence, which the
+    extended Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the
+    visible (Li and Wu, J. Appl. Phys. 95, 896, 2004, doi 10.1063/1.1635971). As many
+    terms are used as the panel has tabulated wavelengths, at most three.
+
+    Raises ValueError outside 0.9 to 1.15 times the tabulated wavelengths, or if the
+    tabulated phases leave no path there.
+    """
+    table = panel.max_phase
+    known = [w for w, _ in table]
+    low, high = 0.9 * min(known), 1.15 * max(known)
+    if not low <= wavelength <= high:
+        raise ValueError(
+            f"wavelength {wavelength * 1e9:.0f} nm is outside the panel's table; "
+            f"choose {low * 1e9:.0f} to {high * 1e9:.0f} nm, or add its phase range there"
+        )
+    unit, coefficients = _cauchy(table)
+    path = float(np.polyval(coefficients, (unit / wavelength) ** 2))
+    if path <= 0:
+        raise ValueError(
+            f"max_phase leaves no phase at {wavelength * 1e9:.0f} nm: the path through its "
+            "entries is no dispersion of a liquid crystal; check them, or add one there"
+        )
+    return path / wavelength
+
+
+@functools.lru_cache(maxsize=64)
+def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
+    """A wavelength as unit, and the coefficients of path in powers of (unit / wavelength)²."""
+    known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
+    unit = float(known.mean())
+    coefficients = np.polyfit((unit / known) ** 2, path, min(len(table), 3) - 1)
+    return unit, tuple(coefficients.tolist())

@@ -1,0 +1,137 @@
+"""The liquid crystal in time: each frame's phase is approached exponentially.
+
+A nematic cell relaxes to first order, phase(t) = end + (start - end) exp(-t / tau) (thesis
+§3.4 shows videos at 60 Hz, at which a cell of a few milliseconds never stands still).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import torch
+
+_LONGEST = 36.0
+"""Time constants after which nothing is left in double precision."""
+
+_FINE = 120
+"""Gauss-Legendre nodes in time from which the few that are used are made."""
+
+_MOST_NODES = 40
+
+
+def steady_starts(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
+    """The phase at the beginning of every frame of a video that is repeated for ever.
+
+    phases: (frames, ...), what each frame would settle at, radians. frame_time, tau: seconds;
+    tau 0 is at once. The first start is the geometric sum over the cycles before, the others
+    follow frame by frame. Differentiable.
+    """
+    start = first_start(phases, frame_time, tau)
+    starts = []
+    for phase in phases:
+        starts.append(start)
+        start = relaxed(phase, start, frame_time, tau)
+    return torch.stack(starts)
+
+
+def first_start(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
+    """The phase at the beginning of the first frame, as `steady_starts`."""
+    _require_times(frame_time, tau)
+    if not len(phases):
+        raise ValueError("phases has no frame; a video has one at least")
+    if tau == 0:
+        return phases[-1]
+    n, frames = len(phases), frame_time / tau
+    # What is left of each frame at the end of the cycle, and of it by all cycles before:
+    # in this form nothing cancels where the crystal is slow.
+    left = torch.exp(-frames * torch.arange(n - 1, -1, -1, dtype=torch.float64))
+    weights = left * (math.expm1(-frames) / math.expm1(-n * frames))
+    return torch.tensordot(weights.to(phases), phases, dims=1)
+
+
+def relaxed(end: torch.Tensor, start: torch.Tensor, time: float, tau: float) -> torch.Tensor:
+    """The phase `time` seconds after a frame began, on its way from `start` to `end`."""
+    return end if tau == 0 else torch.lerp(end, start, math.exp(-time / tau))
+
+
+def time_nodes(
+    frame_time: float, tau: float, count: int
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Times in seconds after a frame began, and their shares of it, for means over a frame.
+
+    Gauss' rule of `count` nodes in the variable exp(-t / tau), in which the light is an entire
+    function whatever the phase: the rule is exact for polynomials in it up to the degree
+    2 count - 1. With tau 0, or of a crystal far quicker than a frame, some may be left out.
+    """
+    _require_times(frame_time, tau)
+    if count < 1:
+        raise ValueError(f"count is {count}; a mean takes one node or more")
+    if tau == 0:
+        return (frame_time,), (1.0,)
+    left, shares = _rule(frame_time / tau, count)
+    return tuple(-tau * math.log(value) for value in left), shares
+
+
+def nodes_for(change: float, frame_time: float, tau: float, tol: float) -> int:
+    """The fewest nodes by which the mean of exp(i change exp(-t / tau)) is known to tol."""
+    if tau == 0:
+        return 1
+    fine = _mean(change, *_rule(frame_time / tau, _MOST_NODES))
+    for count in range(1, _MOST_NODES):
+        if abs(_mean(change, *_rule(frame_time / tau, count)) - fine) <= tol:
+            return count
+    raise ValueError(
+        f"the phase changes by {change:.3g} rad within a frame, more than can be followed; "
+        "wrap the video's phases into the panel's range"
+    )
+
+
+def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> complex:
+    return complex(np.exp(1j * change * np.array(left)) @ np.array(shares))
+
+
+@lru_cache(maxsize=256)
+def _rule(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Gauss' rule for the mean over time of a function of exp(-t / tau); a frame is `frames` tau.
+
+    Golub and Welsch (1969), from the three-term recursion of the measure, which Lanczos'
+    method finds on many nodes in time.
+    """
+    seen = min(frames, _LONGEST)
+    time, weight = np.polynomial.legendre.leggauss(_FINE)
+    left, weight = np.exp(-seen * (time + 1) / 2), weight / 2 * (seen / frames)
+    # After that it stands.
+    left, weight = np.append(left, math.exp(-seen)), np.append(weight, 1 - seen / frames)
+    middle, scale = (left.max() + left.min()) / 2, (left.max() - left.min()) / 2 or 1.0
+    nodes, shares = _gauss((left - middle) / scale, weight, count)
+    nodes = np.clip(middle + scale * nodes, left.min(), left.max())
+    return tuple(nodes.tolist()), tuple(shares.tolist())
+
+
+def _gauss(x: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss' nodes and weights for a measure of points x: fewer than count if they suffice."""
+    basis = [np.sqrt(weight)]
+    diagonal, beside = [float(basis[0] @ (x * basis[0]))], []
+    while len(diagonal) < count:
+        rest = x * basis[-1]
+        for _ in range(2):  # once isn't orthogonal enough
+            for known in basis:
+                rest = rest - (known @ rest) * known
+        length = float(np.linalg.norm(rest))
+        if length < 1e-14:
+            break
+        basis.append(rest / length)
+        beside.append(length)
+        diagonal.append(float(basis[-1] @ (x * basis[-1])))
+    matrix = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
+    nodes, vectors = np.linalg.eigh(matrix)
+    return nodes, vectors[0] ** 2
+
+
+def _require_times(frame_time: float, tau: float) -> None:
+    if not 0 < frame_time < math.inf:
+        raise ValueError(f"frame_time is {frame_time:g} s; it must be positive and finite")
+    if not 0 <= tau < math.inf:
+        raise ValueError(f"tau is {tau:g} s; it can't be negative or infinite")

@@ -1,0 +1,185 @@
+"""From grey levels to phase at a wavelength, and back: the look-up table, region by region."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import torch
+
+from optics.edge import require_finite, tensors_inside
+from optics.slm.cells import between
+from optics.slm.dispersion import max_phase
+from optics.slm.flatness import flatness_phase
+from optics.slm.panel import Panel
+
+_ROWS = 64
+"""Of the panel, whose own curves are held at a time."""
+
+
+@tensors_inside
+def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
+    """Phase in radians, float64, that the liquid crystal gives to light at grey levels.
+
+    grey: (..., rows, columns); of any shape if the panel is the same all over. Without a
+    measured response the phase grows linearly. Differentiable in the response. Raises
+    ValueError for levels that the panel lacks, and for other shapes than the panel's.
+    """
+    _require_levels(panel, grey)
+    curves = _curves(panel, wavelength)
+    if curves.shape[:2] == (1, 1):
+        return curves[0, 0].to(grey.device)[grey.to(torch.int64)]
+    _require_shape("grey", grey, panel)
+    parts = [
+        table.phase(grey[..., rows, :].to(torch.int64)) for rows, table in _tables(panel, curves)
+    ]
+    return torch.cat(parts, dim=-2)
+
+
+@tensors_inside
+def phase_to_grey(
+    panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
+) -> torch.Tensor:
+    """Grey levels, uint8, by which light leaves the panel with a phase in radians.
+
+    phase: (..., rows, columns); of any shape if the panel is the same all over. The panel's
+    flatness, where it is known, is taken off first; a panel without one, as by
+    `replace(panel, flatness=None)`, shows the phase uncorrected. orders: waves of the range to
+    use, beginning at the first level: the phase is wrapped modulo 2 pi `orders`, so that more
+    of them make fewer jumps. Each pixel gets the nearest level on its own curve: the levels
+    are continuous in the phase, but for the jumps.
+
+    Raises ValueError if the panel can't reach so many waves, and for a phase that isn't finite.
+    """
+    require_finite("phase", phase)
+    curves = _curves(panel, wavelength).detach()
+    _require_orders(panel, wavelength, curves, orders)
+    phase = phase.to(torch.float64)
+    if panel.flatness is not None:
+        _require_shape("phase", phase, panel)
+        phase = phase - flatness_phase(panel, wavelength).to(phase.device)
+    if curves.shape[:2] == (1, 1):
+        return _nearest(curves[0, 0].to(phase.device), phase, orders)
+    _require_shape("phase", phase, panel)
+    parts = [table.nearest(phase[..., rows, :], orders) for rows, table in _tables(panel, curves)]
+    return torch.cat(parts, dim=-2)
+
+
+def whole_waves(panel: Panel, wavelength: float) -> int:
+    """The waves that a panel can wrap at, all over; 0 if it can't reach one."""
+    return _whole_waves(panel, _curves(panel, wavelength).detach())
+
+
+def _curves(panel: Panel, wavelength: float) -> torch.Tensor:
+    """Phase in radians, (region rows, region columns, levels) float64."""
+    reach = max_phase(panel, wavelength)
+    if panel.response is None:
+        return (torch.arange(panel.levels, dtype=torch.float64) * (reach / (panel.levels - 1)))[
+            None, None
+        ]
+    return reach * panel.response.at(wavelength)
+
+
+def _whole_waves(panel: Panel, curves: torch.Tensor) -> int:
+    reach = float((curves[..., -1] - curves[..., 0]).min())
+    # One level short of a whole wave is a whole wave: the next level would be the first again.
+    return math.floor(reach / (2 * math.pi * (1 - 1 / panel.levels)) + 1e-12)
+
+
+def _require_orders(panel: Panel, wavelength: float, curves: torch.Tensor, orders: int) -> None:
+    waves = _whole_waves(panel, curves)
+    reach = float((curves[..., -1] - curves[..., 0]).min()) / math.pi
+    said = f"the panel reaches {reach:.2f} pi at {wavelength * 1e9:.0f} nm"
+    if waves == 0:
+        raise ValueError(f"{said} and a pattern needs 2 pi; choose a shorter wavelength")
+    if not (1 <= orders <= waves and orders == int(orders)):
+        raise ValueError(f"orders is {orders}; {said}: choose {_up_to(waves)}")
+
+
+def _up_to(waves: int) -> str:
+    return "1" if waves == 1 else f"1 to {waves}"
+
+
+def _wrapped(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
+    """The phase moved by whole periods to between `first` and one period more."""
+    turns = (phase - first) / period
+    return first + period * (turns - torch.floor(turns))
+
+
+def _nearest(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
+    """Levels, uint8, of one curve for all pixels."""
+    period = 2 * math.pi * orders
+    end = curve[:1] + period
+    # A wave beyond the first level is the first level again.
+    used = torch.cat([curve[curve < end], end])
+    middles = (used[1:] + used[:-1]) / 2
+    level = torch.bucketize(_wrapped(phase, curve[0], period), middles)
+    return (level % (len(used) - 1)).to(torch.uint8)
+
+
+class _Table:
+    """The curves of some rows of a panel, at every region's column; pixels lie between those."""
+
+    def __init__(self, curves: torch.Tensor, columns: int) -> None:
+        self._curves = curves
+        rows, regions, self._levels = curves.shape
+        before, behind, self._share = between(regions, columns)
+        row = torch.arange(rows)[:, None] * regions
+        self._before, self._behind = ((row + c) * self._levels for c in (before, behind))
+
+    def phase(self, level: torch.Tensor, curves: torch.Tensor | None = None) -> torch.Tensor:
+        flat = (self._curves if curves is None else curves).flatten().to(level.device)
+        low, high = (flat[at.to(level.device) + level] for at in (self._before, self._behind))
+        return torch.lerp(low, high, self._share.to(level.device))
+
+    def nearest(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
+        """Levels, uint8, by bisection on every pixel's own curve."""
+        zero = torch.zeros_like(phase, dtype=torch.int64)
+        first, period = self.phase(zero), 2 * math.pi * orders
+        wanted = _wrapped(phase, first, period)
+        level = self._below(wanted, zero)
+        miss = (self.phase(level) - wanted).abs()
+        # A wave beyond the first level is the first level again.
+        return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
+
+    def _below(self, wanted: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        """How many middles between levels lie below a phase: the nearest level."""
+        middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
+        # The last level has no middle behind it.
+        middles = torch.nn.functional.pad(middles, (0, 1), value=math.inf)
+        for bit in reversed(range((self._levels - 1).bit_length())):
+            tried = level + (1 << bit)
+            fits = tried < self._levels
+            at = torch.where(fits, tried, 1) - 1
+            level = torch.where(fits & (self.phase(at, middles) < wanted), tried, level)
+        return level
+
+
+def _tables(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _Table]]:
+    """Blocks of the panel's rows with their curves: bounded memory for any panel."""
+    rows, columns = panel.shape
+    before, behind, share = between(curves.shape[0], rows)
+    for start in range(0, rows, _ROWS):
+        block = slice(start, min(start + _ROWS, rows))
+        low, high = curves[before[block]], curves[behind[block]]
+        yield block, _Table(torch.lerp(low, high, share[block, None, None]), columns)
+
+
+def _require_shape(name: str, value: torch.Tensor, panel: Panel) -> None:
+    if tuple(value.shape[-2:]) != panel.shape:
+        raise ValueError(
+            f"{name} is {tuple(value.shape)}; the panel differs from pixel to pixel and needs "
+            f"{panel.shape}"
+        )
+
+
+def _require_levels(panel: Panel, grey: torch.Tensor) -> None:
+    if grey.is_floating_point() or grey.is_complex() or grey.dtype == torch.bool:
+        raise ValueError(f"grey is {grey.dtype}; give whole levels, as uint8")
+    if not grey.numel():
+        return
+    low, high = int(grey.min()), int(grey.max())
+    if low < 0 or high >= panel.levels:
+        raise ValueError(
+            f"grey goes from {low} to {high}; the panel's levels are 0 to {panel.levels - 1}"
+        )

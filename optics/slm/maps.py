@@ -1,0 +1,42 @@
+"""What differs from place to place on a panel: its flatness, the light on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+
+from optics.edge import require_finite
+from optics.slm.cells import as_float64, blended
+
+if TYPE_CHECKING:
+    from optics.slm.panel import Panel
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Values of cells that cover a panel, as coarse or as fine as they are known.
+
+    values: (rows, columns), an array or tensor; kept as float64. Raises ValueError unless
+    they have two axes, none of them empty, and are finite.
+    """
+
+    values: torch.Tensor
+
+    def __post_init__(self) -> None:
+        values = as_float64(self.values)
+        if values.ndim != 2 or not values.numel():
+            raise ValueError(
+                f"a map's values are {tuple(values.shape)}; they need rows and columns"
+            )
+        require_finite("a map", values)
+        object.__setattr__(self, "values", values)
+
+    def on(self, panel: Panel) -> torch.Tensor:
+        """The values at the panel's pixels, (rows, columns) float64.
+
+        Bilinear between the cells' centres, constant beyond the outermost.
+        """
+        rows, columns = panel.shape
+        return blended(blended(self.values, rows, 0), columns, 1)

@@ -1,0 +1,176 @@
+"""A panel at a wavelength: what it does to the light, effect by effect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cached_property
+
+import torch
+
+from optics.edge import require_finite, tensors_inside
+from optics.slm.coupling import coupled
+from optics.slm.dispersion import max_phase
+from optics.slm.dynamics import first_start, nodes_for, relaxed, time_nodes
+from optics.slm.flatness import flatness_phase
+from optics.slm.flicker import flicker_nodes
+from optics.slm.gap import gap_light
+from optics.slm.jitter import scattered_share
+from optics.slm.lut import grey_to_phase, phase_to_grey
+from optics.slm.panel import Panel
+from optics.slm.reflection import front_share, unturned_share
+
+TOL = 1e-2
+"""Of means over a frame for the two pixels that move farthest apart; pictures are far better."""
+
+FLICKER_TOL = 1e-3
+"""Of means over the ripple for the pixel of the largest phase."""
+
+
+class Modulator:
+    """What a panel does to light of a wavelength in metres.
+
+    A field of amplitude 1 falls on every pixel; what leaves is one complex number a pixel,
+    the mean over its active area, that a PSFOperator takes as its amplitude, plus shares of
+    light that add in intensity. That number is exact for light near the axis; light that turns
+    by t radians across a pixel sees what the coupling does inside the pixel differently, by t
+    times what it does, at most. An effect whose datum in the Panel is 0 or None is off: its
+    code isn't called. `modulated_psf` puts all of them together.
+
+    Raises ValueError for a wavelength outside the panel's table.
+    """
+
+    def __init__(self, panel: Panel, wavelength: float) -> None:
+        max_phase(panel, wavelength)
+        self.panel, self.wavelength = panel, wavelength
+
+    @property
+    def unmodulated(self) -> float:
+        """Share of the light that ignores the pattern; it adds in intensity."""
+        return front_share(self.panel) + unturned_share(self.panel)
+
+    @property
+    def straight(self) -> list[tuple[float, torch.Tensor | None]]:
+        """Shares and fields of the light that ignores the pattern; None is 1 everywhere.
+
+        What went through the panel has its flatness, what the cover glass reflected hasn't.
+        """
+        shares = [(front_share(self.panel), self._lit), (unturned_share(self.panel), self._still)]
+        if self.panel.flatness is None:
+            shares = [(self.unmodulated, self._lit)]
+        return [(share, field) for share, field in shares if share > 0]
+
+    @property
+    def scattered(self) -> float:
+        """Share of the modulated light that jitter spreads evenly over the panel's orders."""
+        return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
+
+    def phase(self, grey: torch.Tensor) -> torch.Tensor:
+        """Settled phase in radians, float64, of grey levels: dispersion and response included,
+        neighbours not. As `grey_to_phase`."""
+        return grey_to_phase(self.panel, grey, self.wavelength)
+
+    def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
+        """Grey levels, uint8, by which light leaves with a phase. As `phase_to_grey`."""
+        return phase_to_grey(self.panel, phase, self.wavelength, orders)
+
+    @tensors_inside
+    def modulation(self, phase: torch.Tensor) -> torch.Tensor:
+        """The field of each pixel, complex, (..., rows, columns).
+
+        phase: radians as shown, wrapped as the panel wraps: float32 gives complex64 and
+        float64 complex128. The mean of exp(i phase) over the pixel's active area, its phase
+        blurred by the coupling; the gap's light; the flatness; and the amplitude of the
+        illumination, whose mean square over the panel is 1. At most 1 without the gap's light
+        and an illumination. Differentiable in the phase.
+
+        Raises ValueError for another shape than the panel's, and for phases that aren't finite.
+        """
+        self._require_phase(phase)
+        panel = self.panel
+        if panel.coupling:
+            field = coupled(phase, panel.coupling / panel.pitch, math.sqrt(panel.fill_factor))
+        else:
+            field = torch.complex(torch.cos(phase), torch.sin(phase))
+        if panel.gap_reflection:
+            field = field + gap_light(panel)
+        return field if self._still is None else field * self._still.to(field)
+
+    def still(
+        self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
+    ) -> list[tuple[float, torch.Tensor]]:
+        """Shares of time and fields of a picture that stands; one pair if nothing flickers.
+
+        grey: (rows, columns). dtype: of the phase; float32 gives complex64.
+        """
+        phase = torch.as_tensor(self.phase(grey))
+        return [
+            (weight, self.modulation((factor * phase).to(dtype)))
+            for weight, factor in self._flicker(phase)
+        ]
+
+    def cycle(
+        self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
+    ) -> Iterator[tuple[int, float, torch.Tensor]]:
+        """Frames, shares of time and fields of one cycle of a video that is repeated for ever.
+
+        video_phase: a tensor, (frames, rows, columns), what each frame would settle at, radians.
+        frame_time: seconds that a frame is shown. The crystal follows to first order, and
+        flickers; both are averaged over as few nodes as keep tol. The shares sum to 1, and
+        those of a frame to 1 / frames. Nothing is made before it is asked for; differentiable
+        in the phases.
+        """
+        tau, count = self.panel.response_time, len(video_phase)
+        start = first_start(video_phase, frame_time, tau) if tau else None
+        for frame, end in enumerate(video_phase):
+            for share, phase in self._moments(end, start, frame_time, tol):
+                for weight, factor in self._flicker(phase):
+                    field = self.modulation(phase if factor == 1 else factor * phase)
+                    yield frame, share * weight / count, field
+            if start is not None:
+                start = relaxed(end, start, frame_time, tau)
+
+    def _moments(
+        self, end: torch.Tensor, start: torch.Tensor | None, frame_time: float, tol: float
+    ) -> Iterator[tuple[float, torch.Tensor]]:
+        """Shares of a frame's time, and the phases on the way from `start` to `end`."""
+        if start is None:
+            yield 1.0, end
+            return
+        tau = self.panel.response_time
+        change = (start - end).detach()
+        # The gap's light doesn't move.
+        spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
+        count = nodes_for(spread, frame_time, tau, tol)
+        for time, share in zip(*time_nodes(frame_time, tau, count), strict=True):
+            yield share, relaxed(end, start, time, tau)
+
+    def _flicker(self, phase: torch.Tensor) -> list[tuple[float, float]]:
+        flicker = self.panel.flicker
+        if not flicker:
+            return [(1.0, 1.0)]
+        return flicker_nodes(flicker, float(phase.detach().abs().max()), FLICKER_TOL)
+
+    @cached_property
+    def _lit(self) -> torch.Tensor | None:
+        """Amplitude of the illumination, float64, mean square 1; None if it is even."""
+        if self.panel.illumination is None:
+            return None
+        light = self.panel.illumination.on(self.panel)
+        return torch.sqrt(light / light.mean())
+
+    @cached_property
+    def _still(self) -> torch.Tensor | None:
+        """What every picture is multiplied with, complex128; None if that is 1."""
+        lit, panel = self._lit, self.panel
+        if panel.flatness is None:
+            return None if lit is None else lit.to(torch.complex128)
+        phase = flatness_phase(panel, self.wavelength)
+        return torch.polar(torch.ones_like(phase) if lit is None else lit, phase)
+
+    def _require_phase(self, phase: torch.Tensor) -> None:
+        if not phase.is_floating_point():
+            raise ValueError(f"phase is {phase.dtype}; give radians as float32 or float64")
+        if tuple(phase.shape[-2:]) != self.panel.shape:
+            raise ValueError(f"phase is {tuple(phase.shape)}; the panel has {self.panel.shape}")
+        require_finite("phase", phase)

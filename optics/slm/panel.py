@@ -1,0 +1,137 @@
+"""The modulator as data: its pixels, its range, and what it does besides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from optics.edge import require_positive
+from optics.plane import Plane
+from optics.slm.maps import Map
+from optics.slm.response import Response
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A phase-only liquid-crystal modulator.
+
+    shape: (rows, columns) of pixels. pitch: metres. fill_factor: share of a pixel's
+    area that modulates. levels: grey levels. max_phase: pairs of (wavelength in
+    metres, phase in radians at the highest grey level). unmodulated: share of the
+    light that leaves the panel unmodulated. reflectivity: share of light that leaves
+    it at all. settling: seconds from a new frame to a phase that stands.
+    The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A.
+
+    What follows is off by default, and costs nothing then:
+    frame_rate: Hz, at which videos are shown. response: from grey levels to shares of the
+    highest phase; linear if None. response_time: seconds, the time constant of a liquid
+    crystal that follows exponentially; 0 is at once. coupling: metres, the standard
+    deviation of the Gaussian by which fringing fields blur the phase; up to one pitch.
+    flicker: amplitude of the phase's ripple, as a share of the phase. jitter: radians, root
+    mean square, by which each pixel's phase is wrong on its own. front_reflection: share of
+    the light that the cover glass reflects, a part of reflectivity. gap_reflection: amplitude
+    reflectance of the frame between the pixels, relative to the pixels'. flatness: metres of
+    optical path that the light gets besides the pattern. illumination: irradiance over the
+    panel, in any unit.
+    """
+
+    shape: tuple[int, int] = (1080, 1920)
+    pitch: float = 8e-6
+    fill_factor: float = 0.87
+    levels: int = 256
+    max_phase: tuple[tuple[float, float], ...] = (
+        (452e-9, 9.0 * math.pi),
+        (532e-9, 6.7 * math.pi),
+        (633e-9, 5.4 * math.pi),
+    )
+    unmodulated: float = 0.05
+    reflectivity: float = 0.6
+    settling: float = 0.05
+    frame_rate: float = 60.0
+    response: Response | None = None
+    response_time: float = 0.0
+    coupling: float = 0.0
+    flicker: float = 0.0
+    jitter: float = 0.0
+    front_reflection: float = 0.0
+    gap_reflection: float = 0.0
+    flatness: Map | None = None
+    illumination: Map | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("pitch", self.pitch, "m")
+        require_positive("fill_factor", self.fill_factor, "")
+        require_positive("frame_rate", self.frame_rate, "Hz")
+        for name in (
+            "fill_factor",
+            "unmodulated",
+            "reflectivity",
+            "flicker",
+            "front_reflection",
+            "gap_reflection",
+        ):
+            require_share(name, getattr(self, name))
+        for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
+            _require_amount(name, getattr(self, name), unit)
+        if not 2 <= self.levels <= 256:
+            raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
+        self._require_range()
+        self._require_fitting()
+        Plane(self.shape, (self.pitch, self.pitch))
+
+    def _require_range(self) -> None:
+        if not self.max_phase:
+            raise ValueError("max_phase is empty; give the phase range at one wavelength or more")
+        for wavelength, phase in self.max_phase:
+            require_positive("max_phase's wavelength", wavelength, "m")
+            require_positive("max_phase's phase", phase, "rad")
+        known = [wavelength for wavelength, _ in self.max_phase]
+        for wavelength in known:
+            if known.count(wavelength) > 1:
+                raise ValueError(
+                    f"max_phase has {wavelength * 1e9:g} nm more than once; give it once"
+                )
+
+    def _require_fitting(self) -> None:
+        """What the effects' data must have to do with each other."""
+        if self.coupling > self.pitch:
+            raise ValueError(
+                f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "
+                f"{self.pitch:g} m, at most"
+            )
+        if self.front_reflection > self.reflectivity:
+            raise ValueError(
+                f"front_reflection is {self.front_reflection:g}; it is a part of the "
+                f"reflectivity, {self.reflectivity:g}, and can't be more"
+            )
+        if self.response is not None and self.response.levels != self.levels:
+            raise ValueError(
+                f"response has {self.response.levels} levels and the panel {self.levels}; "
+                "give a response of all the panel's levels"
+            )
+        light = self.illumination
+        if light is not None and not (light.values.min() >= 0 and light.values.max() > 0):
+            raise ValueError(
+                f"illumination goes from {float(light.values.min()):g} to "
+                f"{float(light.values.max()):g}; it can't be negative, nor zero everywhere"
+            )
+
+    @property
+    def plane(self) -> Plane:
+        return Plane(self.shape, (self.pitch, self.pitch))
+
+    @property
+    def active_side(self) -> float:
+        """Side of the square of a pixel that modulates, in metres."""
+        return math.sqrt(self.fill_factor) * self.pitch
+
+
+def require_share(name: str, value: float) -> None:
+    """Raise a ValueError for a number that isn't between 0 and 1."""
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
+
+
+def _require_amount(name: str, value: float, unit: str) -> None:
+    if not 0 <= value < math.inf:
+        raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")

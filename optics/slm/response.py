@@ -1,0 +1,111 @@
+"""How the phase grows with the grey level: measured, or a vendor's table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from optics.edge import require_finite, require_positive
+from optics.slm.cells import as_float64
+
+if TYPE_CHECKING:
+    from optics.slm.panel import Panel
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Shares of the panel's highest phase, level by level, at wavelengths and in regions.
+
+    wavelengths: metres, all different. shares: (wavelengths, region rows, region columns,
+    levels), float64; regions are equally large and cover the panel. A share may exceed 1,
+    where a panel reaches farther than its table says; the first needn't be 0.
+
+    Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable
+    in which a liquid crystal's dispersion is smoothest (see `max_phase`), and between the
+    regions' centres bilinearly; beyond the outermost they stay. So there are no seams.
+
+    Raises ValueError for shares that aren't finite, fall from one level to the next, or
+    don't rise at all.
+    """
+
+    wavelengths: tuple[float, ...]
+    shares: torch.Tensor
+
+    def __post_init__(self) -> None:
+        shares = as_float64(self.shares)
+        wavelengths = tuple(float(w) for w in self.wavelengths)
+        for wavelength in wavelengths:
+            require_positive("a response's wavelength", wavelength, "m")
+        if len(set(wavelengths)) != len(wavelengths):
+            raise ValueError("a response's wavelengths must differ; give each once")
+        if shares.ndim != 4 or shares.shape[0] != len(wavelengths) or not shares.numel():
+            raise ValueError(
+                f"a response's shares are {tuple(shares.shape)}; they need wavelengths "
+                f"({len(wavelengths)}), region rows, region columns and levels"
+            )
+        require_finite("a response", shares)
+        _require_rising(shares.detach(), wavelengths)
+        object.__setattr__(self, "shares", shares)
+        object.__setattr__(self, "wavelengths", wavelengths)
+
+    @staticmethod
+    def tabulated(wavelength: float, shares: Any) -> Response:
+        """One curve, (levels,), for the whole panel and every wavelength."""
+        return Response((wavelength,), as_float64(shares)[None, None, None])
+
+    @staticmethod
+    def measured(panel: Panel, wavelengths: Sequence[float], phases: Any) -> Response:
+        """From phases in radians, (wavelengths, levels) or (wavelengths, rows, columns, levels).
+
+        panel: whose highest phase the shares are of.
+        """
+        # Imported here: a panel has a response.
+        from optics.slm.dispersion import max_phase
+
+        phases = as_float64(phases)
+        if phases.ndim == 2:
+            phases = phases[:, None, None]
+        if phases.ndim != 4 or phases.shape[0] != len(wavelengths):
+            raise ValueError(
+                f"phases are {tuple(phases.shape)}; they need wavelengths ({len(wavelengths)}) "
+                "and levels, with region rows and columns between them or without"
+            )
+        highest = torch.tensor([max_phase(panel, w) for w in wavelengths], dtype=torch.float64)
+        return Response(tuple(wavelengths), phases / highest[:, None, None, None])
+
+    @property
+    def levels(self) -> int:
+        return self.shares.shape[-1]
+
+    @property
+    def regions(self) -> tuple[int, int]:
+        """Rows and columns of regions."""
+        return self.shares.shape[1], self.shares.shape[2]
+
+    def at(self, wavelength: float) -> torch.Tensor:
+        """Shares at a wavelength in metres, (region rows, region columns, levels)."""
+        order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
+        known = [self.wavelengths[k] for k in order]
+        if wavelength <= known[0]:
+            return self.shares[order[0]]
+        for one, other, low, high in zip(order, order[1:], known, known[1:], strict=False):
+            if wavelength <= high:
+                share = (low**-2 - wavelength**-2) / (low**-2 - high**-2)
+                return torch.lerp(self.shares[one], self.shares[other], share)
+        return self.shares[order[-1]]
+
+
+def _require_rising(shares: torch.Tensor, wavelengths: tuple[float, ...]) -> None:
+    falls = (shares.diff(dim=-1) < 0).nonzero()
+    if len(falls):
+        w, row, column, level = falls[0].tolist()
+        raise ValueError(
+            f"the response falls from level {level} to {level + 1} at "
+            f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} times "
+            "in all; the phase must grow with the level: smooth the measurement"
+        )
+    if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
+        raise ValueError("the response doesn't rise from its first level to its last; it must")

@@ -1,0 +1,85 @@
+"""Shapes drawn with one kind of stroke: spiral, heart, infinity, eye (thesis Fig. 3.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from optics.edge import require_positive
+from optics.targets.drawing import Drawing, Target, micrometres
+from optics.targets.stroke import Points, drawn
+
+_POINTS = 720
+"""Along a closed curve, or a turn of an open one."""
+
+
+@Target
+def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) -> Drawing:
+    """A spiral whose distance from the axis grows with the angle squared, up to a radius.
+
+    turns: from the axis outwards. hole: share of the radius around the axis that is left out,
+    0 to less than 1. The defaults are the spiral of the thesis' code: three turns, without the
+    inner 18 of 50 pixels (cgtuebingen/computational_camera_phase_retrieval, target 0).
+    """
+    require_positive("turns", turns, "")
+    if not 0 <= hole < 1:
+        raise ValueError(f"hole is {hole:g}; it is a share of the radius, from 0 to below 1")
+    end = 2 * math.pi * turns
+    angle = np.linspace(math.sqrt(hole) * end, end, 2 + math.ceil(_POINTS * turns))
+    return _shape([_polar((angle / end) ** 2, angle)], radius, width)
+
+
+@Target
+def heart(radius: float, width: float) -> Drawing:
+    """A heart, upright; its tip or lobes are a radius from the axis."""
+    t = np.linspace(0, 2 * math.pi, _POINTS)
+    x = 16 * np.sin(t) ** 3
+    y = -(13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t))
+    points = _closed(np.stack([y, x], 1))
+    points = points - (points.min(0) + points.max(0)) / 2
+    return _shape([points / np.hypot(*points.T).max()], radius, width)
+
+
+@Target
+def infinity(radius: float, width: float) -> Drawing:
+    """The symbol of infinity, lying: the lemniscate of Bernoulli, two radii long."""
+    t = np.linspace(0, 2 * math.pi, _POINTS)
+    scale = 1 / (1 + np.sin(t) ** 2)
+    points = np.stack([np.sin(t) * np.cos(t) * scale, np.cos(t) * scale], 1)
+    return _shape([_closed(points)], radius, width)
+
+
+@Target
+def eye(radius: float, width: float) -> Drawing:
+    """Two lids whose corners are a radius from the axis, an iris and a pupil."""
+    height, iris, pupil = 0.5, 0.38, 0.1
+    # Circles through both corners and the height of a lid.
+    curvature = (1 + height**2) / (2 * height)
+    half = math.asin(1 / curvature)
+    angle = np.linspace(-half, half, _POINTS)
+    lid = np.stack([curvature * np.cos(angle) - (curvature - height), curvature * np.sin(angle)], 1)
+    around = np.linspace(0, 2 * math.pi, _POINTS)
+    circles = [_closed(_polar(np.full(_POINTS, size), around)) for size in (iris, pupil)]
+    return _shape([lid, lid * [-1, 1], *circles], radius, width)
+
+
+def _shape(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
+    """Strokes within a circle of one, at their size."""
+    require_positive("radius", radius, "m")
+    return drawn(
+        [radius * stroke for stroke in strokes],
+        width,
+        f"radius {micrometres(radius)} with width {micrometres(width)}",
+        "choose a smaller radius",
+    )
+
+
+def _polar(distance: Points, angle: Points) -> Points:
+    return np.stack([distance * np.sin(angle), distance * np.cos(angle)], 1)
+
+
+def _closed(points: Points) -> Points:
+    """The last point is exactly the first."""
+    return np.vstack([points[:-1], points[:1]])

@@ -1,0 +1,76 @@
+"""Dots, wherever they are wanted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+
+from optics.edge import require_positive
+from optics.plane import Plane
+from optics.targets.drawing import Drawing, Target, micrometres
+
+Position = tuple[float, float]
+"""(y, x) in metres."""
+
+
+@Target
+def dots(
+    positions: Sequence[Position], width: float, weights: Sequence[float] | None = None
+) -> Drawing:
+    """Gaussian dots at positions; those that overlap add up.
+
+    width: standard deviation of a dot, metres. weights: how much light each gets, in any scale;
+    None for the same. Raises ValueError without dots, or for weights that aren't positive.
+    """
+    require_positive("width", width, "m")
+    weights = [1.0] * len(positions) if weights is None else weights
+    if not positions:
+        raise ValueError("positions is empty; give one dot at least")
+    if len(weights) != len(positions):
+        raise ValueError(f"weights has {len(weights)} values for {len(positions)} positions")
+    for weight in weights:
+        require_positive("a weight", weight, "")
+    place = torch.tensor(positions, dtype=torch.float64)
+    if place.shape != (len(positions), 2) or not torch.isfinite(place).all():
+        raise ValueError("positions must be finite pairs (y, x)")
+    light = torch.tensor(weights, dtype=torch.float64)
+
+    def brightness(plane: Plane) -> torch.Tensor:
+        y, x = (_profiles(plane, axis, place[:, axis], width) for axis in (0, 1))
+        return (y * light) @ x.T
+
+    (low_y, low_x), (high_y, high_x) = place.min(0).values.tolist(), place.max(0).values.tolist()
+    return Drawing(
+        (low_y, high_y, low_x, high_x),
+        width,
+        brightness,
+        f"a dot {micrometres(float(place.abs().max()))} from the axis with width "
+        f"{micrometres(width)}",
+        "move it inwards",
+    )
+
+
+def on_ring(count: int, radius: float, start: float = 0.0) -> list[Position]:
+    """Positions equally spaced on a circle; start: angle of the first, radians."""
+    if count < 1:
+        raise ValueError(f"count is {count}; give one dot at least")
+    require_positive("radius", radius, "m")
+    angles = [start + 2 * math.pi * k / count for k in range(count)]
+    return [(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles]
+
+
+def on_grid(shape: tuple[int, int], spacing: float) -> list[Position]:
+    """Positions in (rows, columns) around the axis, `spacing` metres apart."""
+    if min(shape) < 1:
+        raise ValueError(f"shape is {shape}; give one row and one column at least")
+    require_positive("spacing", spacing, "m")
+    y, x = ([(i - (n - 1) / 2) * spacing for i in range(n)] for n in shape)
+    return [(row, column) for row in y for column in x]
+
+
+def _profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
+    """Gaussians along an axis, (samples, dots)."""
+    away = plane.coordinates(axis)[:, None] - place
+    return torch.exp(-(away**2) / (2 * width**2))

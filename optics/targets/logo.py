@@ -1,0 +1,59 @@
+"""A picture as a target."""
+
+from __future__ import annotations
+
+import torch
+
+from optics.edge import floating, require_finite, require_positive, tensors_inside
+from optics.plane import Plane
+from optics.targets.drawing import Drawing, Target, micrometres
+
+
+@Target
+@tensors_inside
+def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
+    """A picture whose longer side is `size` metres, around the axis.
+
+    picture: (rows, columns), nowhere negative; bright is light, or dark is with `invert`. Samples
+    get the picture's mean over their area. Raises ValueError for a picture without light, or one
+    that is smaller than a sample.
+    """
+    require_positive("size", size, "m")
+    if picture.ndim != 2 or not picture.numel():
+        raise ValueError(f"picture has shape {tuple(picture.shape)}; give rows and columns")
+    light = floating(picture).to(torch.float64)
+    require_finite("picture", light)
+    if light.min() < 0:
+        raise ValueError(f"picture is {float(light.min()):g} somewhere; light can't be negative")
+    light = light.max() - light if invert else light
+    if not light.any():
+        raise ValueError("picture has no light; give a brighter one, or turn `invert` round")
+    pixel = size / max(light.shape)
+    half_y, half_x = (n * pixel / 2 for n in light.shape)
+
+    def brightness(plane: Plane) -> torch.Tensor:
+        if size < max(plane.pitch):
+            raise ValueError(
+                f"size {micrometres(size)} falls between samples of "
+                f"{micrometres(max(plane.pitch))}; choose a larger one"
+            )
+        y, x = (_shares(plane, axis, n, pixel) for axis, n in enumerate(light.shape))
+        return y @ light @ x.T
+
+    return Drawing(
+        (-half_y, half_y, -half_x, half_x),
+        0.0,
+        brightness,
+        f"a picture of {micrometres(size)}",
+        "choose a smaller size",
+    )
+
+
+def _shares(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
+    """How much of each pixel along an axis falls on each sample, (samples, pixels)."""
+    pitch = plane.pitch[axis]
+    sample = plane.coordinates(axis)[:, None]
+    start = (torch.arange(count, dtype=torch.float64) - count / 2) * pixel
+    low = torch.maximum(sample - pitch / 2, start)
+    high = torch.minimum(sample + pitch / 2, start + pixel)
+    return (high - low).clamp(min=0) / pixel

@@ -1,0 +1,86 @@
+"""What leaves the panel during an exposure: pictures that stand, or a video on its way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.slm import Modulator
+from optics.slm.dynamics import first_start, nodes_for, relaxed, time_nodes
+from optics.slm.flicker import flicker_nodes
+from simulator.shown import Mixture, Procession, Span
+
+Pictures = Mapping[str, NDArray[np.uint8]]
+Exposures = Iterator[tuple[float, torch.Tensor]]
+"""Shares of an exposure and fields on the panel's pixels, whose PSFs add up to the mean."""
+
+_FORGOTTEN = 36.0
+"""Time constants after which nothing of a frame is left, in double precision."""
+
+
+def exposures(
+    modulator: Modulator, seen: Mixture | Procession, pictures: Pictures, tol: float
+) -> Exposures:
+    """Of what an exposure sees; nothing is made before it is asked for.
+
+    tol: of averages over time.
+    """
+    if isinstance(seen, Procession):
+        yield from _moving(modulator, seen, pictures, tol)
+        return
+    for name, share in seen.shares:
+        if share > 0:
+            phase = _settled(modulator, pictures, name)
+            yield from _flickering(modulator, phase, share, tol)
+
+
+def _settled(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
+    return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
+
+
+def _flickering(modulator: Modulator, phase: torch.Tensor, share: float, tol: float) -> Exposures:
+    """Of a moment's phase, which ripples about it."""
+    flicker = modulator.panel.flicker
+    if not flicker:
+        yield share, modulator.modulation(phase.to(torch.float32))
+        return
+    for weight, factor in flicker_nodes(flicker, float(phase.abs().max()), tol):
+        yield share * weight, modulator.modulation((factor * phase).to(torch.float32))
+
+
+def _moving(modulator: Modulator, seen: Procession, pictures: Pictures, tol: float) -> Exposures:
+    """Of a video that has been repeated for ever, and whose liquid crystal follows.
+
+    Part of a frame is a shorter frame, that begins with the phase which is reached by then.
+    """
+    tau, frame_time = modulator.panel.response_time, seen.frame_time
+    # Whatever was shown long before the first frame is forgotten.
+    recent = seen.names[-max(1, math.ceil(_FORGOTTEN * tau / frame_time)) :]
+    before = torch.stack([_settled(modulator, pictures, name) for name in recent])
+    start = first_start(before, frame_time, tau)
+    spans: dict[int, list[Span]] = {}
+    for span in seen.spans:
+        spans.setdefault(span.frame, []).append(span)
+    for frame, name in enumerate(seen.names):
+        end = _settled(modulator, pictures, name)
+        for span in spans.get(frame, ()):
+            begun = relaxed(end, start, span.begin, tau)
+            for share, phase in _on_the_way(begun, end, span.end - span.begin, tau, tol):
+                yield from _flickering(modulator, phase, span.share * share, tol)
+        start = relaxed(end, start, frame_time, tau)
+
+
+def _on_the_way(
+    begun: torch.Tensor, end: torch.Tensor, seconds: float, tau: float, tol: float
+) -> Exposures:
+    """Shares of a time that begins with one phase on its way to another, and phases then."""
+    change = begun - end
+    # Light from between the pixels doesn't move with them.
+    spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
+    count = nodes_for(spread, seconds, tau, tol)
+    for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
+        yield share, relaxed(end, begun, time, tau)

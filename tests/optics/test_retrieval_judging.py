@@ -1,0 +1,103 @@
+"""Quality on the design grid against a grid twice finer, where no speckle hides either."""
+
+import numpy as np
+import pytest
+import torch
+from retrieval_judges import (
+    WAVELENGTH,
+    camera,
+    dots,
+    light,
+    merits,
+    quantised,
+    ring,
+    seeded,
+    spiral,
+    tensor,
+)
+
+from optics.retrieval import design_plane, retrieve
+from optics.retrieval.goal import Goal
+from optics.retrieval.judging import judge, mean_light
+
+SHAPE, WINDOW, LENGTH = (135, 240), (224, 224), 480
+LATTICE = [(30 * i + 7 * j, 28 * j - 5 * i) for i in range(-2, 3) for j in range(-2, 3)]
+
+# Of the sizes of the thesis' targets, so that as many samples are judged as on a large panel.
+TARGETS = {
+    "ring": lambda fine: ring(WINDOW, 50, 6.2, fine),
+    "spiral": lambda fine: spiral(WINDOW, 90, 3.5, fine),
+    "dots": lambda fine: dots(WINDOW, LATTICE, 3.0, fine),
+}
+
+
+@pytest.mark.parametrize(
+    ("frames", "method", "iterations"),
+    [(1, "over-compensated", 40), (1, "gerchberg-saxton", 10), (4, "joint", 20)],
+)
+@pytest.mark.parametrize("name", TARGETS)
+def test_twice_nyquist_is_fine_enough(name, frames, method, iterations):
+    """Within 1 % of a plain FFT of four times Nyquist, quantised by numpy."""
+    optics = camera(SHAPE)
+    found = retrieve(
+        optics, tensor(TARGETS[name](1)), design_plane(optics, WAVELENGTH, WINDOW), WAVELENGTH,
+        frames=frames, method=method, iterations=iterations, generator=seeded(),
+    )  # fmt: skip
+    fine = tuple(2 * n for n in WINDOW)
+    psf = light(quantised(found.phases.numpy()), 2 * LENGTH, fine)
+    truth = merits(psf, TARGETS[name](2))
+    quality = found.quality
+    for figure, sure in zip(
+        (quality.efficiency, quality.contrast, quality.nrmse), truth, strict=True
+    ):
+        assert figure == pytest.approx(sure, rel=0.01)
+
+
+def test_the_pupils_own_grid_is_not():
+    """On every second sample the same pattern looks far smoother than it is."""
+    optics, window = camera(SHAPE), (112, 112)
+    plane = design_plane(optics, WAVELENGTH, window)
+    target = ring(window, 30, 4)
+    found = retrieve(
+        optics, tensor(target), plane, WAVELENGTH, method="published", iterations=40,
+        generator=seeded(),
+    )  # fmt: skip
+    goal = Goal(optics, tensor(target), plane, WAVELENGTH)
+    psf = mean_light(goal, found.phases).numpy()
+    coarse = merits(psf[::2, ::2], target[::2, ::2])[1]
+    assert coarse < 0.7 * found.quality.contrast
+
+
+def test_figures_are_those_of_their_definitions():
+    rng = np.random.default_rng(0)
+    optics, window = camera((20, 24)), (17, 30)
+    target = rng.uniform(0, 1, window) ** 4
+    psf = rng.uniform(0, 1, window) / 1000
+    goal = Goal(optics, tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    quality = judge(goal, tensor(psf))
+    assert (quality.efficiency, quality.contrast, quality.nrmse) == pytest.approx(
+        merits(psf, target)
+    )
+
+
+def test_a_perfect_picture_is_perfect():
+    optics, window = camera((20, 24)), (17, 30)
+    target = ring(window, 6, 2)
+    goal = Goal(optics, 5 * tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    quality = judge(goal, tensor(target / target.sum()))
+    assert quality.contrast == pytest.approx(0, abs=1e-12)
+    assert quality.nrmse == pytest.approx(0, abs=1e-12)
+    assert quality.efficiency == pytest.approx(target[target > 0.02].sum() / target.sum())
+
+
+def test_a_mean_is_of_the_light_and_not_of_the_phases():
+    """Two blazes to either side: half of the light on each, and none between."""
+    optics, window = camera((20, 24)), (17, 30)
+    goal = Goal(optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    tilt = torch.from_numpy(2 * np.pi * 6 * np.arange(24) / goal.length).expand(20, 24)
+    psf = mean_light(goal, [tilt, -tilt]).numpy()
+    peak = 20 * 24 / goal.length**2 / 2
+    middle = psf[8, 15]
+    assert psf[8, 21] == pytest.approx(peak, rel=0.01)
+    assert psf[8, 9] == pytest.approx(peak, rel=0.01)
+    assert middle < 0.1 * peak
