@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from labapp.acquisition.abilities import Abilities
 from labapp.acquisition.checking import Expected, checked_shots, expect, prompts_by_frame
@@ -16,7 +16,7 @@ from labapp.bench import Bench, BenchFiles, open_bench
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.files.finding import find_plan
-from labapp.files.pattern_table import Pattern, RingPattern, VideoPattern
+from labapp.files.pattern_table import Pattern, VideoPattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.patterns import compute_patterns
@@ -127,18 +127,9 @@ def _require_parts(preview: Preview) -> None:
 def _try_patterns(preview: Preview, bench: Bench) -> None:
     """UserError if a pattern can't be computed for the bench's panel."""
     plan = preview.plan
-    quick = {name: _quick(pattern) for name, pattern in plan.patterns.items()}
+    quick = {name: cast(Pattern, pattern.quick()) for name, pattern in plan.patterns.items()}
     with watched() as progress:
         compute_patterns(quick, bench.description, plan.seed, progress, preview.source.parent)
-
-
-def _quick(pattern: Pattern) -> Pattern:
-    """The same pattern with as little work as shows whether it can be computed."""
-    if isinstance(pattern, RingPattern):
-        return pattern.model_copy(update={"iterations": 1})
-    if isinstance(pattern, VideoPattern) and pattern.pattern is not None:
-        return pattern.model_copy(update={"pattern": _quick(pattern.pattern), "count": 2})
-    return pattern
 
 
 def _print_summary(preview: Preview) -> None:

@@ -10,8 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.slm import Modulator
-from optics.slm.dynamics import first_start, nodes_for, relaxed, time_nodes
-from optics.slm.flicker import flicker_nodes
+from optics.slm.dynamics import first_start, relaxed
 from simulator.shown import Mixture, Procession, Span
 
 Pictures = Mapping[str, NDArray[np.uint8]]
@@ -35,21 +34,12 @@ def exposures(
     for name, share in seen.shares:
         if share > 0:
             phase = _settled(modulator, pictures, name)
-            yield from _flickering(modulator, phase, share, tol)
+            fields = modulator.rippling(phase, dtype=torch.float32, tol=tol)
+            yield from ((share * weight, field) for weight, field in fields)
 
 
 def _settled(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
     return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
-
-
-def _flickering(modulator: Modulator, phase: torch.Tensor, share: float, tol: float) -> Exposures:
-    """Of a moment's phase, which ripples about it."""
-    flicker = modulator.panel.flicker
-    if not flicker:
-        yield share, modulator.modulation(phase.to(torch.float32))
-        return
-    for weight, factor in flicker_nodes(flicker, float(phase.abs().max()), tol):
-        yield share * weight, modulator.modulation((factor * phase).to(torch.float32))
 
 
 def _moving(modulator: Modulator, seen: Procession, pictures: Pictures, tol: float) -> Exposures:
@@ -68,19 +58,7 @@ def _moving(modulator: Modulator, seen: Procession, pictures: Pictures, tol: flo
     for frame, name in enumerate(seen.names):
         end = _settled(modulator, pictures, name)
         for span in spans.get(frame, ()):
-            begun = relaxed(end, start, span.begin, tau)
-            for share, phase in _on_the_way(begun, end, span.end - span.begin, tau, tol):
-                yield from _flickering(modulator, phase, span.share * share, tol)
+            begun, seconds = relaxed(end, start, span.begin, tau), span.end - span.begin
+            fields = modulator.moving(begun, end, seconds, dtype=torch.float32, tol=tol)
+            yield from ((span.share * share, field) for share, field in fields)
         start = relaxed(end, start, frame_time, tau)
-
-
-def _on_the_way(
-    begun: torch.Tensor, end: torch.Tensor, seconds: float, tau: float, tol: float
-) -> Exposures:
-    """Shares of a time that begins with one phase on its way to another, and phases then."""
-    change = begun - end
-    # Light from between the pixels doesn't move with them.
-    spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
-    count = nodes_for(spread, seconds, tau, tol)
-    for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
-        yield share, relaxed(end, begun, time, tau)

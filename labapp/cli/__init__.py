@@ -12,11 +12,22 @@ from typing import Any
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import runs, records, calibrate, optics, patterns, plans, bench
+from labapp.cli import runs, records, calibrate, optics, patterns, refining, plans, bench
 
 # isort: on
 
-__all__ = ["app", "bench", "calibrate", "main", "optics", "patterns", "plans", "records", "runs"]
+__all__ = [
+    "app",
+    "bench",
+    "calibrate",
+    "main",
+    "optics",
+    "patterns",
+    "plans",
+    "records",
+    "refining",
+    "runs",
+]
 
 
 def main() -> None:

@@ -29,11 +29,6 @@ class TargetShape(FileModel):
         """What it is and how large, in a few words."""
         raise NotImplementedError
 
-    @property
-    def moves(self) -> bool:
-        """Whether it changes with time, so that it needs a video."""
-        return False
-
     def require_frames(self, frames: int) -> None:
         """ValueError if a video of so many frames can't show it."""
 
@@ -103,10 +98,6 @@ class ShrinkingSpiralTarget(Spiral):
     moments: Annotated[
         int | None, Field(ge=2, le=3600, description="that frames share evenly; none: one each")
     ] = None
-
-    @property
-    def moves(self) -> bool:
-        return True
 
     def quick(self) -> ShrinkingSpiralTarget:
         return self.model_copy(update={"moments": None})

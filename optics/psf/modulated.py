@@ -43,7 +43,7 @@ def modulated_psf(
     light = (1 - modulator.unmodulated) * light
     for share, straight in modulator.straight:
         # The operator keeps what is the same for every pattern.
-        light = light + time * share * operator.straight(straight).to(light)
+        light = light + time * share * operator.straight(straight, keep=True).to(light)
     return light
 
 

@@ -108,7 +108,7 @@ class PSFOperator:
             lens, distance, wavelength, samples, tol - rest, budget or Budget(), margin, phase_slope
         )
         self._question = question
-        self._kept: torch.Tensor | None = None
+        self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
         self._engine = _prepared(question, camera, method)
         self.account = self._accounted(question, tol, rest)
 
@@ -169,13 +169,23 @@ class PSFOperator:
         straight = self.straight(amplitude).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * straight
 
-    def straight(self, amplitude: torch.Tensor | None = None) -> torch.Tensor:
-        """The PSF of light that no phase is put on; kept, as it is the same for every pattern."""
-        if amplitude is not None or self._question.differentiable:
+    def straight(
+        self, amplitude: torch.Tensor | None = None, *, keep: bool = False
+    ) -> torch.Tensor:
+        """The PSF of light that no phase is put on.
+
+        keep: whether this very amplitude will be asked for again, unchanged. Without any, the
+        answer is always kept: it is the same for every pattern.
+        """
+        if self._question.differentiable or (amplitude is not None and not keep):
             return self._light(None, amplitude)
-        if self._kept is None:
-            self._kept = self._light(None, None)
-        return self._kept
+        for known, light in self._kept:
+            if known is amplitude:
+                return light
+        light = self._light(None, amplitude)
+        if not light.requires_grad:
+            self._kept = [*self._kept[-1:], (amplitude, light)]
+        return light
 
     def _light(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         peak = _peak(amplitude)

@@ -12,7 +12,7 @@ from optics.edge import require_positive
 from optics.plane import Plane
 from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
-from optics.retrieval.grid import OVERSAMPLING, design_plane, far_length
+from optics.retrieval.grid import design_plane, far_length
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +90,3 @@ class Goal:
     def far_field(self) -> FarField:
         """From all pixels of the panel to the target's window."""
         return FarField(self.camera.panel.shape, self.length, self.plane.shape)
-
-    def finer(self, oversampling: int) -> FarField:
-        """To the same window on a grid `oversampling` times the pupil's Nyquist rate."""
-        factor = oversampling // OVERSAMPLING
-        rows, columns = self.plane.shape
-        return FarField(
-            self.camera.panel.shape, self.length * factor, (rows * factor, columns * factor)
-        )

@@ -27,6 +27,7 @@ def published(
     seen. The lens' quadratic phase is put on the image as exp(i k r² / 2f) and taken off as
     exp(i k r²), with the pupil's pitch for the image's; what is left over is added to the
     image's phase in every iteration. Harmless for a ring around the axis, not for a spiral.
+    Raises ValueError for a target that is dark on its grid.
     """
     side = max(goal.camera.panel.shape)
     far_field = FarField(goal.camera.panel.shape, side, _window(goal, side))
@@ -53,7 +54,13 @@ def _critical(goal: Goal, window: tuple[int, int]) -> torch.Tensor:
     for n, m in zip(goal.plane.shape, window, strict=True):
         index = torch.round((torch.arange(m) - m // 2) * ratio).long() + n // 2
         picked.append(index.clamp(0, n - 1))
-    return goal.target.to(torch.float32)[picked[0][:, None], picked[1]]
+    target = goal.target.to(torch.float32)[picked[0][:, None], picked[1]]
+    if not target.any():
+        raise ValueError(
+            "target is dark on every second sample, and the published program sees no others; "
+            "draw it wider than a sample, or choose another method"
+        )
+    return target
 
 
 def _left_over(window: tuple[int, int]) -> torch.Tensor:

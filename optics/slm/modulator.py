@@ -103,11 +103,48 @@ class Modulator:
 
         grey: (rows, columns). dtype: of the phase; float32 gives complex64.
         """
-        phase = torch.as_tensor(self.phase(grey))
-        return [
-            (weight, self.modulation((factor * phase).to(dtype)))
-            for weight, factor in self._flicker(phase)
-        ]
+        return list(self.rippling(torch.as_tensor(self.phase(grey)), dtype=dtype))
+
+    def rippling(
+        self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = TOL
+    ) -> Iterator[tuple[float, torch.Tensor]]:
+        """Shares of time and fields while a phase stands but for its flicker.
+
+        phase: (rows, columns), radians. dtype: to modulate in, the phase's own if None. tol: of
+        the mean over the flicker. Differentiable in the phase.
+        """
+        flicker, nodes = self.panel.flicker, [(1.0, 1.0)]
+        if flicker:
+            nodes = flicker_nodes(flicker, float(phase.detach().abs().max()), tol)
+        for weight, factor in nodes:
+            moved = phase if factor == 1 else factor * phase
+            yield weight, self.modulation(moved.to(dtype or phase.dtype))
+
+    def moving(
+        self,
+        begun: torch.Tensor,
+        end: torch.Tensor,
+        seconds: float,
+        *,
+        dtype: torch.dtype | None = None,
+        tol: float = TOL,
+    ) -> Iterator[tuple[float, torch.Tensor]]:
+        """Shares of a time and fields while the crystal goes from one phase towards another.
+
+        begun, end: (rows, columns), radians; what follows as `rippling`. The shares sum to 1.
+        """
+        tau = self.panel.response_time
+        if not tau:
+            yield from self.rippling(end, dtype=dtype, tol=tol)
+            return
+        change = (begun - end).detach()
+        # The gap's light doesn't move.
+        spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
+        count = nodes_for(spread, seconds, tau, tol)
+        for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
+            phase = relaxed(end, begun, time, tau)
+            for weight, field in self.rippling(phase, dtype=dtype, tol=tol):
+                yield share * weight, field
 
     def cycle(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
@@ -121,35 +158,11 @@ class Modulator:
         in the phases.
         """
         tau, count = self.panel.response_time, len(video_phase)
-        start = first_start(video_phase, frame_time, tau) if tau else None
+        start = first_start(video_phase, frame_time, tau) if tau else video_phase[-1]
         for frame, end in enumerate(video_phase):
-            for share, phase in self._moments(end, start, frame_time, tol):
-                for weight, factor in self._flicker(phase):
-                    field = self.modulation(phase if factor == 1 else factor * phase)
-                    yield frame, share * weight / count, field
-            if start is not None:
-                start = relaxed(end, start, frame_time, tau)
-
-    def _moments(
-        self, end: torch.Tensor, start: torch.Tensor | None, frame_time: float, tol: float
-    ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Shares of a frame's time, and the phases on the way from `start` to `end`."""
-        if start is None:
-            yield 1.0, end
-            return
-        tau = self.panel.response_time
-        change = (start - end).detach()
-        # The gap's light doesn't move.
-        spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
-        count = nodes_for(spread, frame_time, tau, tol)
-        for time, share in zip(*time_nodes(frame_time, tau, count), strict=True):
-            yield share, relaxed(end, start, time, tau)
-
-    def _flicker(self, phase: torch.Tensor) -> list[tuple[float, float]]:
-        flicker = self.panel.flicker
-        if not flicker:
-            return [(1.0, 1.0)]
-        return flicker_nodes(flicker, float(phase.detach().abs().max()), FLICKER_TOL)
+            for share, field in self.moving(start, end, frame_time, tol=tol):
+                yield frame, share / count, field
+            start = relaxed(end, start, frame_time, tau) if tau else end
 
     @cached_property
     def _lit(self) -> torch.Tensor | None:

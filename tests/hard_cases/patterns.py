@@ -92,8 +92,8 @@ def stripes_on_pixel_edges(tol: float) -> None:
 
 def merging_turns(tol: float) -> None:
     """No brighter than one stroke, and finite, where strokes lie over each other."""
-    light = targets.spiral(PLANE, 40e-6, 12e-6, turns=6)
-    drawing = targets.spiral.draw(40e-6, 12e-6, 6)
+    light = targets.spiral(PLANE, 36e-6, 12e-6, turns=6)
+    drawing = targets.spiral.draw(36e-6, 12e-6, 6)
     brightness = drawing.brightness(PLANE)
     assert torch.isfinite(light).all()
     assert float(brightness.max()) <= 1 + 1e-12
@@ -101,7 +101,7 @@ def merging_turns(tol: float) -> None:
 
 
 def odd_and_even(tol: float) -> None:
-    """The centroid is the axis, for both."""
+    """The centroid is the axis, for both, to a nanometre."""
     for rows in (64, 65):
         for columns in (64, 65):
             plane = Plane((rows, columns), (2e-6, 2e-6))
@@ -112,22 +112,21 @@ def odd_and_even(tol: float) -> None:
                 targets.dots(plane, targets.on_ring(5, 40e-6), 3e-6),
             ):
                 for axis in (y, x):
-                    assert abs(float((light * axis).sum())) < 1e-11
+                    assert abs(float((light * axis).sum())) < 1e-9
 
 
 def fine_logo(tol: float) -> torch.Tensor:
     picture = np.random.default_rng(0).uniform(0, 1, (700, 900))
     return targets.logo(
-        Plane((8, 10), (2e-6, 2e-6), (1e-6, 1e-6)), torch.from_numpy(picture), 18e-6
+        Plane((10, 12), (2e-6, 2e-6), (1e-6, 1e-6)), torch.from_numpy(picture), 18e-6
     )
 
 
 def fine_logo_by_means() -> NDArray[np.float64]:
     picture = np.random.default_rng(0).uniform(0, 1, (700, 900))
-    blocks = picture.reshape(7, 100, 9, 100).sum((1, 3)) / picture.sum()
-    # Seven samples lie half a sample off the grid, so that each half goes to a neighbour.
-    rows = (np.pad(blocks, ((1, 0), (0, 0))) + np.pad(blocks, ((0, 1), (0, 0)))) / 2
-    return (np.pad(rows, ((0, 0), (1, 0))) + np.pad(rows, ((0, 0), (0, 1)))) / 2
+    # Half samples of 50 pixels: the picture begins in the middle of a sample.
+    halves = np.pad(picture.reshape(14, 50, 18, 50).sum((1, 3)), 1) / picture.sum()
+    return np.pad(halves.reshape(8, 2, 10, 2).sum((1, 3)), 1)
 
 
 def single_points(tol: float) -> None:
@@ -189,7 +188,7 @@ CASES: list[Case] = [
     Holds("targets on odd and even grids", "the axis is a sample, or between two",
           "64 and 65", odd_and_even, "the centroid", tols=ONCE),
     Agrees("a logo a hundred times finer than the samples",
-           "whoever picks pixels gets noise", "900x700 into 10x8",
+           "whoever picks pixels gets noise", "900x700 into 12x10",
            fine_logo, fine_logo_by_means, "means of blocks", tols=(1e-12,)),
     Holds("a stroke without length", "no direction to be a distance from", "a full stop",
           single_points, "a dot", tols=ONCE),
@@ -197,7 +196,7 @@ CASES: list[Case] = [
             lambda: targets.heart(PLANE, 40e-6, 1e-7), "width 0.1 µm falls between samples",
             lambda: targets.heart(PLANE, 40e-6, 1e-6)),
     refused("a shape that leaves the window", "what is cut off, nobody misses", "64 of 64 µm",
-            lambda: targets.eye(PLANE, 64e-6, 3e-6), "doesn't fit in the window .* 62",
+            lambda: targets.eye(PLANE, 64e-6, 3e-6), "fit in the window, which reaches 64 µm",
             lambda: targets.eye(PLANE, 55e-6, 3e-6)),
     refused("a black logo", "0 / 0 of light", "zeros",
             lambda: targets.logo(PLANE, np.zeros((4, 4)), 4e-5), "picture has no light",

@@ -12,7 +12,15 @@ import finufft
 import numpy as np
 from scipy import ndimage
 
+from optics.calibration.registration import Registration
+
 LEVELS = 256
+
+
+def mapped(centre, matrix, wavelength=532e-9):
+    """A registration that is known beforehand."""
+    none = np.zeros((0, 2)), np.zeros(0, dtype=bool)
+    return Registration(wavelength, centre, matrix, np.eye(3), (0.0, 0.0), *none)
 
 
 def curve(reach, gamma=1.0, wiggle=0.0, bend=0.0):
@@ -37,7 +45,7 @@ class NumpyBench:
     """phases: (region rows, region columns, levels) radians. matrix, centre: from cycles per
     panel pixel to sensor pixels, (y, x). path: (rows, columns) radians that the panel adds.
     unmodulated: share of the light. blur: of the phase by neighbours, panel pixels. star:
-    sensor pixels across. electrons: per second in all."""
+    sensor pixels across. electrons: per second in all. finer: samples in a pixel along an axis."""
 
     phases: np.ndarray
     matrix: np.ndarray
@@ -49,6 +57,7 @@ class NumpyBench:
     blur: float = 0.0
     star: float = 1.0
     electrons: float = 4e6
+    finer: int = 3
     gain: float = 2.6
     read_noise: float = 2.4
     black: float = 64.0
@@ -65,8 +74,9 @@ class NumpyBench:
                 phase[block] = self.phases[r, c][grey[block]]
         return phase
 
-    def _places(self, finer=3):
+    def _places(self):
         """(y, x) pixels of samples inside every pixel, (sensor rows, columns, samples)."""
+        finer = self.finer
         inside = (np.arange(finer) + 0.5) / finer - 0.5
         y = np.arange(self.sensor[0])[:, None, None, None] + inside[:, None]
         x = np.arange(self.sensor[1])[None, :, None, None] + inside[None, :]

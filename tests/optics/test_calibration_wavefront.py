@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from calibration_bench import NumpyBench, curve, turned
+from calibration_bench import NumpyBench, curve, mapped, turned
 
-from optics.calibration.registration import Registration
 from optics.calibration.spots import frame_variance
 from optics.calibration.star import StarModel
 from optics.calibration.wavefront import StarPictures, fit_wavefront
@@ -79,15 +78,7 @@ def seen():
         ),
         np.stack([((f < made.sensor.full_scale) & good)[part] for f in frames]),
     )
-    registration = Registration(
-        WAVELENGTH,
-        bench.centre,
-        bench.matrix,
-        np.eye(3),
-        (0, 0),
-        np.zeros((0, 2)),
-        np.zeros(0, bool),
-    )
+    registration = mapped(bench.centre, bench.matrix)
     star = 3.45e-6 * made.lens.focus_distance / made.lens.image_distance
     model = StarModel(
         made,

@@ -11,8 +11,6 @@ from retrieval_judges import (
     PITCH,
     WAVELENGTH,
     camera,
-    light,
-    quantised,
     ring,
     stop_share,
     tensor,
@@ -24,7 +22,6 @@ from optics.plane import Plane
 from optics.retrieval import design_plane, window_for
 from optics.retrieval.goal import Goal
 from optics.retrieval.grid import far_length
-from optics.retrieval.judging import mean_light
 from optics.slm import Map
 from optics.stop.aperture import Circle, Stop
 
@@ -135,18 +132,6 @@ def test_the_intensity_has_all_the_light_there_is():
         assert float(goal.intensity.double().sum()) == pytest.approx(truth, rel=2e-3)
         assert goal.power == pytest.approx(truth, rel=2e-3)
         assert relative(goal.intensity / goal.intensity.sum(), TARGET / TARGET.sum()) < 1e-6
-
-
-@pytest.mark.parametrize("oversampling", [2, 4, 6])
-@pytest.mark.parametrize("window", [(45, 50), (44, 51)])
-def test_mean_light_is_that_of_whole_ffts_on_a_grid_of_any_fineness(window, oversampling):
-    rng = np.random.default_rng(0)
-    phases = quantised(rng.uniform(0, 7, (3, 60, 64)))
-    plane = design_plane(CAMERA, WAVELENGTH, window)
-    goal = Goal(CAMERA, torch.ones(window), plane, WAVELENGTH)
-    fine = oversampling // 2
-    truth = light(phases, 128 * fine, tuple(n * fine for n in window), goal.amplitude.numpy())
-    assert relative(mean_light(goal, torch.from_numpy(phases), oversampling), truth) < 1e-5
 
 
 def test_a_panel_without_light_is_refused():

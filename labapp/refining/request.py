@@ -1,0 +1,72 @@
+"""What a refinement is asked for, and what a bench adds to it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from labapp.bench import Bench
+from labapp.errors import UserError
+from labapp.files.reading import FileModel, explain
+from labapp.files.scene_file import StarTable
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Request(FileModel):
+    """What a person wants.
+
+    pictures: of the PSF; the first shows the start, the last only judges. exposures_ms: of each
+    picture; of a video whole periods are taken, rounded up. star, dark: names of the targets;
+    dark may be "" where the lamp can't be covered. star_um, star_m: diameter and distance of the
+    pinhole; None for what the scene knows.
+    """
+
+    pictures: Annotated[int, Field(ge=2, le=1000)] = 5
+    exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 8.0, 64.0)
+    star: str = "star"
+    dark: str = "dark"
+    star_um: Positive | None = None
+    star_m: Positive | None = None
+
+    @staticmethod
+    def of(**words: object) -> Request:
+        """UserError names the option that is wrong."""
+        try:
+            return Request.model_validate(words)
+        except ValidationError as error:
+            raise UserError(explain(error, Request, "refine")) from error
+
+
+def milliseconds(text: str) -> list[float]:
+    """Of a list with commas, as in 1,8,64."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError as error:
+        raise UserError(
+            f"--exposures-ms {text}: give milliseconds with commas between, as in 1,8,64."
+        ) from error
+
+
+def completed(request: Request, bench: Bench) -> Request:
+    """With the size of the star; UserError if the bench lacks a target, or nobody knows it."""
+    names = ", ".join(bench.targets.names)
+    for option, name in (("star", request.star), ("dark", request.dark)):
+        if name not in bench.targets.names and (name or option == "star"):
+            without = ", or give --dark '' to go without dark frames" if option == "dark" else ""
+            raise UserError(
+                f"--{option} {name}: this bench has no such target. Choose among {names}{without}."
+            )
+    table = bench.scene_file.targets.get(request.star) if bench.scene_file else None
+    known = {"star_m": bench.description.lens.focus_distance}
+    if isinstance(table, StarTable):
+        known = {"star_um": table.diameter_um, "star_m": table.distance_m}
+    given = {key: value for key, value in request.model_dump().items() if value is not None}
+    filled = Request.of(**(known | given))
+    if filled.star_um is None:
+        raise UserError(
+            "the camera sees the PSF as wide as the star's image: give the diameter of the pinhole "
+            "with --star-um."
+        )
+    return filled

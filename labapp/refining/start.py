@@ -1,0 +1,110 @@
+"""A design as a refinement starts from it: its goal for the camera at hand, and its phases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from labapp.errors import UserError
+from labapp.files.design_file import DesignContents
+from labapp.files.pattern_table import Pattern, PSFPattern, VideoPattern
+from labapp.patterns import designed
+from optics.camera import Camera
+from optics.retrieval.branches import short_ways
+from optics.retrieval.goal import Goal
+from optics.retrieval.slow_crystal import crystal_of, first_level, orders_of
+from optics.slm import grey_to_phase, phase_to_grey
+from optics.slm.flatness import flatness_phase
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """phases: (frames, rows, columns), radians. orders: whole waves that they are shown in."""
+
+    spec: PSFPattern
+    goal: Goal
+    phases: torch.Tensor
+    orders: int
+
+    @property
+    def frames(self) -> int:
+        return len(self.phases)
+
+    def on_panel(self, phases: torch.Tensor) -> torch.Tensor:
+        """Phases as they are shown: in the orders of a video that its liquid crystal likes best."""
+        panel, wavelength = self.goal.camera.panel, self.goal.wavelength
+        slow = self.frames > 1 and panel.response_time > 0
+        if not slow or self.orders != orders_of(panel, wavelength):
+            return phases
+        # The panel's first level isn't a phase of zero everywhere, and the ways begin there.
+        ground = first_level(self.goal)
+        return short_ways(phases - ground, crystal_of(self.goal).reach) + ground
+
+    def greys(self, phases: torch.Tensor) -> NDArray[np.uint8]:
+        """Grey levels, (frames, rows, columns), of phases as they are shown."""
+        panel, wavelength = self.goal.camera.panel, self.goal.wavelength
+        return np.stack(
+            [phase_to_grey(panel, phase, wavelength, self.orders).numpy() for phase in phases]
+        )
+
+
+def start_from(contents: DesignContents, path: Path, camera: Camera) -> Start:
+    """The goal that a design was made for, anew for a camera as it is known now.
+
+    UserError if the design isn't one for a PSF's shape, or is for another panel.
+    """
+    spec = _spec(contents, path)
+    _require_panel(contents, path, camera)
+    drawings = spec.target.at(len(contents.grey), Path())
+    if len(drawings) > 1:
+        raise UserError(
+            f"{path}: {spec.sizes} changes with time, and a picture shows its mean. Refine a "
+            "shape that stands still."
+        )
+    try:
+        target, plane = designed(drawings[0], camera, spec.wavelength)
+        goal = Goal(camera, target, plane, spec.wavelength)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}.") from error
+    return Start(spec, goal, _phases(contents, camera, spec.wavelength), contents.orders)
+
+
+def _spec(contents: DesignContents, path: Path) -> PSFPattern:
+    try:
+        spec = TypeAdapter[Pattern](Pattern).validate_python(contents.settings.get("pattern"))
+    except ValidationError as error:
+        raise UserError(f"{path}: its settings name no pattern. Make it again.") from error
+    still = spec.pattern if isinstance(spec, VideoPattern) else spec
+    if not isinstance(still, PSFPattern):
+        raise UserError(
+            f"{path}: {contents.title} has no target to come nearer to. Give a design that "
+            "labapp retrieve wrote."
+        )
+    return still
+
+
+def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None:
+    panel, (rows, columns) = camera.panel, contents.grey.shape[1:]
+    same = np.isclose(contents.pixel_pitch, panel.pitch, rtol=1e-6, atol=0)
+    if (rows, columns) != panel.shape or not same:
+        raise UserError(
+            f"{path}: is for a panel of {columns} x {rows} pixels of "
+            f"{contents.pixel_pitch * 1e6:g} µm, and this bench's has {panel.shape[1]} x "
+            f"{panel.shape[0]} of {panel.pitch * 1e6:g} µm. Retrieve it for this bench."
+        )
+
+
+def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:
+    """As they were designed; of grey levels alone, as the panel shows them."""
+    if contents.phase is not None:
+        return torch.from_numpy(contents.phase)
+    panel = camera.panel
+    phases = grey_to_phase(panel, torch.from_numpy(contents.grey), wavelength)
+    if panel.flatness is not None:
+        phases = phases + flatness_phase(panel, wavelength)
+    return phases.to(torch.float32)
