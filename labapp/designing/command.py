@@ -16,10 +16,10 @@ from labapp.console import out, print_json, table, watched
 from labapp.designing.made import Made, design
 from labapp.designing.picture import picture
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile
+from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, is_design, write_design
 from labapp.files.pattern_table import Still, VideoPattern
-from labapp.files.reading import explain, read_file
+from labapp.files.reading import explain
 from labapp.files.writing import require_writable, write_whole
 from labapp.patterns import Work
 from optics.camera import Camera
@@ -52,7 +52,7 @@ def make(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     files, drawn = _patterns_at(path, asked.frames), path.with_name(f"{path.stem}_psf.png")
     for file in (*files, drawn):
         require_writable(file, force=force)
-    bench = read_file(BenchFiles.default(asked.bench).bench, BenchFile)
+    bench = read_bench(BenchFiles.default(asked.bench).bench)
     camera = bench.build_camera()
     try:
         with watched() as progress:

@@ -1,7 +1,7 @@
 """Design files: a pattern with everything that it was made from, in one HDF5 file.
 
 /entry  (NXentry)        title, definition "labapp_design", start_time
-    settings             the pattern as a plan file writes it, seed and frames (JSON)
+    settings             the pattern as a plan file writes it, and the seed (JSON)
     bench                the bench file (JSON)
     versions             of the programs that made it (JSON)
     wavelength           metres
@@ -11,7 +11,7 @@
         orders           whole waves of the panel's range that the phase is shown in
         frame_time       seconds that a frame of a video stands
         pixel_pitch      metres
-    psf/     (NXdata)    predicted (y, x): share of the light on each sensor pixel
+    psf/     (NXdata)    predicted (moment, y, x): share of the light on each sensor pixel
     target/  (NXdata)    image (moment, y, x), sum one; absent where there is none
     quality/ (NXcollection)
         efficiency, contrast, nrmse    by moment

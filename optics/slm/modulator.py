@@ -106,7 +106,7 @@ class Modulator:
         return list(self.rippling(torch.as_tensor(self.phase(grey)), dtype=dtype))
 
     def rippling(
-        self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = TOL
+        self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
         """Shares of time and fields while a phase stands but for its flicker.
 
@@ -133,9 +133,9 @@ class Modulator:
 
         begun, end: (rows, columns), radians; what follows as `rippling`. The shares sum to 1.
         """
-        tau = self.panel.response_time
+        tau, flicker_tol = self.panel.response_time, min(tol, FLICKER_TOL)
         if not tau:
-            yield from self.rippling(end, dtype=dtype, tol=tol)
+            yield from self.rippling(end, dtype=dtype, tol=flicker_tol)
             return
         change = (begun - end).detach()
         # The gap's light doesn't move.
@@ -143,7 +143,7 @@ class Modulator:
         count = nodes_for(spread, seconds, tau, tol)
         for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
             phase = relaxed(end, begun, time, tau)
-            for weight, field in self.rippling(phase, dtype=dtype, tol=tol):
+            for weight, field in self.rippling(phase, dtype=dtype, tol=flicker_tol):
                 yield share * weight, field
 
     def cycle(

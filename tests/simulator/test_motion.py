@@ -9,6 +9,7 @@ import torch
 from judges import positions, relative
 from virtual_bench import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
 
+import optics.slm.modulator
 import simulator.motion
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator, grey_to_phase
@@ -174,8 +175,11 @@ def test_a_crystal_that_is_at_once_is_not_followed(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("called for nothing")
 
-    for name in ("first_start", "relaxed", "time_nodes", "nodes_for", "flicker_nodes"):
+    for name in ("first_start", "relaxed"):
         monkeypatch.setattr(simulator.motion, name, never)
+        monkeypatch.setattr(optics.slm.modulator, name, never)
+    for name in ("time_nodes", "nodes_for", "flicker_nodes"):
+        monkeypatch.setattr(optics.slm.modulator, name, never)
     video_of(world(), STILLS, 3 * FRAME)
     video_of(world(slow(5e-3), forced={"liquid-crystal response": False}), STILLS, FRAME)
 
