@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,11 +15,13 @@ from labapp.calibration.frames import Frames
 from labapp.calibration.request import Design
 from labapp.errors import UserError
 from labapp.record.reader import Record
+from optics.calibration.gratings import region_slices, striped
 from optics.calibration.orders import first_orders
 from optics.calibration.registration import Registration, register
 from optics.calibration.response import ResponseFit, Sweep, fit_response
 from optics.calibration.spots import find_spot
 from optics.calibration.star import StarModel
+from optics.calibration.stripes import StripeLaw
 from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefront
 from optics.calibration.zeroth import ZerothOrder, left_in_the_centre, zeroth_share
 from optics.camera import Camera
@@ -28,6 +29,9 @@ from optics.progress import Progress
 from optics.slm import Response, grey_to_phase
 
 Array = NDArray[np.float64]
+
+_FARTHEST = 1.7
+"""Times the described range up to which steps of the phase are looked for."""
 
 _CENTRE = 12
 """Pixels around the zeroth order that aren't searched for steered spots."""
@@ -175,11 +179,13 @@ def _responses(
     top = torch.full(panel.shape, panel.levels - 1, dtype=torch.uint8)
     reach = float(grey_to_phase(panel, top, nm * 1e-9).mean())
     found = []
-    for number, (light, vector) in enumerate(zip(gathered, vectors, strict=True)):
+    upper = striped(panel.shape, regions, vectors, 0, 1) == 1
+    parts = region_slices(panel.shape, regions)
+    for number, (light, vector, part) in enumerate(zip(gathered, vectors, parts, strict=True)):
         progress.report(number / len(vectors), f"response, {nm:g} nm, region {number + 1}")
         ok = ~light.clipped
-        period = 1 / math.hypot(*vector)
-        sweep = Sweep(low[ok], high[ok], light.light[ok], light.noise[ok], period)
+        law = StripeLaw(upper[part], vector, panel.active_side / panel.pitch, _FARTHEST * reach)
+        sweep = Sweep(low[ok], high[ok], light.light[ok], light.noise[ok], law)
         fit = fit_response(sweep, panel.levels, reach)
         found.append(Region(sweep, fit, int(light.clipped.sum())))
     return found

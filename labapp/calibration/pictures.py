@@ -15,7 +15,6 @@ from labapp.calibration.fitting import Fits, Region
 from labapp.calibration.frames import Frames
 from labapp.files.calibration_file import CalibrationFile
 from labapp.record.reader import Record
-from optics.calibration.stripes import first_order
 from optics.pupil import pupil_amplitude
 from optics.slm import grey_to_phase
 
@@ -145,7 +144,7 @@ def _draw_light(axes: Axes, below: Axes, regions: list[Region]) -> None:
             markersize=3,
         )
         fine = np.linspace(0, float(step.max()), 400)
-        expected = first_order(fine, fit.blur / sweep.period, fit.ripple)
+        expected = sweep.law(fine, fit.blur**2, fit.ripple**2)
         axes.plot(fine / math.pi, expected, color=colour, linewidth=0.7)
     residuals = [region.fit.residual for region in regions]
     axes.set_title(

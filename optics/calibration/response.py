@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 
-from optics.calibration.stripes import first_order, first_order_and_slope
+from optics.calibration.stripes import MOST_BLUR, StripeLaw
 
 Array = NDArray[np.float64]
 
@@ -42,10 +42,10 @@ _USUAL_BLUR, _USUAL_RIPPLE = 0.5, 0.02
 _ALIKE = 0.3
 """Radians at the highest level by which two coarse curves are the same."""
 
-_MOST_BLUR, _MOST_RIPPLE = 1.5, 0.08
+_MOST_RIPPLE = 0.08
 
-_NUDGES = {2: 1e-4, 3: 1e-8}
-"""Of the squares of blur and ripple, for derivatives by differences."""
+_NUDGE = 1e-8
+"""Of the square of the ripple, for its derivative by differences."""
 
 _STEPS = 100
 
@@ -53,9 +53,9 @@ _OUTLYING = 5.0
 _FAINTEST = 10.0
 """Times its noise that the light must come and go by."""
 
-_BLURRED, _BLUR_DOUBT = 108.0, 0.15
+_BLURRED, _BLUR_DOUBT = 108.0, 0.05
 """Radians by which a blur of one period moves the light's turning points, times its square;
-and how far the model of straight edges may be wrong about it."""
+and how far a Gaussian may be wrong about it."""
 
 _POOREST = 0.1
 """Of the swing, root mean square, beyond which a fit is none."""
@@ -66,7 +66,7 @@ class Sweep:
     """Light in one region's first orders, level by level.
 
     low, high: (n,) grey levels of the two stripes of each frame. light: (n,) in any unit.
-    noise: (n,) its standard deviation. period: of the stripes, panel pixels. Raises ValueError
+    noise: (n,) its standard deviation. law: of the stripes that were shown. Raises ValueError
     for arrays that don't go together or hold no numbers.
     """
 
@@ -74,7 +74,7 @@ class Sweep:
     high: NDArray[np.int64]
     light: Array
     noise: Array
-    period: float
+    law: StripeLaw
 
     def __post_init__(self) -> None:
         given = (self.low, self.high, self.light, self.noise)
@@ -90,8 +90,6 @@ class Sweep:
             )
         if not (np.isfinite(self.light).all() and (self.noise > 0).all()):
             raise ValueError("light must be finite and its noise positive")
-        if not self.period >= 2:
-            raise ValueError(f"period is {self.period:g} pixels; stripes need 2 at least")
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +153,7 @@ def _require_swing(sweep: Sweep) -> None:
 
 
 def _some(sweep: Sweep, used: NDArray[np.bool_]) -> Sweep:
-    return Sweep(
-        sweep.low[used], sweep.high[used], sweep.light[used], sweep.noise[used], sweep.period
-    )
+    return Sweep(sweep.low[used], sweep.high[used], sweep.light[used], sweep.noise[used], sweep.law)
 
 
 def _scatter(misses: Array, noise: Array) -> Array:
@@ -200,8 +196,7 @@ class _Curve:
         return p[0] * self.share(p) + p[1]
 
     def share(self, parameters: Array) -> Array:
-        blur, ripple = np.sqrt(parameters[2:4])
-        return first_order(self.steps(parameters), blur / self.sweep.period, ripple)
+        return self.sweep.law(self.steps(parameters), parameters[2], parameters[3])
 
     def residuals(self, parameters: Array) -> Array:
         """In standard deviations; the last two are what is expected of blur and ripple."""
@@ -212,14 +207,12 @@ class _Curve:
     def jacobian(self, parameters: Array) -> Array:
         """Derivatives of the residuals, (n + 2, parameters)."""
         p = parameters
-        steps, (blur, ripple) = self.steps(p), np.sqrt(p[2:4])
-        share, slope = first_order_and_slope(steps, blur / self.sweep.period, ripple)
-        columns = [share, np.ones_like(share)]
-        for k in (2, 3):
-            moved = p.copy()
-            moved[k] += _NUDGES[k]
-            columns.append(p[0] * (self.share(moved) - share) / _NUDGES[k])
-        found = np.column_stack([*columns, p[0] * slope[:, None] * self.basis])
+        steps, law = self.steps(p), self.sweep.law
+        share = law(steps, p[2], p[3])
+        by_step, by_blur = law.slopes(steps, p[2], p[3])
+        by_ripple = (law(steps, p[2], p[3] + _NUDGE) - share) / _NUDGE
+        columns = [share, np.ones_like(share), p[0] * by_blur, p[0] * by_ripple]
+        found = np.column_stack([*columns, p[0] * by_step[:, None] * self.basis])
         known = np.zeros((2, len(p)))
         known[0, 2], known[1, 3] = _USUAL_BLUR**-2, _USUAL_RIPPLE**-2
         return np.concatenate([found / self.sweep.noise[:, None], known])
@@ -254,7 +247,7 @@ class _Curve:
         lower = np.zeros_like(self.parameters)
         lower[1] = -np.inf
         upper = np.full_like(self.parameters, np.inf)
-        upper[2:4] = _MOST_BLUR**2, _MOST_RIPPLE**2
+        upper[2:4] = MOST_BLUR**2, _MOST_RIPPLE**2
         start = np.clip(self.parameters, lower + 1e-9, upper - 1e-9)
         found = least_squares(
             self.residuals,
@@ -353,7 +346,7 @@ def _told(best: _Curve, used: NDArray[np.bool_], levels: int, rival: float) -> R
     basis = rising_basis(np.arange(levels), levels - 1, best.count)
     covariance = _covariance(best, used) * max(chi2, 1.0)
     spread = basis @ covariance[4:, 4:]
-    doubt = _BLUR_DOUBT * min(_BLURRED * p[2] / sweep.period**2, math.pi)
+    doubt = _BLUR_DOUBT * min(_BLURRED * p[2] / sweep.law.period**2, math.pi)
     return ResponseFit(
         phase=np.maximum.accumulate(basis @ best.increments),
         sigma=np.sqrt(np.clip((spread * basis).sum(1), 0, None) + doubt**2),

@@ -81,8 +81,8 @@ class StarModel:
         shares = [self._operator(phase, modulation) for modulation in self._modulations]
         light = torch.stack(shares).to(torch.float64)
         if self._unmodulated:
-            # It never sees the liquid crystal, nor what lies behind it.
-            straight = self._operator(None, self._unpatterned).to(torch.float64)
+            # It goes through the panel, and is of the polarisation that doesn't see the pattern.
+            straight = self._operator(phase, self._unpatterned).to(torch.float64)
             light = (1 - self._unmodulated) * light + self._unmodulated * straight
         spectrum = torch.fft.rfft2(light) * self._blur
         light = torch.fft.irfft2(spectrum, s=self._grid.shape)

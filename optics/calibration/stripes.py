@@ -1,4 +1,4 @@
-"""How much light stripes of two phases send into their first order."""
+"""How much light stripes of two levels send into their first order."""
 
 from __future__ import annotations
 
@@ -6,65 +6,135 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf
+from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import correlate1d
+from scipy.special import ndtr
+
+from optics.edge import require_positive
 
 Array = NDArray[np.float64]
 
-_REACH = 5.0
-"""Standard deviations of the blur at which a stripe's phase is the one that was asked for."""
+MOST_BLUR = 1.5
+"""Pixels, standard deviation, up to which the law is known."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+_BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, MOST_BLUR)
+_REACH = 5.0
+"""Standard deviations beyond which a blur reaches nothing."""
+
+_INSIDE = 4
+"""Points along an axis of a pixel's active area at which the phase is looked at."""
+
+_PATCH = 160
+"""Pixels along an axis of the part of a pattern that stands for all of it."""
+
+_HEIGHTS = 257
+"""Between the two levels, into which the blurred pattern is sorted."""
+
+_FINE = 0.05
+"""Radians between the steps at which the law is computed; it is a spline between them."""
 
 _SPREAD = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6))
 """Gauss-Hermite nodes, in standard deviations, of what isn't still."""
 
 
-def first_order(step: Array, softness: float = 0.0, ripple: float = 0.0) -> Array:
-    """Light in a first order of equally wide stripes, over its most; sin²(step / 2) if hard.
+class StripeLaw:
+    """The light in a first order, by the step between the levels and the neighbours' blur.
 
-    step: radians between the two phases, any shape. softness: standard deviation of the blur
-    that neighbours give the phase, over the grating's period. ripple: standard deviation of the
-    phase within an exposure or a filter's band, as a share of the phase.
+    upper: (rows, columns), where the pattern has the upper level; a part of it stands for the
+    whole. vector: of its grating, (y, x) cycles per pixel. side: of the square of a pixel that
+    modulates, in pixels. most_step: radians, up to which it is known.
 
-    Where stripes are blurred the phase passes through all values between the two. Both edges
-    of a stripe are mirror images, and their light cancels to first order in the softness.
+    Hard stripes send sin²(step / 2) of what they can into each first order. Where neighbours
+    blur the phase, it passes through all values between the two levels, over the edges as the
+    pixels really have them: the pattern is blurred by a Gaussian, looked at in the active areas,
+    and sorted by height, each point with the first order's wave. The light is in units of what
+    hard stripes send at most.
     """
-    return first_order_and_slope(step, softness, ripple)[0]
+
+    def __init__(
+        self, upper: NDArray[np.bool_], vector: Array, side: float, most_step: float
+    ) -> None:
+        require_positive("most_step", most_step, "rad")
+        if not 0 < side <= 1:
+            raise ValueError(f"side is {side:g} pixels; it must be positive and at most 1")
+        self.period = 1 / float(np.hypot(*vector))
+        if not self.period >= 2:
+            raise ValueError(f"vector is {vector}; stripes need two pixels or more a period")
+        patch = upper[:_PATCH, :_PATCH].astype(np.float64)
+        wave = _first_order_wave(patch.shape, vector)
+        steps = np.arange(0, most_step + 2 * _FINE, _FINE)
+        turned = np.exp(1j * np.outer(steps, np.linspace(0, 1, _HEIGHTS)))
+        light = np.stack(
+            [np.abs(turned @ _by_height(patch, wave, blur, side)) ** 2 for blur in _BLURS], axis=1
+        )
+        hard = light[:, 0].max()
+        self._law = RectBivariateSpline(steps, np.square(_BLURS), light / hard)
+        self._most = float(steps[-1])
+
+    def __call__(self, step: Array, blur2: float = 0.0, ripple2: float = 0.0) -> Array:
+        """Light over what hard stripes send at most, of steps in radians.
+
+        blur2: pixels², variance of the Gaussian. ripple2: variance of the phase within an
+        exposure or a filter's band, as a share of the phase.
+        """
+        light = np.zeros(np.shape(step))
+        for stretch, weight in _stretches(ripple2):
+            light += weight * self._law.ev(self._within(step * stretch), blur2)
+        return light
+
+    def slopes(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
+        """Its derivatives with step and blur2."""
+        by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
+        for stretch, weight in _stretches(ripple2):
+            within = self._within(step * stretch)
+            turn = weight * stretch * np.sign(step)
+            by_step += turn * self._law.ev(within, blur2, dx=1)
+            by_blur += weight * self._law.ev(within, blur2, dy=1)
+        return by_step, by_blur
+
+    def _within(self, step: Array) -> Array:
+        return np.minimum(np.abs(step), self._most)
 
 
-def first_order_and_slope(
-    step: Array, softness: float = 0.0, ripple: float = 0.0
-) -> tuple[Array, Array]:
-    """first_order(), and its derivative with the step."""
-    step = np.asarray(step, dtype=np.float64)
-    light, slope = np.zeros(step.shape), np.zeros(step.shape)
-    for node, weight in _SPREAD if ripple else ((0.0, 1.0),):
-        stretch = 1 + node * ripple
-        amplitude, change = _amplitude(step * stretch, softness)
-        light += weight * amplitude**2
-        slope += weight * 2 * amplitude * change * stretch
-    return light, slope
+def _stretches(ripple2: float) -> list[tuple[float, float]]:
+    if ripple2 == 0:
+        return [(1.0, 1.0)]
+    return [(1 + node * math.sqrt(ripple2), weight) for node, weight in _SPREAD]
 
 
-def _amplitude(step: Array, softness: float) -> tuple[Array, Array]:
-    """2π ∫ sin(step (h - ½)) sin 2πt dt over a quarter of a period, from an edge to a stripe's
-    middle, where h goes from ½ to 1; and its derivative with the step."""
-    if softness == 0:
-        return np.sin(step / 2), np.cos(step / 2) / 2
-    edge = min(_REACH * softness, 0.25)
-    t = edge * (_NODES + 1) / 2
-    risen, top = _risen(t, softness), float(_risen(np.array(0.25), softness))
-    weight = math.pi * edge * _WEIGHTS * np.sin(2 * math.pi * t)
-    rest = math.cos(2 * math.pi * edge)
-    angle = step[..., None] * risen
-    amplitude = np.sin(angle) @ weight + rest * np.sin(step * top)
-    return amplitude, np.cos(angle) @ (weight * risen) + rest * top * np.cos(step * top)
+def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
+    """exp(-2πi k·r) at pixels, under a window that ends softly, without a mean: what all of the
+    panel sends straight on has no part in the first order."""
+    fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
+    y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
+    wave = np.exp(-2j * np.pi * (vector[0] * y + vector[1] * x))
+    return fading * (wave - (fading * wave).sum() / fading.sum())
 
 
-def _risen(t: Array, softness: float) -> Array:
-    """The blurred stripes' height less ½, at t periods from a rising edge."""
-    unit = math.sqrt(2) * softness
-    height = np.full(t.shape, -0.5)
-    for period in (-1, 0, 1):
-        height = height + 0.5 * (erf((t - period) / unit) - erf((t - period - 0.5) / unit))
-    return height
+def _by_height(
+    patch: Array, wave: NDArray[np.complex128], blur: float, side: float
+) -> NDArray[np.complex128]:
+    """The first order's wave, summed over the points of each height, (heights,)."""
+    total = np.zeros(_HEIGHTS, dtype=np.complex128)
+    places = ((np.arange(_INSIDE) + 0.5) / _INSIDE - 0.5) * side
+    for dy in places if blur else (0.0,):
+        rows = _blurred(patch, blur, dy, 0)
+        for dx in places if blur else (0.0,):
+            height = np.clip(_blurred(rows, blur, dx, 1), 0, 1).ravel() * (_HEIGHTS - 1)
+            below = np.minimum(height.astype(int), _HEIGHTS - 2)
+            share = height - below
+            for number, weight in ((below, 1 - share), (below + 1, share)):
+                for part, unit in ((wave.real, 1), (wave.imag, 1j)):
+                    total += unit * np.bincount(number, weight * part.ravel(), _HEIGHTS)
+    return total / (_INSIDE**2 if blur else 1)
+
+
+def _blurred(values: Array, blur: float, place: float, axis: int) -> Array:
+    """A staircase of pixels, blurred by a Gaussian, at a place in every pixel; the outermost
+    pixels are continued."""
+    if blur == 0:
+        return values
+    reach = math.ceil(_REACH * blur) + 1
+    edges = (np.arange(-reach, reach + 2) - 0.5 - place) / blur
+    taps = np.diff(ndtr(edges))
+    return correlate1d(values, taps / taps.sum(), axis=axis, mode="nearest")

@@ -113,7 +113,8 @@ class NumpyBench:
                 np.exp(1j * (phase + path)), places
             ).mean(-1)
             if self.unmodulated:
-                light += self.unmodulated * self._intensity(np.ones(self.panel), places).mean(-1)
+                straight = self._intensity(np.exp(1j * path), places).mean(-1)
+                light += self.unmodulated * straight
         return light / len(spots)
 
     def exposed(self, shares, seconds):

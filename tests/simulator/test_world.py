@@ -216,10 +216,10 @@ def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
 
     for name in ("coupled", "flatness_phase", "gap_light", "scattered_share", "flicker_nodes"):
         monkeypatch.setattr(optics.slm.modulator, name, never)
+    monkeypatch.setattr(optics.slm.modulator, "time_nodes", never)
     monkeypatch.setattr(optics.slm.Map, "on", never)
     monkeypatch.setattr(optics.slm.Response, "at", never)
-    for name in ("first_start", "time_nodes", "flicker_nodes"):
-        monkeypatch.setattr(simulator.motion, name, never)
+    monkeypatch.setattr(simulator.motion, "first_start", never)
     monkeypatch.setattr(simulator.deciding, "crystal_size", never)
     looks = [never] * len(simulator.effects.panel.PANEL_EFFECTS)
     for effect, size in zip(simulator.effects.panel.PANEL_EFFECTS, looks, strict=True):
