@@ -19,14 +19,15 @@ from labapp.asked import Case
 from labapp.bench import BenchFiles
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile
-from labapp.files.reading import read_file, read_grey
+from labapp.files.bench_file import read_bench
+from labapp.files.reading import read_grey
 from labapp.files.writing import require_writable, write_whole
 from labapp.speed import machine_speed
 from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
 from optics.psf import PSFOperator
-from optics.slm import grey_to_phase, require_grey
+from optics.psf.modulated import modulated_psf
+from optics.slm import Modulator, require_grey
 from optics.threads import single_threaded
 
 _SUFFIXES = (".npy", ".tiff", ".png")
@@ -106,14 +107,15 @@ def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], 
         require_grey(camera.panel, grey)
     except ValueError as error:
         raise UserError(f"{asked.pattern}: {error}.") from error
-    operator = plan(camera)
-    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), case.wavelength)
-    return operator, lambda: operator(phase).numpy()
+    operator = plan(camera, unmodulated=0.0)
+    modulator = Modulator(camera.panel, case.wavelength)
+    exposures = modulator.still(torch.from_numpy(grey))
+    return operator, lambda: modulated_psf(operator, modulator, exposures).numpy()
 
 
 def _camera(asked: Asked) -> Camera:
     """The bench's panel behind which the asked lens stands."""
-    bench = read_file(BenchFiles.default(asked.bench).bench, BenchFile).build_camera()
+    bench = read_bench(BenchFiles.default(asked.bench).bench).build_camera()
     return replace(bench, lens=asked.case.lens)
 
 

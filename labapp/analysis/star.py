@@ -5,23 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from pathlib import Path
 
 import numpy as np
 import torch
 
 from labapp.analysis.brackets import Bracket, Picture, find
+from labapp.designing.predicted import mean_psf
 from labapp.errors import UserError
-from labapp.files.pattern_table import RingPattern
+from labapp.files.pattern_table import Pattern, PSFPattern, RingPattern
 from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
+from labapp.files.target_table import LogoTarget
 from labapp.record.reader import Record
-from optics import metrics, targets
+from optics import metrics
 from optics.camera import Camera
 from optics.formation import form_image, spectrum_of_disc
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples
-from optics.slm import grey_to_phase
+from optics.slm import Modulator
 
 _MARGIN = 32
 """Pixels around a predicted window, so that its edges don't wrap into it."""
@@ -73,8 +75,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     share = _share_of(straight, measured)
     shape = measured - share * straight
     camera = record.bench.build_camera()
-    spec = record.plan.patterns[roles.coded]
-    target = _target_on_sensor(spec, camera, window) if isinstance(spec, RingPattern) else None
+    target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
     predicted = _predict(record, camera, roles, coded.wavelength, window)
     return PSFReport(
         measured,
@@ -127,11 +128,15 @@ def _share_of(straight: Picture, measured: Picture, reach: int = 3) -> float:
     return float(np.clip((a * b).sum() / (a * a).sum(), 0, 1))
 
 
-def _target_on_sensor(spec: RingPattern, camera: Camera, window: int) -> Picture:
+def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
+    """What the pattern's PSF was asked to be; None for other patterns, and for a logo, whose
+    picture a record hasn't got."""
+    if not isinstance(spec, RingPattern | PSFPattern) or isinstance(spec.target, LogoTarget):
+        return None
     pitch = camera.sensor.pitch
     plane = Plane((window, window), (pitch, pitch))
     try:
-        return targets.ring(plane, spec.radius_um * 1e-6, spec.width_um * 1e-6).numpy()
+        return spec.target.at(1, Path())[0].on(plane).numpy()
     except ValueError as error:
         raise UserError(
             f"the PSF's window is {window} pixels: {error}, or a larger 'psf_window_px' in the "
@@ -167,19 +172,19 @@ def predict_star(
 ) -> list[torch.Tensor]:
     """Share of a star's light on each pixel of a square window, a picture for each pattern.
 
-    greys: grey levels on the panel; (frames, rows, columns) of a video, whose frames are seen
-    for the same time. diameter, distance: of the star, metres. Star and pixel are included.
+    greys: grey levels on the panel; (frames, rows, columns) of a video, which is repeated.
+    diameter, distance: of the star, metres. Star and pixel are included.
     """
     finer = math.ceil(nyquist_samples(camera, wavelength))
     side = window + 2 * _MARGIN
     plane = camera.sensor.window((side, side)).finer(finer)
-    operator = PSFOperator(camera, distance, wavelength, plane, integrate=False)
+    operator = PSFOperator(camera, distance, wavelength, plane, integrate=False, unmodulated=0.0)
+    modulator = Modulator(camera.panel, wavelength)
     size = diameter * camera.lens.image_distance / distance
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
 
-    def mean_psf(grey: torch.Tensor) -> torch.Tensor:
-        frames = grey if grey.ndim == 3 else grey[None]
-        psfs = (operator(grey_to_phase(camera.panel, frame, wavelength)) for frame in frames)
-        return reduce(torch.add, psfs) / len(frames)
+    def predicted(grey: torch.Tensor) -> torch.Tensor:
+        (psf,) = mean_psf(operator, modulator, grey if grey.ndim == 3 else grey[None])
+        return form_image(disc, psf, plane, finer, (window, window))
 
-    return [form_image(disc, mean_psf(grey), plane, finer, (window, window)) for grey in greys]
+    return [predicted(grey) for grey in greys]

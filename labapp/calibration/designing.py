@@ -26,7 +26,7 @@ from optics.slm import max_phase, phase_to_grey
 
 Patterns = dict[str, NDArray[np.uint8]]
 
-_BLUR = 8.0
+_BLUR = 5.0
 """Sensor pixels by which star, lens and filter widen a spot, at the most."""
 
 _DEFOCUS = (-1.5, 1.5)

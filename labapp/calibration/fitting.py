@@ -26,7 +26,7 @@ from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefro
 from optics.calibration.zeroth import ZerothOrder, left_in_the_centre, zeroth_share
 from optics.camera import Camera
 from optics.progress import Progress
-from optics.slm import Response, grey_to_phase
+from optics.slm import Modulator, Response, grey_to_phase
 
 Array = NDArray[np.float64]
 
@@ -82,6 +82,13 @@ class Fits:
             share = float(np.mean([found.share for found in self.zeroth.values()]))
             panel = replace(panel, unmodulated=min(max(share, 0.0), 1.0), front_reflection=0.0)
         return replace(self.camera, panel=panel)
+
+    @property
+    def blur(self) -> float:
+        """Metres by which neighbours blur the phase, as seen; as described where it wasn't."""
+        seen = [region.fit.blur for regions in self.responses.values() for region in regions]
+        panel = self.camera.panel
+        return min(float(np.median(seen)), 1.0) * panel.pitch if seen else panel.coupling
 
 
 def fit_record(path: Path, progress: Progress | None = None) -> Fits:
@@ -195,7 +202,9 @@ def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
     """What the compass' gratings leave in the centre, but for what they were seen to show."""
     dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
     neutral, _ = frames.light(names.neutral(), nm, dark)
-    panel = fits.calibrated.panel
+    # The edges of a blazed grating's waves are where neighbours matter most.
+    panel = replace(fits.calibrated.panel, illumination=None, flatness=None, coupling=fits.blur)
+    modulator = Modulator(panel, nm * 1e-9)
     steered, noises, expected = [], [], []
     for number in range(len(frames.design.compass)):
         name = names.steer(nm, number)
@@ -203,7 +212,8 @@ def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
         grey = torch.from_numpy(frames.record.pattern(name))
         steered.append(light)
         noises.append(noise)
-        expected.append(left_in_the_centre(grey_to_phase(panel, grey, nm * 1e-9).numpy()))
+        field = modulator.modulation(modulator.phase(grey))
+        expected.append(left_in_the_centre(field.numpy()))
     usable = ~(frames.hot(dark) | frames.clipped(names.neutral(), nm))
     centre = fits.registrations[nm].centre
     return zeroth_share(neutral, steered, noises, expected, centre, usable)

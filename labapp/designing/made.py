@@ -127,8 +127,16 @@ def _shown(
         greys.append(shown_grey(frame, work.camera, spec.wavelength))
         orders = max(orders, frame.orders)
         if keep_phases:
-            phases.append(frame.phase.to(torch.float32).numpy())
+            phases.append(_stored(frame))
     return np.stack(greys), np.stack(phases) if keep_phases else None, orders
+
+
+def _stored(frame: Frame) -> NDArray[np.float32]:
+    """A phase in single precision, which doesn't hold thousands of radians to a grey level."""
+    phase = frame.phase
+    if phase.dtype == torch.float64:
+        phase = torch.remainder(phase, 2 * math.pi * frame.orders)
+    return phase.to(torch.float32).numpy()
 
 
 def _side(moments: Sequence[Moment], camera: Camera) -> int:

@@ -31,9 +31,19 @@ def predicted_psf(
     greys: (frames, rows, columns) of the panel; several are a video that is played again and
     again, and seen for whole periods. moments: into which the frames are grouped evenly.
     """
-    modulator = Modulator(camera.panel, wavelength)
     focus = camera.lens.focus_distance
     operator = PSFOperator(camera, focus, wavelength, pixels, unmodulated=0.0)
+    return mean_psf(operator, Modulator(camera.panel, wavelength), greys, progress, moments)
+
+
+def mean_psf(
+    operator: PSFOperator,
+    modulator: Modulator,
+    greys: torch.Tensor,
+    progress: Progress | None = None,
+    moments: int = 1,
+) -> torch.Tensor:
+    """The same by an operator of one's own, planned with unmodulated=0."""
     each = len(greys) // moments
     exposures = _watched(_exposures(modulator, greys), len(greys), progress or Progress())
     parts = []

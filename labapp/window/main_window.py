@@ -153,8 +153,9 @@ class MainWindow(QMainWindow):
             "pattern": form.kind,
             "pattern_file": form.file,
         }
-        for (kind, key), box in form.numbers.items():
-            fields[f"{kind}_{key}"] = box
+        for (kind, key), box in [*form.numbers.items(), *form.texts.items()]:
+            if box is not form.file:
+                fields[f"{kind}_{key}"] = box
         for name in ("star", "photograph"):
             row = getattr(self.run, name)
             fields[f"{name}_shortest_ms"] = row.shortest

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_APART, _LEAST_APART = 8, 4
-"""Line widths between the spots of different regions: what is enough, and what must be."""
+_APART = (8, 6)
+"""Line widths between the spots of different regions: what is good, and what is enough."""
 
-_LONG_PERIODS = (48, 40, 32, 27, 23, 20, 18, 16, 14, 12)
-"""Panel pixels. Neighbours blur the edges of stripes, and long stripes have few of them."""
+_LONG, _SHORT = (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10), (8.7, 7.4, 6.3, 5.3, 4.4)
+"""Periods in panel pixels: those that are tried first, and those where there is no other way.
+Neighbours blur the edges of stripes, and long stripes have few of them."""
 
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
 """Orders of stripes that are equally wide, and their amplitudes relative to the first."""
@@ -73,11 +74,9 @@ def region_vectors(
     _require_longest(longest)
     count = len(region_slices(shape, regions))
     lines = np.array([shape[0] // regions[0], shape[1] // regions[1]])
-    lengths = [1 / period for period in _LONG_PERIODS if 1 / period < longest]
-    tried = [(length, _APART) for length in (*lengths, longest)]
-    tried += [(longest, apart) for apart in range(_APART - 1, _LEAST_APART - 1, -1)]
+    tried = [(1 / period, apart) for some in (_LONG, _SHORT) for apart in _APART for period in some]
     for length, apart in tried:
-        chosen = _chosen(_lattice(lines, length), count, apart + blur * lines)
+        chosen = _chosen(_lattice(lines, min(length, longest)), count, apart + blur * lines)
         if len(chosen) == count:
             return np.array(chosen) / lines
     raise ValueError(

@@ -21,8 +21,8 @@ _BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, MOST_BLUR)
 _REACH = 5.0
 """Standard deviations beyond which a blur reaches nothing."""
 
-_INSIDE = 4
-"""Points along an axis of a pixel's active area at which the phase is looked at."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+"""Along an axis of a pixel's active area, at which the phase is looked at."""
 
 _PATCH = 160
 """Pixels along an axis of the part of a pattern that stands for all of it."""
@@ -65,7 +65,8 @@ class StripeLaw:
         steps = np.arange(0, most_step + 2 * _FINE, _FINE)
         turned = np.exp(1j * np.outer(steps, np.linspace(0, 1, _HEIGHTS)))
         light = np.stack(
-            [np.abs(turned @ _by_height(patch, wave, blur, side)) ** 2 for blur in _BLURS], axis=1
+            [np.abs(turned @ _by_height(patch, wave, vector, blur, side)) ** 2 for blur in _BLURS],
+            axis=1,
         )
         hard = light[:, 0].max()
         self._law = RectBivariateSpline(steps, np.square(_BLURS), light / hard)
@@ -79,21 +80,20 @@ class StripeLaw:
         """
         light = np.zeros(np.shape(step))
         for stretch, weight in _stretches(ripple2):
-            light += weight * self._law.ev(self._within(step * stretch), blur2)
+            light += weight * self._at(step * stretch, blur2)
         return light
 
     def slopes(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
         """Its derivatives with step and blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _stretches(ripple2):
-            within = self._within(step * stretch)
-            turn = weight * stretch * np.sign(step)
-            by_step += turn * self._law.ev(within, blur2, dx=1)
-            by_blur += weight * self._law.ev(within, blur2, dy=1)
+            by_step += weight * stretch * self._at(step * stretch, blur2, dx=1) * np.sign(step)
+            by_blur += weight * self._at(step * stretch, blur2, dy=1)
         return by_step, by_blur
 
-    def _within(self, step: Array) -> Array:
-        return np.minimum(np.abs(step), self._most)
+    def _at(self, step: Array, blur2: float, dx: int = 0, dy: int = 0) -> Array:
+        within = np.minimum(np.abs(step), self._most)
+        return np.asarray(self._law.ev(within, np.full(within.shape, blur2), dx=dx, dy=dy))
 
 
 def _stretches(ripple2: float) -> list[tuple[float, float]]:
@@ -112,21 +112,22 @@ def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.compl
 
 
 def _by_height(
-    patch: Array, wave: NDArray[np.complex128], blur: float, side: float
+    patch: Array, wave: NDArray[np.complex128], vector: Array, blur: float, side: float
 ) -> NDArray[np.complex128]:
     """The first order's wave, summed over the points of each height, (heights,)."""
     total = np.zeros(_HEIGHTS, dtype=np.complex128)
-    places = ((np.arange(_INSIDE) + 0.5) / _INSIDE - 0.5) * side
-    for dy in places if blur else (0.0,):
+    nodes = list(zip(_NODES * side / 2, _WEIGHTS / 2, strict=True))
+    for dy, high in nodes:
         rows = _blurred(patch, blur, dy, 0)
-        for dx in places if blur else (0.0,):
+        for dx, wide in nodes:
             height = np.clip(_blurred(rows, blur, dx, 1), 0, 1).ravel() * (_HEIGHTS - 1)
             below = np.minimum(height.astype(int), _HEIGHTS - 2)
-            share = height - below
-            for number, weight in ((below, 1 - share), (below + 1, share)):
-                for part, unit in ((wave.real, 1), (wave.imag, 1j)):
+            share = (height - below) * high * wide
+            there = wave * np.exp(-2j * np.pi * (vector[0] * dy + vector[1] * dx))
+            for number, weight in ((below, high * wide - share), (below + 1, share)):
+                for part, unit in ((there.real, 1), (there.imag, 1j)):
                     total += unit * np.bincount(number, weight * part.ravel(), _HEIGHTS)
-    return total / (_INSIDE**2 if blur else 1)
+    return total
 
 
 def _blurred(values: Array, blur: float, place: float, axis: int) -> Array:

@@ -64,6 +64,7 @@ def zeroth_share(
     return ZerothOrder(share, sigma, tuple(shares))
 
 
-def left_in_the_centre(phase: Array) -> float:
-    """Share of modulated light that a phase (rows, columns) in radians leaves in the centre."""
-    return float(np.abs(np.exp(1j * phase).mean()) ** 2)
+def left_in_the_centre(field: NDArray[np.complexfloating]) -> float:
+    """Share of modulated light that stays in the centre, of a field (rows, columns) whose
+    amplitude is one where no light is lost."""
+    return float(np.abs(field.mean()) ** 2)

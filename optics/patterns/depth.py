@@ -35,9 +35,9 @@ def cubic(panel: Panel, strength: float, radius: float | None = None) -> torch.T
 def annular(panel: Panel, rings: int, depth: float, radius: float | None = None) -> torch.Tensor:
     """Equally wide rings around the axis, with the same parabola across each of them.
 
-    Every ring sends light over the same part of the sensor, whatever the defocus: the annular
-    phase mask of Ohta et al. (Jpn. J. Appl. Phys. 54, 09ME03, 2015), which the thesis shows with
-    eight rings (section 5.6, Fig. 5.5). depth: radians in the middle of a ring, over its edges,
+    Every ring spreads its light by much more than defocus does: an annular phase mask, after
+    Ohta et al. (Jpn. J. Appl. Phys. 54, 09ME03, 2015), with which the thesis compares
+    (section 5.6, Fig. 5.5). depth: radians in the middle of a ring, over its edges,
     where the phase is zero, as it is beyond all rings. radius: metres, outer edge of the last
     ring; None for the panel's corners. Raises ValueError with the greatest depth, or number of
     rings, that the pixels allow.

@@ -86,7 +86,9 @@ class Descent:
         return best
 
     def _wanted(self, mean: torch.Tensor) -> torch.Tensor:
-        """The target with the light that is in its brighter part now."""
+        """The target with the light that is in its brighter part now, and beside it nothing but
+        what no pattern can take away."""
         target = self.goal.target.to(torch.float32)
         bright = target > 0.02 * target.max()
-        return target * (mean[bright].sum() / target[bright].sum())
+        wanted = target * (mean[bright].sum() / target[bright].sum())
+        return torch.where(bright, wanted, torch.maximum(wanted, self._straight))

@@ -20,7 +20,7 @@ from optics.retrieval.far_field import FarField
 from optics.retrieval.frames import corrected, joint, light
 from optics.retrieval.goal import Goal
 from optics.retrieval.superpixel import Superpixels
-from optics.slm import grey_to_phase, phase_to_grey
+from optics.slm import grey_to_phase, max_phase, phase_to_grey
 from optics.slm.dynamics import relaxed, steady_starts, time_nodes
 from optics.slm.flatness import flatness_phase
 from optics.slm.lut import whole_waves
@@ -53,7 +53,10 @@ def orders_of(panel: Panel, wavelength: float) -> int:
 def crystal_of(goal: Goal) -> Crystal:
     """What a goal's panel is like at its wavelength."""
     panel = goal.camera.panel
-    reach = 2 * math.pi * orders_of(panel, goal.wavelength)
+    orders = orders_of(panel, goal.wavelength)
+    # What is nearer to the next wave than to the last level is shown as the first one.
+    half = 0.5 * max_phase(panel, goal.wavelength) / (panel.levels - 1)
+    reach = max(2 * math.pi, 2 * math.pi * orders - half)
     return Crystal(1 / panel.frame_rate, panel.response_time, reach)
 
 

@@ -229,7 +229,7 @@ CASES: list[Case] = [
         tols=(2e-3,)),
     law("coupling of a picometre", "an error function divides by its width", "1e-12 m",
         hardly_coupled, "no coupling"),
-    law("a panel of one pixel", "no neighbours, no steps, one region", "1 x 1",
+    law("a modulator of one pixel", "no neighbours, no steps, one region", "1 x 1",
         one_pixel, "exp(2i)"),
     law("all of the phase flickers", "two nodes don't follow six pi of ripple", "flicker 1",
         all_flickers, "Bessel's J0", tols=(SINGLE, DOUBLE)),

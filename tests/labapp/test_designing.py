@@ -121,6 +121,21 @@ def test_a_design_file_says_how_it_was_made(labapp, bench, small, tmp_path):
     assert data["files"] == [str(path), str(tmp_path / "ring_psf.png")]
 
 
+def test_phases_of_thousands_of_radians_are_kept_to_a_fraction_of_a_level(labapp, bench, tmp_path):
+    """Against the formula in double precision, modulo the two waves that it is shown in."""
+    asked = ("pattern", "lens", "focal_length_m=320", "centre_mm=[1000, 0]", "orders=2", *bench)
+    assert labapp(*asked, "--out", tmp_path / "l.h5")[0] == 0
+    with h5py.File(tmp_path / "l.h5") as file:
+        phase, orders = file["entry/pattern/phase"][0], file["entry/pattern/orders"][()]
+    truth = patterns.fresnel_lens(PANEL, 320.0, WAVE, (1.0, 0.0)).numpy()
+    assert np.abs(truth).min() > 15_000
+    wave = 2 * math.pi * 2
+    assert orders == 2
+    assert phase.min() >= 0
+    assert phase.max() <= np.float32(wave)
+    assert np.abs((phase - truth + wave / 2) % wave - wave / 2).max() < 2e-6
+
+
 def test_a_video_is_numbered_pictures_or_one_design_file(labapp, bench, tmp_path):
     asked = ("retrieve", "spiral", "radius_um=50", "--frames", "3", "--iterations", "5", *bench)
     code, out, _ = labapp(*asked, "--out", tmp_path / "v.png")

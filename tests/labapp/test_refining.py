@@ -1,0 +1,411 @@
+"""`labapp refine`: designs that the bench's own camera corrects."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from labapp.acquisition.state import State
+from labapp.bench import open_bench
+from labapp.errors import UserError
+from labapp.files.calibration_file import CalibrationFile, as_json
+from labapp.files.design_file import read_design, write_design
+from labapp.files.reading import read_file
+from labapp.files.bench_file import BenchFile
+from labapp.record.reader import Record
+from labapp.refining.command import refined
+from labapp.refining.exposing import periods
+from labapp.refining.request import Request
+from labapp.refining.start import start_from
+from labapp.refining.view import View, described
+from optics.calibration.registration import Registration
+from optics.camera import Camera, Panel, Sensor
+from optics.progress import Cancelled, Progress
+from optics.retrieval import design_plane
+from optics.retrieval.goal import Goal
+from optics.slm import Map, phase_to_grey
+
+WAVE = 550e-9
+PANEL = Panel(shape=(108, 192), pitch=80e-6, fill_factor=0.9)
+CAMERA = Camera(PANEL, sensor=Sensor(shape=(64, 96)))
+LENGTH = 384
+SCALE = WAVE * CAMERA.lens.image_distance / 80e-6 / 3.45e-6
+"""Sensor pixels per cycle per panel pixel."""
+
+TRUTH = """
+[truth.panel]
+response = { gamma = 1.35, range = 0.9 }
+"""
+
+
+def add(path: Path, text: str) -> None:
+    path.write_text(path.read_text() + text)
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[tuple[str, ...], bytes]:
+    """Design files that are there already."""
+    return {}
+
+
+@pytest.fixture
+def design(small, labapp, made):
+    """A design file of a shape and so many frames."""
+
+    def make(*words: str, frames: int = 2) -> Path:
+        path = small.folder / "design.h5"
+        words = words or ("spiral", "radius_um=70", "width_um=7", "turns=1.5")
+        asked = ("retrieve", *words, "--iterations", "30", "--frames", str(frames))
+        if asked not in made:
+            assert labapp(*asked, "--out", path, "--bench", small.bench)[0] == 0
+            made[asked] = path.read_bytes()
+        path.write_bytes(made[asked])
+        return path
+
+    return make
+
+
+def error_of(grey: np.ndarray, phase_of: np.ndarray, target: np.ndarray) -> float:
+    """NRMSE of the mean PSF that grey levels give, by a plain FFT, where the target is bright."""
+    field = np.exp(1j * phase_of[grey])
+    far = np.abs(np.fft.fftshift(np.fft.fft2(field, (LENGTH, LENGTH)), axes=(1, 2))) ** 2
+    rows, columns = target.shape
+    at = LENGTH // 2 - rows // 2, LENGTH // 2 - columns // 2
+    seen = far.mean(0)[at[0] : at[0] + rows, at[1] : at[1] + columns]
+    bright = target > 0.02 * target.max()
+    seen, wanted = seen[bright], target[bright]
+    best = (seen @ wanted) / (wanted @ wanted)
+    return np.linalg.norm(seen - best * wanted) / np.linalg.norm(best * wanted)
+
+
+def test_pictures_make_a_design_better_on_a_bench_that_nobody_has_described(
+    labapp, small, design, tmp_path
+):
+    """By what the camera saw, and by a sum over the panel with its true response."""
+    add(small.scene, TRUTH)
+    first, path = design(), tmp_path / "better.h5"
+    asked = ("refine", first, *small.arguments(), "--exposures-ms", "30,250", "--json")
+    code, out, err = labapp(*asked, "--pictures", 5, "--out", path)
+    assert code == 0, err
+    assert "no registration is in force" in err
+    data = json.loads(out)
+    errors = [one["nrmse"] for one in data["pictures"]]
+    # A spiral that is laid mirrored or turned would have nothing to do with the target.
+    assert errors[0] < 0.5
+    assert min(errors) < 0.85 * errors[0]
+    assert data["best"] == 1 + int(np.argmin(errors))
+    assert data["files"] == [str(path), str(tmp_path / "better_psf.png")]
+    before, after = read_design(first), read_design(path)
+    shares = 0.9 * np.linspace(0, 1, 256) ** 1.35
+    # Between the table's 532 and 633 nm the phase goes as 1/wavelength, nearly.
+    reach = np.interp(550, [532, 633], [6.7, 5.4]) * math.pi
+    worse, better = (
+        error_of(one.grey, reach * shares, before.target.images[0]) for one in (before, after)
+    )
+    assert better < 0.9 * worse
+    # The file says how it came about, and can be refined again.
+    account = after.settings["refined"][0]
+    assert [one["nrmse"] for one in account["pictures"]] == errors
+    assert after.quality["seen_nrmse"] == errors
+    assert account["from"] == str(first)
+    assert {key: after.settings[key] for key in before.settings} == before.settings
+    shown = phase_to_grey(PANEL, torch.from_numpy(after.phase), WAVE, after.orders)
+    assert (shown.numpy() == after.grey).all()
+    drawn = cv2.imread(str(tmp_path / "better_psf.png"))
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 100
+    again = tmp_path / "again.h5"
+    code, out, _ = labapp(
+        "refine", path, *small.arguments(), "--exposures-ms", 250, "--pictures", 2, "--out", again
+    )
+    assert code == 0
+    assert "picture-1.h5" in out
+    assert len(read_design(again).settings["refined"]) == 2
+
+
+def test_every_picture_is_a_record_of_what_was_shown(labapp, small, design, tmp_path):
+    first = design("ring", "radius_um=50", frames=1)
+    code, _, err = labapp(
+        "refine", first, *small.arguments(), "--pictures", 2, "--exposures-ms", "2,20",
+        "--out", tmp_path / "b.h5", "--runs", tmp_path / "runs",
+    )  # fmt: skip
+    assert code == 0, err
+    with Record(tmp_path / "runs/picture-1.h5") as record:
+        assert record.state is State.COMPLETE
+        assert (record.pattern("picture-1") == read_design(first).grey[0]).all()
+        assert len(record.select(target="dark")) == 4
+        assert sorted(set(record.column("exposure").tolist())) == pytest.approx([2e-3, 20e-3])
+    assert (tmp_path / "runs/picture-2/plan.toml").is_file()
+
+
+def registered(matrix: np.ndarray, centre: tuple[float, float]) -> Registration:
+    none = np.zeros((0, 2))
+    return Registration(
+        WAVE, centre, matrix, np.zeros((3, 3)), (0, 0), none, np.zeros(0, dtype=bool)
+    )
+
+
+def turned(degrees: float, flip_x: bool) -> np.ndarray:
+    """From cycles per panel pixel to sensor pixels, (y, x): mirrored first, then turned."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return SCALE * np.array([[c, s], [-s, c]]) @ np.diag([1, -1 if flip_x else 1])
+
+
+BLOBS = [(-0.04, 0.06, 0.02, 1.0), (0.05, 0.02, 0.03, 0.6), (0.0, -0.07, 0.025, 0.8)]
+"""y, x and width in cycles per panel pixel, and peak, of Gaussians."""
+
+
+def blobs(vectors: np.ndarray) -> np.ndarray:
+    return sum(
+        peak * np.exp(-((vectors - (y, x)) ** 2).sum(-1) / (2 * width**2))
+        for y, x, width, peak in BLOBS
+    )
+
+
+def view_of_blobs(degrees: float = 200.0, star: float = 3.0, window=(101, 128)) -> View:
+    plane = design_plane(CAMERA, WAVE, window)
+    index = np.stack(np.indices(window), -1) - np.array(window) // 2
+    target = torch.from_numpy(blobs(index / LENGTH))
+    goal = Goal(CAMERA, target, plane, WAVE)
+    registration = registered(turned(degrees, flip_x=True), (43.3, 58.8))
+    return View(goal, registration, (88, 112), star, calibrated=True)
+
+
+def test_a_turned_and_mirrored_picture_is_laid_on_the_design_grid():
+    view = view_of_blobs()
+    pixels = np.stack(np.indices((88, 112)), -1) - np.array([43.3, 58.8])
+    picture = blobs(pixels @ np.linalg.inv(turned(200.0, flip_x=True)).T)
+    laid = view.laid(picture).numpy()
+    wanted = blobs((np.stack(np.indices((101, 128)), -1) - np.array([50, 64])) / LENGTH)
+    assert np.abs(laid - wanted)[view.covered].max() < 2e-3
+
+
+def test_the_camera_sees_pixels_and_a_disc_turned_against_the_panel():
+    """Against a sum over the square and the disc, of Gaussians that are known everywhere."""
+    view, back = view_of_blobs(), np.linalg.inv(turned(200.0, flip_x=True))
+    inside = (np.arange(8) + 0.5) / 8 - 0.5
+    square = np.stack(np.meshgrid(inside, inside, indexing="ij"), -1).reshape(-1, 2)
+    radius = 1.5 * np.sqrt((np.arange(8) + 0.5) / 8)
+    angle = 2 * math.pi * np.arange(12) / 12
+    disc = np.stack(np.broadcast_arrays(*polar(radius[:, None], angle)), -1).reshape(-1, 2)
+    seen = view.target.numpy()
+    peak = blobs(np.stack(np.indices((101, 128)), -1) / LENGTH - np.array([50, 64]) / LENGTH).max()
+    for i, j in [(34, 87), (50, 64), (66, 70), (52, 40), (40, 60)]:
+        at = np.array([i - 50, j - 64]) / LENGTH
+        offsets = (square[:, None] + disc[None]).reshape(-1, 2) @ back.T
+        assert seen[i, j] * peak == pytest.approx(blobs(at + offsets).mean(), abs=2e-3)
+
+
+def polar(radius, angle):
+    return radius * np.sin(angle), radius * np.cos(angle)
+
+
+def test_a_bench_without_registration_is_taken_as_described():
+    """A grating of so many cycles sends light to wavelength x distance x its frequency."""
+    found = described(CAMERA, WAVE).pixels(np.array([[0, 0], [0.1, 0], [0, -0.05]]))
+    z = CAMERA.lens.image_distance
+    reach = 0.1 / 80e-6 * WAVE * z / 3.45e-6
+    assert found == pytest.approx(np.array([[32, 48], [32 + reach, 48], [32, 48 - reach / 2]]))
+
+
+def test_what_falls_beside_the_sensor_is_an_error():
+    with pytest.raises(UserError, match=r"columns -?\d+ to \d+ of a sensor of 64 x 96 pixels"):
+        View(view_of_blobs().goal, registered(turned(0, False), (31, 90)), (64, 96), 1.0, True)
+
+
+def calibration(matrix: np.ndarray) -> CalibrationFile:
+    """Of a registration alone."""
+    return CalibrationFile.model_validate(
+        {
+            "version": 1, "date": datetime.now(UTC), "bench": "Small bench", "record": "none",
+            "frames": 7, "software": "test", "devices": {}, "panel": {}, "lens": {}, "sensor": {},
+            "registrations": [
+                {
+                    "wavelength_nm": 500.0, "centre_px": (32.0, 48.0),
+                    "matrix_px": (matrix * 500 / 550).tolist(),
+                    "covariance_px2": np.zeros((3, 3)).tolist(), "uncertainty_px": 0.1,
+                    "residual_px": 0.1, "shift_px": (0, 0), "spots": 6, "outliers": 0,
+                    "flip": "left-right", "rotation_deg": 25.0, "shear": 0.0,
+                    "image_distance_mm": 133.3,
+                }
+            ],
+        }
+    )  # fmt: skip
+
+
+def test_a_calibration_tells_how_the_panel_sits(small, design, tmp_path):
+    """A panel that is mirrored and turned: its picture fits with the registration only."""
+    first = design(frames=1)
+    add(small.scene, "\n[truth.mount]\nrotation_deg = 25.0\nflip_x = true\n")
+    request = Request(pictures=2, exposures_ms=(4.0, 60.0))
+    errors = []
+    for name in ("described", "calibrated"):
+        with open_bench(small.bench_files) as bench:
+            found = refined(bench, read_design(first), first, tmp_path / name, request)
+        errors.append(found.pictures[0].nrmse)
+        (small.folder / "c.json").write_bytes(as_json(calibration(turned(25, flip_x=True))))
+        text = small.bench.read_text()
+        small.bench.write_text(text.replace("[panel]", 'calibration = "c.json"\n[panel]', 1))
+    assert found.view.calibrated
+    assert errors[0] > 0.6
+    assert errors[1] < 0.3
+
+
+def test_exposures_of_videos_are_whole_periods():
+    request = Request(exposures_ms=(1.0, 100.0, 66.7, 133.4, 400.0))
+    assert periods(request, 4 / 60) == [1, 2, 3, 6]
+    assert periods(Request(exposures_ms=(1000 * 4 / 60,)), 4 / 60) == [1]
+
+
+def test_a_design_of_grey_levels_starts_from_the_phases_that_they_show(design, small):
+    path = design()
+    contents = read_design(path)
+    camera = read_file(small.bench, BenchFile).build_camera()
+    bumps = torch.linspace(-80e-9, 120e-9, 12, dtype=torch.float64).reshape(3, 4)
+    uneven = replace(camera, panel=replace(camera.panel, flatness=Map(bumps)))
+    start = start_from(replace(contents, phase=None), path, uneven)
+    assert start.phases.shape == contents.grey.shape
+    assert (start.greys(start.phases) == contents.grey).all()
+
+
+def test_videos_of_slow_panels_keep_their_short_ways(design, small):
+    """The same light, and steps from frame to frame that are shorter in the mean."""
+    path = design(frames=3)
+    contents = read_design(path)
+    camera = read_file(small.bench, BenchFile).build_camera()
+    slow = replace(camera, panel=replace(camera.panel, response_time=5e-3))
+    start = start_from(replace(contents, orders=3), path, slow)
+    shown = start.on_panel(start.phases)
+    turns = (shown - start.phases) / (2 * math.pi)
+    assert (turns - turns.round()).abs().max() < 1e-4
+    plain = torch.remainder(start.phases, 2 * math.pi)
+    assert (shown - shown.roll(1, 0)).square().mean() < 0.8 * (
+        plain - plain.roll(1, 0)
+    ).square().mean()
+    still = start_from(contents, path, camera)
+    assert still.on_panel(still.phases) is still.phases
+
+
+def test_cancelling_leaves_the_bench_safe_and_the_records_readable(small, design, tmp_path):
+    first = design("ring", "radius_um=50", frames=1)
+
+    def listen(fraction: float, message: str) -> None:
+        if "star, picture-2" in message:
+            progress.cancel()
+
+    progress = Progress(listen)
+    request = Request(exposures_ms=(2.0, 20.0))
+    with open_bench(small.bench_files) as bench:
+        with pytest.raises(Cancelled):
+            refined(bench, read_design(first), first, tmp_path / "runs", request, progress)
+        assert bench.world.shown().max() == 0 if hasattr(bench.world, "shown") else True
+    with Record(tmp_path / "runs/picture-1.h5") as record:
+        assert record.state is State.COMPLETE
+    with Record(tmp_path / "runs/picture-2.h5") as record:
+        assert record.state is State.CANCELLED
+
+
+WRONG = [
+    (("--exposures-ms", "1,x"), "--exposures-ms 1,x: give milliseconds with commas between"),
+    (("--exposures-ms", "-1"), "refine: key 'exposures_ms.0' is -1.0: input should be greater"),
+    (("--exposures-ms", "20000"), "of the PSF is clipped in every exposure; the shortest is 20000"),
+    (("--exposures-ms", "0.02"), "the PSF can't be told from noise. Expose longer"),
+    (("--exposures-ms", "99999"), "99999 ms, out of the camera's range"),
+    (("--pictures", "1"), "refine: key 'pictures' is 1: input should be greater than or equal"),
+    (("--star", "sun"), "--star sun: this bench has no such target. Choose among dark, star"),
+    (("--dark", "night"), "--dark night: this bench has no such target"),
+    (("--star", "photograph"), "give the diameter of the pinhole with --star-um"),
+    (("--star-um", "0"), "refine: key 'star_um' is 0"),
+    (("--out", "better.png"), "better.png: the ending must be .h5"),
+    (("--out", "nowhere/better.h5"), "nowhere: is not a folder"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), WRONG, ids=[" ".join(one[0]) for one in WRONG])
+def test_what_is_wrong_is_said_in_a_line(labapp, small, design, tmp_path, options, message):
+    first = design("ring", "radius_um=50", frames=1)
+    out = tmp_path / "better.h5"
+    code, printed, err = labapp("refine", first, *small.arguments(), "--out", out, *options)
+    assert code == 1
+    assert message in err
+    assert not printed
+    assert not out.exists()
+
+
+def test_a_video_that_clips_needs_less_light(labapp, small, design, tmp_path):
+    first = design("ring", "radius_um=50", frames=2)
+    text = small.scene.read_text()
+    small.scene.write_text(text.replace("radiance = 5.0", "radiance = 5000.0"))
+    asked = ("refine", first, *small.arguments(), "--out", tmp_path / "b.h5")
+    code, _, err = labapp(*asked)
+    assert code == 1
+    assert "whole periods of 33.3333 ms: dim the lamp, or make it of fewer frames" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "frames", "message"),
+    [
+        (("shrinking-spiral", "radius_um=60"), 2, "changes with time, and a picture shows its"),
+        (("ring", "radius_um=150"), 1, "the target falls on rows -"),
+    ],
+)
+def test_what_a_picture_cannot_show_is_refused(
+    labapp, small, design, tmp_path, words, frames, message
+):
+    first = design(*words, frames=frames)
+    code, _, err = labapp("refine", first, *small.arguments(), "--out", tmp_path / "b.h5")
+    assert code == 1
+    assert message in err
+    assert not list(tmp_path.glob("b*.h5"))
+
+
+def test_a_design_of_another_kind_or_panel_is_refused(labapp, small, design, tmp_path):
+    lens, first, other = tmp_path / "lens.h5", design(frames=1), tmp_path / "other.h5"
+    asked = ("pattern", "lens", "focal_length_m=20", "--out", lens, "--bench", small.bench)
+    assert labapp(*asked)[0] == 0
+    write_design(other, replace(read_design(first), pixel_pitch=8e-6))
+    bare = tmp_path / "bare.h5"
+    write_design(bare, replace(read_design(first), settings={}))
+    damaged = tmp_path / "damaged.h5"
+    damaged.write_bytes(first.read_bytes())
+    with h5py.File(damaged, "r+") as file:
+        del file["entry/settings"]
+    for path, message in (
+        (lens, "has no target to come nearer to. Give a design that labapp retrieve wrote"),
+        (other, "is for a panel of 192 x 108 pixels of 8 µm, and this bench's has 192 x 108 of 80"),
+        (bare, "its settings name no pattern"),
+        (damaged, "damaged.h5: is damaged"),
+        (small.scene, "scene.toml: cannot be read as HDF5"),
+        (tmp_path / "none.h5", "none.h5: there is no such file"),
+    ):
+        code, _, err = labapp("refine", path, *small.arguments(), "--out", tmp_path / "b.h5")
+        assert code == 1
+        assert message in err
+
+
+@pytest.mark.parametrize("name", ["b.h5", "b_psf.png", "b_runs/picture-2.h5"])
+def test_nothing_is_replaced_without_leave(labapp, small, design, tmp_path, name):
+    first = design("ring", "radius_um=50", frames=1)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(b"mine")
+    asked = ("refine", first, *small.arguments(), "--out", tmp_path / "b.h5", "--pictures", 2)
+    code, _, err = labapp(*asked)
+    assert code == 1
+    assert f"{Path(name).name}: exists already" in err
+    assert (tmp_path / name).read_bytes() == b"mine"
+    assert labapp(*asked, "--force")[0] == 0
+    assert (tmp_path / name).read_bytes() != b"mine"
+
+
+def test_without_a_place_to_write_there_is_nothing_to_do(labapp, tmp_path):
+    code, _, err = labapp("refine", tmp_path / "x.h5")
+    assert code == 1
+    assert "there is no --out. Name an .h5 file" in err
