@@ -18,10 +18,11 @@ from labapp.record.reader import Record
 from optics.calibration.gratings import region_slices, striped
 from optics.calibration.orders import first_orders
 from optics.calibration.registration import Registration, register
-from optics.calibration.response import ResponseFit, Sweep, fit_response
+from optics.calibration.response import ResponseFit, fit_response
 from optics.calibration.spots import find_spot
 from optics.calibration.star import StarModel
 from optics.calibration.stripes import StripeLaw
+from optics.calibration.sweep import Sweep
 from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefront
 from optics.calibration.zeroth import ZerothOrder, left_in_the_centre, zeroth_share
 from optics.camera import Camera

@@ -128,7 +128,7 @@ def _draw_light(axes: Axes, below: Axes, regions: list[Region]) -> None:
     """Light in the first orders against the step that was fitted, and what is left over."""
     for number, region in enumerate(regions):
         sweep, fit = region.sweep, region.fit
-        step = np.abs(fit.phase[sweep.high] - fit.phase[sweep.low])
+        step = fit.phase[sweep.high] - fit.phase[sweep.low]
         share = (sweep.light - fit.offset) / fit.swing
         residual = (sweep.light - fit.predicted) / fit.swing
         colour = f"C{number}"
@@ -143,8 +143,8 @@ def _draw_light(axes: Axes, below: Axes, regions: list[Region]) -> None:
             linewidth=0.7,
             markersize=3,
         )
-        fine = np.linspace(0, float(step.max()), 400)
-        expected = sweep.law(fine, fit.blur**2, fit.ripple**2)
+        fine = np.linspace(float(step.min()), float(step.max()), 400)
+        expected = sweep.law(fine, fit.blur**2, fit.ripple**2) + fit.ghost * np.sin(fine)
         axes.plot(fine / math.pi, expected, color=colour, linewidth=0.7)
     residuals = [region.fit.residual for region in regions]
     axes.set_title(

@@ -23,6 +23,9 @@ _MOST_PIXELS = 300
 _FINER = 3.0
 """Samples over those that just resolve the PSF, for cubics between them."""
 
+_TOL = 1e-6
+"""Of a PSF: in single precision the derivatives would be noise before a fit has ended."""
+
 _MARGIN = 4
 """Sensor pixels around the window."""
 
@@ -35,9 +38,10 @@ class StarModel:
     registration: of panel and sensor. corner: (row, column) of the window's first pixel. shape:
     of the window. diameter, distance: of the star, metres. unmodulated: share of the light.
 
-    Call with the optical path on `plane` in metres, (rows, columns), and the star's place (y, x)
-    beside the registration's centre in pixels; tensors, in which it is differentiable. The
-    answer is (patterns, rows, columns).
+    Call with the optical path on `plane` in metres, (rows, columns), the star's place (y, x)
+    beside the registration's centre in pixels, and the light's amplitude on `plane` beside what
+    the camera describes; tensors, in which it is differentiable. The answer is (patterns, rows,
+    columns).
     """
 
     def __init__(
@@ -71,18 +75,26 @@ class StarModel:
         self._step = _steps(registration, wavelength) * scale / camera.panel.pitch
         self._grid = _grid(camera, wavelength, self._places)
         self._operator = PSFOperator(
-            behind, distance, wavelength, self._grid, integrate=False, unmodulated=0.0
+            behind,
+            distance,
+            wavelength,
+            self._grid,
+            integrate=False,
+            unmodulated=0.0,
+            tol=_TOL,
         )
         star = diameter * camera.lens.image_distance / distance
         self._blur = _blur(self._grid, star, self._step)
 
-    def __call__(self, path: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+    def __call__(
+        self, path: torch.Tensor, place: torch.Tensor, amplitude: torch.Tensor | float = 1.0
+    ) -> torch.Tensor:
         phase = 2 * math.pi / self.wavelength * path
-        shares = [self._operator(phase, modulation) for modulation in self._modulations]
+        shares = [self._operator(phase, wave * amplitude) for wave in self._modulations]
         light = torch.stack(shares).to(torch.float64)
         if self._unmodulated:
             # It goes through the panel, and is of the polarisation that doesn't see the pattern.
-            straight = self._operator(phase, self._unpatterned).to(torch.float64)
+            straight = self._operator(phase, self._unpatterned * amplitude).to(torch.float64)
             light = (1 - self._unmodulated) * light + self._unmodulated * straight
         spectrum = torch.fft.rfft2(light) * self._blur
         light = torch.fft.irfft2(spectrum, s=self._grid.shape)

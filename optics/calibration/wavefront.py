@@ -35,13 +35,22 @@ _STARTS = np.linspace(-1.0, 1.0, 9)
 _FOLLOWED = 2
 _STEPS = 60
 
+_GOOD = 1.5
+"""Mean squared misfit in standard deviations from which no other start is tried."""
+
 _UNIT = 0.05
 """Of a wave, root mean square, and of a pixel: a step that an optimiser takes for one."""
+
+_BEAM_UNIT = 0.2
+"""The same of the logarithm of the light's amplitude at the disc's edge."""
+
+_MOST_ALIKE = 0.95
+"""Correlation of neighbouring pixels' misfits beyond which no number of pixels is believed."""
 
 _NUDGE = 0.02
 """Of the unit, for derivatives by differences."""
 
-_SYSTEMATIC = 0.01
+_SYSTEMATIC = 0.005
 """Of a picture's peak, by which the model may be wrong beside the noise."""
 
 
@@ -141,14 +150,17 @@ def fit_wavefront(
     for number, start in enumerate(starts[:_FOLLOWED]):
         part = progress.part(number / (_FOLLOWED + 1), (number + 1) / (_FOLLOWED + 1))
         found.append(task.descended(start, part))
+        if task.chi2(found[-1]) < _GOOD:
+            break
     best = min(found, key=task.cost)
     progress.report(_FOLLOWED / (_FOLLOWED + 1), "wavefront: uncertainty")
     return task.told(best)
 
 
 class _Task:
-    """Parameters are the polynomials, in _UNIT waves, and the star's place (y, x), in _UNIT
-    pixels."""
+    """Parameters are the polynomials, in _UNIT waves; the star's place (y, x), in _UNIT pixels;
+    and, in _BEAM_UNIT, the slopes along y and x and the fall towards the edge of the light's
+    amplitude on the panel, as a Gaussian beam has them."""
 
     def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
         self._model, self._terms = model, terms
@@ -161,16 +173,25 @@ class _Task:
         shapes = [zernike(n, m, y / model.radius, x / model.radius) for n, m in terms]
         self._shapes = torch.stack([shape.expand(model.plane.shape) for shape in shapes])
         self._path_unit = _UNIT * model.wavelength
+        y, x = (axis.expand(model.plane.shape) / model.radius for axis in (y, x))
+        self._beam = torch.stack([y, x, y**2 + x**2]) * _BEAM_UNIT
 
     def started(self, waves: float) -> torch.Tensor:
-        start = torch.zeros(len(self._terms) + 2, dtype=torch.float64)
+        start = torch.zeros(len(self._terms) + 2 + len(self._beam), dtype=torch.float64)
         start[self._terms.index(_DEFOCUS)] = waves / _UNIT
         return start
 
+    def _parts(self, parameters: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Polynomials, place and beam."""
+        n = len(self._terms)
+        return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
+
     def seen(self, parameters: torch.Tensor) -> torch.Tensor:
         """The model's pictures, each with the light and background that fit best."""
-        path = torch.tensordot(parameters[:-2], self._shapes, 1) * self._path_unit
-        shares = self._model(path, parameters[-2:] * _UNIT)
+        polynomials, place, beam = self._parts(parameters)
+        path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
+        amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
+        shares = self._model(path, place * _UNIT, amplitude)
         return torch.stack(
             [
                 _fitted(share, light, weight)
@@ -184,6 +205,11 @@ class _Task:
     def cost(self, parameters: torch.Tensor) -> float:
         with torch.no_grad():
             return float(self.misfit(parameters))
+
+    def chi2(self, parameters: torch.Tensor) -> float:
+        """Mean squared misfit in standard deviations, less what was fitted."""
+        used = int((self._weight > 0).sum())
+        return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
     def descended(self, start: torch.Tensor, progress: Progress) -> torch.Tensor:
         parameters = start.clone().requires_grad_(True)
@@ -215,13 +241,14 @@ class _Task:
                 change = self.seen(parameters + nudge) - self.seen(parameters - nudge)
                 columns.append((change / (2 * _NUDGE) * self._weight.sqrt()).ravel())
         jacobian = torch.stack(columns, dim=1)
-        used = int((self._weight > 0).sum())
-        freedom = max(used - len(parameters) - 2 * len(seen), 1)
-        chi2 = self.cost(parameters) / freedom
-        # Pixels aren't independent where the model is wrong: chi2 below one proves nothing.
-        covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * max(chi2, 1.0)
-        polynomials = covariance[:-2, :-2].numpy() * self._path_unit**2
-        coefficients = parameters[:-2].numpy() * self._path_unit
+        chi2 = self.chi2(parameters)
+        # Where the model is wrong, neighbouring pixels say the same.
+        doubt = max(chi2, 1.0) * _pixels_a_word((seen - self._light) * self._weight.sqrt())
+        covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
+        n = len(self._terms)
+        polynomials = covariance[:n, :n].numpy() * self._path_unit**2
+        coefficients = parameters[:n].numpy() * self._path_unit
+        place = self._parts(parameters)[1] * _UNIT
         rms, sigma = self._over_the_pupil(coefficients, polynomials)
         usable = self._weight > 0
         away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
@@ -232,7 +259,7 @@ class _Task:
             self._model.radius,
             rms,
             sigma,
-            (float(parameters[-2]) * _UNIT, float(parameters[-1]) * _UNIT),
+            (float(place[0]), float(place[1])),
             away / float(self._light[usable].norm()),
             chi2,
         )
@@ -248,6 +275,19 @@ class _Task:
         shapes = shapes - basis @ np.linalg.lstsq(basis, shapes, rcond=None)[0]
         spread = float(np.einsum("pi,ij,pj", shapes, covariance, shapes))
         return float(np.linalg.norm(shapes @ coefficients)), math.sqrt(max(spread, 0.0))
+
+
+def _pixels_a_word(misfit: torch.Tensor) -> float:
+    """How many pixels (pictures, rows, columns) say one thing: the area over which misfits are
+    alike, if they fade exponentially."""
+    area = 1.0
+    power = float((misfit**2).sum())
+    for axis in (-2, -1):
+        n = misfit.shape[axis]
+        neighbours = misfit.narrow(axis, 0, n - 1) * misfit.narrow(axis, 1, n - 1)
+        alike = min(max(float(neighbours.sum()) / max(power, 1e-300), 0.0), _MOST_ALIKE)
+        area *= (1 + alike) / (1 - alike)
+    return area
 
 
 def _fitted(share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_DOUBT = 0.2
+"""Of what gratings leave in the centre by themselves: how far the expected share may be off."""
+
 _REACH = 6
 """Pixels around the centre that are looked at."""
 
@@ -60,7 +63,8 @@ def zeroth_share(
     weights = np.array(noises) ** -2.0
     share = float(np.average(shares, weights=weights))
     scatter = float(np.sqrt(np.average((np.array(shares) - share) ** 2, weights=weights)))
-    sigma = math.hypot(1 / math.sqrt(weights.sum()), scatter / math.sqrt(max(len(shares) - 1, 1)))
+    random = math.hypot(1 / math.sqrt(weights.sum()), scatter / math.sqrt(max(len(shares) - 1, 1)))
+    sigma = math.hypot(random, _DOUBT * float(np.average(expected, weights=weights)))
     return ZerothOrder(share, sigma, tuple(shares))
 
 

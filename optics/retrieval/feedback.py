@@ -15,6 +15,7 @@ import torch
 from optics.metrics import shape_error
 from optics.progress import Progress
 from optics.retrieval.frames import corrected, light
+from optics.retrieval.gerchberg_saxton import over_compensated
 from optics.retrieval.goal import Goal
 from optics.retrieval.methods import coarsest
 from optics.threads import single_threaded
@@ -28,6 +29,12 @@ Blur = Callable[[torch.Tensor], torch.Tensor]
 
 _INNER = 5
 """Iterations of the model for each picture."""
+
+_BEFORE = 20
+"""The same before the first correction."""
+
+_GENTLY = 0.5
+"""Of the over-compensation of a single frame: pictures correct it as well."""
 
 _BRIGHT = 0.02
 """Share of the target's peak from which a picture is judged: unmodulated light is beside it."""
@@ -72,8 +79,13 @@ def refine(
     target = pixels.intensity
     seen_target = target if blur is None else blur(target)
     bright = seen_target > _BRIGHT * seen_target.max()
-    wanted, floor = target, 1e-6 * float(target.max())
-    fields = pixels.lowered(torch.stack([_far(goal, phase) for phase in phases]))
+    wanted = target
+    # A superpixel counts as one sample.
+    fields = pixels.lowered(torch.stack([_far(goal, phase) for phase in phases])) / pixels.side**2
+    for _ in range(_BEFORE if len(fields) > 1 else 0):
+        # What has to be asked for so that the model gives the target: phases don't tell it.
+        wanted = corrected(wanted, target, light(fields).mean(0))
+        fields = pixels.far_field.bounce(_asked(fields, wanted), pixels.uneven)
     shown, errors = [phases.to(torch.float32)], list[float]()
     for number in range(pictures):
         part = progress.part(number / pictures, (number + 1) / pictures)
@@ -85,11 +97,18 @@ def refine(
             break
         wanted = corrected(wanted, seen_target, seen)
         for _ in range(_INNER):
-            mean = light(fields).mean(0).clamp(min=floor)
-            asked = fields * torch.sqrt(wanted / mean)
+            asked = _asked(fields, wanted)
             fields = pixels.far_field.bounce(asked, pixels.uneven)
         shown.append(pixels.pattern(asked))
     return Refined(shown[0], errors)
+
+
+def _asked(fields: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """Fields that are to come nearer to a mean intensity; a single one can't just be scaled."""
+    if len(fields) == 1:
+        return over_compensated(wanted, _GENTLY)(fields)
+    mean = light(fields).mean(0).clamp(min=1e-6 * float(wanted.max()))
+    return fields * torch.sqrt(wanted / mean)
 
 
 def _far(goal: Goal, phase: torch.Tensor) -> torch.Tensor:

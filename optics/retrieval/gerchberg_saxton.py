@@ -34,17 +34,17 @@ def replaced(intensity: torch.Tensor) -> Constraint:
     return lambda field: unit(field) * amplitude
 
 
-def over_compensated(intensity: torch.Tensor) -> Constraint:
-    """Where the amplitude a is below the target's A, ask for 2A - a, and for as much less where
-    it is above: an error is answered by its opposite.
+def over_compensated(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
+    """Where the amplitude a is below the target's A, ask for A + gain (A - a), and for as much
+    less where it is above: an error is answered by its opposite.
 
-    Feedback on the amplitude with gain one (Fienup, Appl. Opt. 21, 2758, 1982, calls the family
+    Feedback on the amplitude (Fienup, Appl. Opt. 21, 2758, 1982, calls the family
     input-output algorithms).
     """
     amplitude = torch.sqrt(intensity)
 
     def constrain(field: torch.Tensor) -> torch.Tensor:
-        asked = (2 * amplitude - field.abs()).clamp(min=0)
+        asked = ((1 + gain) * amplitude - gain * field.abs()).clamp(min=0)
         return unit(field) * torch.where(amplitude > 0, asked, amplitude)
 
     return constrain

@@ -9,8 +9,9 @@ from scipy import ndimage
 
 from optics.calibration.gratings import longest_vector, region_slices, region_vectors, striped
 from optics.calibration.orders import first_orders
-from optics.calibration.response import Sweep, fit_response
+from optics.calibration.response import fit_response
 from optics.calibration.stripes import StripeLaw
+from optics.calibration.sweep import Sweep
 from optics.camera import Sensor
 
 WAVELENGTH = 532e-9

@@ -63,7 +63,7 @@ def bright_error(picture: np.ndarray, target: np.ndarray) -> float:
     return merits(picture[lit], target[lit])[2]
 
 
-@pytest.mark.parametrize(("frames", "most"), [(1, 0.95), (4, 0.85)])
+@pytest.mark.parametrize(("frames", "most"), [(1, 0.95), (4, 0.92)])
 @pytest.mark.parametrize(
     "trouble", [{"figure": 0.5}, {"gain": 0.93}, {"figure": 0.3, "gain": 1.05, "straight": 0.02}]
 )
@@ -83,13 +83,14 @@ def test_pictures_correct_what_no_model_knows(target, trouble, frames, most):
     assert found.errors[found.best] == min(found.errors)
 
 
-def test_what_is_right_already_stays():
-    """On a bench as described, a video that was solved for it is given back as it is."""
-    goal = goal_of()
+def test_what_is_right_already_is_not_spoilt():
+    """On a bench as described: the start itself, or something that its camera likes better."""
+    goal, measure = goal_of(), bench()
     start = solution(goal, 4)
-    found = refine(goal, start, bench(), 3)
-    assert found.best == 0
-    assert torch.equal(found.phases, start)
+    found = refine(goal, start, measure, 3)
+    before, after = (bright_error(measure(p).numpy(), TARGET) for p in (start, found.phases))
+    assert after <= before
+    assert torch.equal(found.phases, start) == (found.best == 0)
 
 
 def test_a_wide_pixel_is_no_error():

@@ -1,0 +1,48 @@
+"""A sweep of grey levels as one region's first orders saw it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.calibration.stripes import StripeLaw
+
+Array = NDArray[np.float64]
+
+FEWEST = 12
+"""Levels of a sweep from which a curve can be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Light in one region's first orders, level by level.
+
+    low, high: (n,) grey levels of the two stripes of each frame. light: (n,) in any unit.
+    noise: (n,) its standard deviation. law: of the stripes that were shown. Raises ValueError
+    for arrays that don't go together or hold no numbers.
+    """
+
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+    light: Array
+    noise: Array
+    law: StripeLaw
+
+    def __post_init__(self) -> None:
+        given = (self.low, self.high, self.light, self.noise)
+        if len({array.shape for array in given}) > 1 or self.low.ndim != 1:
+            raise ValueError(
+                f"low, high, light and noise are {', '.join(str(a.shape) for a in given)}; give "
+                "one value a frame of each"
+            )
+        levels = len(set(self.high.tolist()))
+        if levels < FEWEST:
+            raise ValueError(f"the sweep has {levels} levels; a curve needs {FEWEST} at least")
+        if not (np.isfinite(self.light).all() and (self.noise > 0).all()):
+            raise ValueError("light must be finite and its noise positive")
+
+    def some(self, used: NDArray[np.bool_]) -> Sweep:
+        """Only some of its frames."""
+        return Sweep(self.low[used], self.high[used], self.light[used], self.noise[used], self.law)
