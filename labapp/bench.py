@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
@@ -26,7 +26,7 @@ from drivers.interfaces import (
     TargetChanger,
 )
 from drivers.supervised import Supervised, SupervisedCamera
-from labapp.calibration.in_force import doubts, summary
+from labapp.calibration.in_force import doubts, summary, wavelength_doubts
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
@@ -82,6 +82,13 @@ class Bench:
     def simulated(self) -> list[str]:
         """The names of the devices that are simulated."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
+
+    def doubts_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
+        """Why the calibration in force may not hold at wavelengths in metres, in words."""
+        calibration = self.file.in_force
+        if calibration is None:
+            return ()
+        return (*self.doubts, *wavelength_doubts(calibration, wavelengths))
 
     def make_safe(self) -> list[DeviceError]:
         """SLM neutral, filter parked, camera stopped: all at once, whatever fails."""

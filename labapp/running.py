@@ -46,7 +46,7 @@ def run_files(plans: Sequence[Path], record: Path, files: BenchFiles, manner: Ma
     if len(plans) > 1:
         make_folder(record)
     requests = [_request(find_plan(plan), record, len(plans)) for plan in plans]
-    with open_bench(files, speed=manner.speed) as bench, _attended(manner) as (progress, ask):
+    with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
         outcomes = run_all(
             bench,
             requests,
@@ -73,7 +73,7 @@ def resume_file(record: Path, bench: Path | None, faults: Path | None, manner: M
         say(f"{record}: {len(missing)} frames to take")
     with (
         open_bench(made_from, speed=manner.speed) as opened_bench,
-        _attended(manner) as (progress, ask),
+        attended(manner) as (progress, ask),
     ):
         outcome = resume_run(opened_bench, record, missing=missing, progress=progress, ask=ask)
     _tell(outcome, manner)
@@ -114,7 +114,7 @@ def require_complete(outcome: Outcome) -> None:
 
 
 @contextmanager
-def _attended(manner: Manner) -> Iterator[tuple[Progress, Ask]]:
+def attended(manner: Manner) -> Iterator[tuple[Progress, Ask]]:
     """A progress with a keyboard beside it, and somebody who answers prompts."""
     with watched() as progress, listening(progress) as keyboard:
 

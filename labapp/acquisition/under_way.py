@@ -92,6 +92,8 @@ class RunUnderWay:
         try:
             self._writer.set_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
+            for doubt in self._bench.doubts_at({shot.wavelength for shot in listed}):
+                log.warning("%s", doubt)
             self._hooks.before_run(listed)
             with self._bench.heeding(lambda: self._progress.cancelled):
                 for shot in listed:

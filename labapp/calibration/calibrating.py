@@ -69,7 +69,8 @@ def calibrate(
     require_free(folder, (PLAN, RECORD, FILE, PICTURE), force=force)
     request = completed(request, bench)
     make_folder(folder)
-    camera = bench.file.uncalibrated().build_camera()
+    # As well calibrated as it is: the steadier the gratings.
+    camera = bench.description
     exposures = []
     count = len(request.wavelengths_nm)
     for number, nm in enumerate(request.wavelengths_nm):
@@ -111,7 +112,7 @@ def prepare_only(bench: Bench, request: Request, folder: Path, *, force: bool = 
         )
     request = completed(request, bench)
     make_folder(folder)
-    camera = bench.file.uncalibrated().build_camera()
+    camera = bench.description
     exposures = [_given(camera, request, nm) for nm in request.wavelengths_nm]
     return prepare(camera, request, tuple(exposures), folder)
 

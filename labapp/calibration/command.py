@@ -21,13 +21,11 @@ from labapp.calibration.calibrating import (
 )
 from labapp.calibration.request import Request
 from labapp.calibration.telling import as_data, print_tables
-from labapp.console import out, print_json, say, watched
+from labapp.console import out, print_json, watched
 from labapp.errors import UserError
 from labapp.files.reading import explain
 from labapp.files.writing import require_free
-from labapp.keyboard import listening
-from labapp.running import Manner
-from optics.progress import Progress
+from labapp.running import Manner, attended
 
 
 @dataclass(frozen=True)
@@ -70,17 +68,7 @@ class Asked:
 def calibrate_bench(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:
     """Calibrate, tell how it went, and where everything is."""
     request = asked.request()
-    with (
-        open_bench(files, speed=manner.speed) as bench,
-        watched() as progress,
-        listening(progress) as keyboard,
-    ):
-
-        def ask(text: str, progress: Progress) -> None:
-            say(text)
-            if not manner.yes:
-                keyboard.wait_for_enter(progress)
-
+    with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
         found = calibrate(bench, request, folder, force=manner.force, progress=progress, ask=ask)
     _tell(found, folder, manner.as_json)
 

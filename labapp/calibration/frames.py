@@ -28,7 +28,7 @@ _HOT = 8.0
 class Frames:
     """A record and the design that it was made by.
 
-    camera: the bench's description, without a calibration in force.
+    camera: as it was known when the record was made.
     """
 
     record: Record
@@ -50,7 +50,7 @@ class Frames:
                 f"frames. Take them with: labapp resume {record.path}"
             )
         design = validate_design(text, str(record.path))
-        return Frames(record, design, record.bench.uncalibrated().build_camera())
+        return Frames(record, design, record.bench.build_camera())
 
     def raw(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
         """All frames of a pattern at a wavelength, (frames, rows, columns)."""

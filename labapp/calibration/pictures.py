@@ -167,7 +167,9 @@ def _wavefront_row(figure: SubFigure, fits: Fits) -> None:
     flat, bars, seen = figure.subplots(1, 3, width_ratios=[1.15, 1, 1])
     path = found.path(fits.camera.panel).numpy() * 1e9
     lit = pupil_amplitude(fits.camera).numpy() > 0
-    image = flat.imshow(np.where(lit, path, np.nan), cmap="RdBu_r", interpolation="nearest")
+    path = np.where(lit, path - path[lit].mean(), np.nan)
+    most = max(float(np.nanmax(np.abs(path))), 1.0)
+    image = flat.imshow(path, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
     figure.colorbar(image, ax=flat, shrink=0.8, label="nm")
     flat.set_title(
         f"Optical path besides the pattern: {found.rms * 1e9:.1f} ± {found.sigma * 1e9:.1f} nm rms",

@@ -69,7 +69,7 @@ def calibrate(
 ) -> None:
     """Find out what panel, lens and sensor really do, with an artificial star.
 
-    Takes 56 frames for one wavelength, fits them, and writes **plan.toml**, **patterns/**,
+    Takes up to 60 frames for one wavelength, fits them, and writes **plan.toml**, **patterns/**,
     **run.h5**, **calibration.json** and **calibration.png** to a folder: where gratings send
     light on the sensor, the phase of every grey level, wavefront and focus, and the light that no
     pattern moves, each with residual and uncertainty. A line in the bench file,

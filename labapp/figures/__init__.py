@@ -32,6 +32,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
     from labapp.figures import (
+        calibration,
         closed_forms,
         durability,
         first_light,
@@ -62,6 +63,7 @@ def measurements() -> dict[str, Measurement]:
         "video": retrieval.several_frames,
         "crystal": retrieval.slow_crystal,
         "published": retrieval.published_patterns,
+        "calibration": calibration.calibration_figures,
         "seed": durability.same_seed,
         "kill": durability.after_kills,
         "disk": full_disk.full_disk_figure,

@@ -6,11 +6,9 @@ from pathlib import Path
 
 from labapp.acquisition.taking import Ask
 from labapp.bench import Bench, BenchFiles, open_bench
-from labapp.console import say, watched
 from labapp.errors import UserError
 from labapp.files.design_file import DesignContents, is_design, read_design, write_design
 from labapp.files.writing import make_folder, require_free, require_writable, write_whole
-from labapp.keyboard import listening
 from labapp.refining.exposing import record_of
 from labapp.refining.request import Request, completed
 from labapp.refining.result import Result, contents_of
@@ -18,7 +16,7 @@ from labapp.refining.start import start_from
 from labapp.refining.telling import tell, warn_of_description
 from labapp.refining.view import view_of
 from labapp.refining.watching import Watcher
-from labapp.running import Manner
+from labapp.running import Manner, attended
 from optics.progress import Progress
 from optics.retrieval import refine
 
@@ -41,17 +39,7 @@ def refine_design(
     records = [record_of(folder, number + 1).name for number in range(request.pictures)]
     require_free(folder, records, force=manner.force)
     before = read_design(design)
-    with (
-        open_bench(files, speed=manner.speed) as bench,
-        watched() as progress,
-        listening(progress) as keyboard,
-    ):
-
-        def ask(text: str, progress: Progress) -> None:
-            say(text)
-            if not manner.yes:
-                keyboard.wait_for_enter(progress)
-
+    with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
         pictures = progress.part(0, _SHARE)
         result = refined(bench, before, design, folder, request, pictures, ask, force=manner.force)
         contents = contents_of(result, design, before, bench.file, progress.part(_SHARE, 1))

@@ -275,6 +275,8 @@ def test_a_stale_calibration_is_said_when_the_bench_opens(
     calibrated_bench.bench.write_text(text)
     with open_bench(calibrated_bench) as bench:
         assert len(bench.doubts) == 1
+        assert len(bench.doubts_at([532e-9])) == 1
+        assert len(bench.doubts_at([532e-9, 633e-9])) == 2
     assert "STALE CALIBRATION: the calibration is 31 days old" in caplog.text
     assert "labapp calibrate" in caplog.text
 
