@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.figures import Figure
+from labapp.speed import machine_speed
 from optics.camera import Camera, Panel
 from optics.fourier import CommensurateTransform, Geometry
 from optics.plane import Plane, centred_crop
@@ -154,7 +155,13 @@ _RING = _target(ring, 25.0, 3.1)
 def _retrieved(goal: Goal, **options: Any) -> Retrieved:
     generator = torch.Generator().manual_seed(1)
     return retrieve(
-        goal.camera, goal.target, goal.plane, goal.wavelength, generator=generator, **options
+        goal.camera,
+        goal.target,
+        goal.plane,
+        goal.wavelength,
+        generator=generator,
+        speed=machine_speed(),
+        **options,
     )
 
 
