@@ -10,11 +10,15 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.options import (
     BenchOption,
+    DarkOption,
     FaultsOption,
     ForceOption,
     JsonOption,
     SceneOption,
     SpeedOption,
+    StarDiameterOption,
+    StarDistanceOption,
+    StarOption,
     YesOption,
 )
 from labapp.errors import UserError
@@ -46,14 +50,10 @@ def calibrate(
         float | None,
         typer.Option(help="Of the neutral star, a little below clipping.  [found by trial]"),
     ] = None,
-    star: Annotated[str, typer.Option(help="The target with the star.")] = "star",
-    dark: Annotated[str, typer.Option(help="The target without light; '' for none.")] = "dark",
-    star_um: Annotated[
-        float | None, typer.Option(help="Diameter of the pinhole.  [the scene's]")
-    ] = None,
-    star_m: Annotated[
-        float | None, typer.Option(help="Distance of the pinhole.  [the scene's]")
-    ] = None,
+    star: StarOption = "star",
+    dark: DarkOption = "dark",
+    star_um: StarDiameterOption = None,
+    star_m: StarDistanceOption = None,
     plan_only: Annotated[
         bool, typer.Option("--plan-only", help="Write plan and patterns, take no pictures.")
     ] = False,

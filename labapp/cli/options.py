@@ -33,4 +33,16 @@ SpeedOption = Annotated[
 YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
+StarOption = Annotated[str, typer.Option("--star", help="The target with the star.")]
+DarkOption = Annotated[str, typer.Option("--dark", help="The target without light; '' for none.")]
+StarDiameterOption = Annotated[
+    float | None,
+    typer.Option("--star-um", help="Diameter of the pinhole.", show_default="the scene's"),
+]
+StarDistanceOption = Annotated[
+    float | None,
+    typer.Option(
+        "--star-m", help="Distance of the pinhole.", show_default="the scene's, or in focus"
+    ),
+]
 RecordArgument = Annotated[Path, typer.Argument(metavar="RUN.h5", help="Record of a run.")]

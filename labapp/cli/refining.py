@@ -11,11 +11,15 @@ from labapp.cli.app import app
 from labapp.cli.optics import one_thread
 from labapp.cli.options import (
     BenchOption,
+    DarkOption,
     FaultsOption,
     ForceOption,
     JsonOption,
     SceneOption,
     SpeedOption,
+    StarDiameterOption,
+    StarDistanceOption,
+    StarOption,
     YesOption,
 )
 from labapp.errors import UserError
@@ -37,14 +41,10 @@ def refine(
     exposures_ms: Annotated[
         str, typer.Option(metavar="MS,...", help="Of each picture; of a video whole periods.")
     ] = "1,8,64",
-    star: Annotated[str, typer.Option(help="The target with the star.")] = "star",
-    dark: Annotated[str, typer.Option(help="The target without light; '' for none.")] = "dark",
-    star_um: Annotated[
-        float | None, typer.Option(help="Diameter of the pinhole.  [the scene's]")
-    ] = None,
-    star_m: Annotated[
-        float | None, typer.Option(help="Distance of the pinhole.  [the scene's, or in focus]")
-    ] = None,
+    star: StarOption = "star",
+    dark: DarkOption = "dark",
+    star_um: StarDiameterOption = None,
+    star_m: StarDistanceOption = None,
     runs: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Where the records go.  [BETTER_runs, beside]"),

@@ -22,12 +22,10 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +35,9 @@ from numpy.typing import NDArray
 
 import labapp
 from labapp.errors import UserError
+from labapp.files import nexus
 
 DEFINITION = "labapp_design"
-_PACKAGES = ("numpy", "scipy", "torch", "h5py")
 _GREY = "entry/pattern/grey"
 
 
@@ -152,7 +150,7 @@ def _text(file: h5py.File, name: str) -> str:
 def _fill(file: h5py.File, c: DesignContents) -> None:
     file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "labapp"})
     file.attrs["creator_version"] = labapp.__version__
-    entry = _group(file, "entry", "NXentry")
+    entry = nexus.group(file, "entry", "NXentry")
     entry.attrs["default"] = "psf"
     texts = {
         "title": c.title,
@@ -160,12 +158,12 @@ def _fill(file: h5py.File, c: DesignContents) -> None:
         "start_time": datetime.now(UTC).isoformat(timespec="seconds"),
         "settings": json.dumps(c.settings),
         "bench": json.dumps(c.bench),
-        "versions": json.dumps(_versions()),
+        "versions": json.dumps(nexus.versions()),
     }
     for name, text in texts.items():
         entry[name] = np.bytes_(text.encode())
     _number(entry, "wavelength", c.wavelength, "m")
-    pattern = _group(entry, "pattern", "NXcollection")
+    pattern = nexus.group(entry, "pattern", "NXcollection")
     # Frames can be read one by one. Phases don't get smaller by much.
     one = (1, *c.grey.shape[1:])
     pattern.create_dataset("grey", data=c.grey, chunks=one, compression="gzip", compression_opts=1)
@@ -179,13 +177,13 @@ def _fill(file: h5py.File, c: DesignContents) -> None:
     if c.target is not None:
         _grid(entry, "target", "image", c.target)
     if c.quality:
-        quality = _group(entry, "quality", "NXcollection")
+        quality = nexus.group(entry, "quality", "NXcollection")
         for name, value in c.quality.items():
             quality[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:
-    data = _group(entry, name, "NXdata")
+    data = nexus.group(entry, name, "NXdata")
     axes = ["moment", "y", "x"][3 - grid.images.ndim :]
     data.attrs.update({"signal": signal, "axes": axes})
     data[signal] = grid.images
@@ -199,14 +197,3 @@ def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:
 def _number(group: h5py.Group, name: str, value: Any, unit: str) -> None:
     group[name] = value
     group[name].attrs["units"] = unit
-
-
-def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
-    group = parent.create_group(name)
-    group.attrs["NX_class"] = kind
-    return group
-
-
-def _versions() -> dict[str, str]:
-    found = {name: version(name) for name in _PACKAGES}
-    return {"labapp": labapp.__version__, "python": platform.python_version(), **found}

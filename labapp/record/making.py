@@ -6,12 +6,10 @@ import contextlib
 import json
 import math
 import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +22,9 @@ from drivers.interfaces import Identity
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
 from labapp.errors import UserError
+from labapp.files import nexus
 from labapp.files.writing import require_writable, to_disk
 from labapp.record import layout, process
-
-_PACKAGES = ("numpy", "scipy", "torch", "h5py")
 
 
 @dataclass(frozen=True)
@@ -101,13 +98,13 @@ def _fill(file: h5py.File, c: Contents) -> None:
             "labapp_format": layout.FORMAT,
         }
     )
-    entry = _group(file, layout.ENTRY, "NXentry")
+    entry = nexus.group(file, layout.ENTRY, "NXentry")
     entry.attrs["default"] = "data"
     texts = {"title": c.title, "definition": "labapp_run", "start_time": now()}
     for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
         texts[name] = json.dumps(getattr(c, name))
     texts["clock"] = c.clock
-    texts["versions"] = json.dumps(_versions())
+    texts["versions"] = json.dumps(nexus.versions())
     for name, text in texts.items():
         _write(entry, name, text)
     entry["seed"] = c.seed
@@ -117,9 +114,9 @@ def _fill(file: h5py.File, c: Contents) -> None:
     _allocate(entry, "end_time", np.zeros(1, layout.WHEN))
     _allocate(entry, "writer", np.array([process.me().encode()], layout.WRITER))
     _allocate(entry, "log", np.zeros(layout.log_rows(len(c.shots)), layout.LOG_ROW))
-    instrument = _group(entry, "instrument", "NXinstrument")
+    instrument = nexus.group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
-        device = _group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
+        device = nexus.group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
         _write(device, "model", identity.model)
         _write(device, "serial", identity.serial)
         device["simulated"] = identity.simulated
@@ -128,7 +125,7 @@ def _fill(file: h5py.File, c: Contents) -> None:
 
 
 def _fill_patterns(file: h5py.File, c: Contents) -> None:
-    patterns = _group(file, layout.PATTERNS, "NXcollection")
+    patterns = nexus.group(file, layout.PATTERNS, "NXcollection")
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
     patterns["images"] = np.concatenate(videos)
@@ -140,11 +137,11 @@ def _fill_patterns(file: h5py.File, c: Contents) -> None:
     patterns["frame_time"].attrs["units"] = "s"
     sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
     _write(patterns, "sha256", sums)
-    _write(_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
+    _write(nexus.group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
 
 
 def _fill_data(file: h5py.File, c: Contents) -> None:
-    data = _group(file, layout.DATA, "NXdata")
+    data = nexus.group(file, layout.DATA, "NXdata")
     n, (rows, columns) = len(c.shots), c.frame_shape
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
@@ -194,14 +191,3 @@ def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dt
     how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     kind = h5py.h5t.py_create(dtype, logical=True)
     h5py.h5d.create(parent.id, name.encode(), kind, h5py.h5s.create_simple(shape), how)
-
-
-def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
-    group = parent.create_group(name)
-    group.attrs["NX_class"] = kind
-    return group
-
-
-def _versions() -> dict[str, str]:
-    found = {name: version(name) for name in _PACKAGES}
-    return {"labapp": labapp.__version__, "python": platform.python_version(), **found}
