@@ -203,12 +203,20 @@ def test_a_plan_that_the_bench_cannot_run_is_refused_before_it_waits(
 
 
 def test_a_wavelength_chosen_during_a_run_is_for_what_follows(bench, person, queue, run_plan):
+    def pauses() -> None:
+        """However quick the machine is, the run isn't over before it is cancelled."""
+        person.presses(Qt.Key.Key_F8)
+        person.waits(lambda: bench.states == ["PAUSED"])
+
     run_plan("At 550 nm", repeats=_LONG)
     person.waits(lambda: bench.stored > 2)
+    pauses()
     person.types(bench.window.settings.wavelength, "620")
     count = bench.stored
+    person.presses(Qt.Key.Key_F8)
     person.waits(lambda: bench.stored > count + 2)
     assert round(bench.frame.wavelength * 1e9) == 550
+    pauses()
     run_plan("Short")
     person.presses(Qt.Key.Key_Escape)
     person.waits(queue.go_on.isVisible)
