@@ -15,9 +15,8 @@ from labapp.files.design_file import DesignContents
 from labapp.files.pattern_table import Pattern, PSFPattern, VideoPattern
 from labapp.patterns import designed
 from optics.camera import Camera
-from optics.retrieval.branches import short_ways
 from optics.retrieval.goal import Goal
-from optics.retrieval.slow_crystal import crystal_of, first_level, orders_of
+from optics.retrieval.slow_crystal import orders_of, shown_ways
 from optics.slm import grey_to_phase, phase_to_grey
 from optics.slm.flatness import flatness_phase
 
@@ -41,9 +40,7 @@ class Start:
         slow = self.frames > 1 and panel.response_time > 0
         if not slow or self.orders != orders_of(panel, wavelength):
             return phases
-        # The panel's first level isn't a phase of zero everywhere, and the ways begin there.
-        ground = first_level(self.goal)
-        return short_ways(phases - ground, crystal_of(self.goal).reach) + ground
+        return shown_ways(self.goal, phases)
 
     def greys(self, phases: torch.Tensor) -> NDArray[np.uint8]:
         """Grey levels, (frames, rows, columns), of phases as they are shown."""

@@ -18,9 +18,7 @@ from labapp.refining.start import Start
 from labapp.refining.view import View
 from optics.metrics import shape_error, speckle_contrast
 from optics.progress import Progress
-
-_BRIGHT = 0.02
-"""Share of the target's peak from which a picture is judged, as in optics.retrieval.feedback."""
+from optics.retrieval.feedback import BRIGHT
 
 _KEPT = 0.764
 """Share of white noise's variance that cubics between pixels keep, the mean over all places: the
@@ -85,7 +83,7 @@ class Watcher:
 
     def _seen(self, bracket: Bracket, record: Path) -> Seen:
         view, target = self.view, self.view.target
-        bright = target > _BRIGHT * target.max()
+        bright = target > BRIGHT * target.max()
         variance = view.nearest(bracket.variance)
         self._require_unclipped(variance[bright], bracket, record)
         light = view.laid(bracket.rate)

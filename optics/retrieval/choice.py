@@ -16,16 +16,16 @@ from optics.retrieval.gerchberg_saxton import require_iterations
 from optics.retrieval.goal import Goal
 from optics.retrieval.judging import Quality, judge
 from optics.retrieval.methods import (
-    CONVERGED,
     METHODS,
     MOST_FRAMES,
     QUICK_ITERATIONS,
     Job,
+    converged,
     quick_method,
 )
 from optics.retrieval.slow_crystal import orders_of, shown_light
 from optics.retrieval.starts import require_start
-from optics.slm import phase_to_grey
+from optics.slm.lut import require_orders
 from optics.threads import single_threaded
 
 _WORTH = 5
@@ -86,7 +86,7 @@ def retrieve(
     require_start(start)
     goal = Goal(camera, target, plane, wavelength)
     # A panel that can't show a pattern is refused before one is computed.
-    phase_to_grey(camera.panel, torch.zeros(camera.panel.shape), wavelength)
+    require_orders(camera.panel, wavelength, 1)
     slow = frames > 1 and camera.panel.response_time > 0
     if method is None and budget is None:
         method = "responding" if slow else quick_method(frames)
@@ -152,7 +152,7 @@ def _before(goal: Goal, frames: int, method: str, speed: MachineSpeed) -> float:
     """Seconds until a method's first iteration: the descent starts from a good solution."""
     if method != "descent":
         return 0.0
-    return METHODS[quick_method(frames)].seconds(goal, frames, CONVERGED[frames == 1], speed)
+    return METHODS[quick_method(frames)].seconds(goal, frames, converged(frames), speed)
 
 
 def _require_time(

@@ -14,7 +14,7 @@ import torch
 
 from optics.metrics import shape_error
 from optics.progress import Progress
-from optics.retrieval.frames import corrected, light
+from optics.retrieval.frames import corrected, mean_light, scaled
 from optics.retrieval.gerchberg_saxton import over_compensated
 from optics.retrieval.goal import Goal
 from optics.retrieval.methods import coarsest
@@ -36,7 +36,7 @@ _BEFORE = 20
 _GENTLY = 0.5
 """Of the over-compensation of a single frame: pictures correct it as well."""
 
-_BRIGHT = 0.02
+BRIGHT = 0.02
 """Share of the target's peak from which a picture is judged: unmodulated light is beside it."""
 
 
@@ -78,13 +78,13 @@ def refine(
     pixels = coarsest(goal)
     target = pixels.intensity
     seen_target = target if blur is None else blur(target)
-    bright = seen_target > _BRIGHT * seen_target.max()
+    bright = seen_target > BRIGHT * seen_target.max()
     wanted = target
     # A superpixel counts as one sample.
     fields = pixels.lowered(torch.stack([_far(goal, phase) for phase in phases])) / pixels.side**2
     for _ in range(_BEFORE if len(fields) > 1 else 0):
         # What has to be asked for so that the model gives the target: phases don't tell it.
-        wanted = corrected(wanted, target, light(fields).mean(0))
+        wanted = corrected(wanted, target, mean_light(fields))
         fields = pixels.far_field.bounce(_asked(fields, wanted), pixels.uneven)
     shown, errors = [phases.to(torch.float32)], list[float]()
     for number in range(pictures):
@@ -107,8 +107,7 @@ def _asked(fields: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     """Fields that are to come nearer to a mean intensity; a single one can't just be scaled."""
     if len(fields) == 1:
         return over_compensated(wanted, _GENTLY)(fields)
-    mean = light(fields).mean(0).clamp(min=1e-6 * float(wanted.max()))
-    return fields * torch.sqrt(wanted / mean)
+    return torch.stack(scaled(fields, mean_light(fields), wanted))
 
 
 def _far(goal: Goal, phase: torch.Tensor) -> torch.Tensor:

@@ -8,6 +8,8 @@ frames together.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import torch
 
 from optics.progress import Progress
@@ -24,6 +26,9 @@ _FIRST = 3
 
 _STEP = 10.0
 """The correction's largest factor in one iteration."""
+
+_DARK = 1e-6
+"""Share of the brightest sample below which the mean counts as this: nothing can be divided by."""
 
 _FAINT = 1e-3
 """Share of a sample's target below which its mean counts as this."""
@@ -82,20 +87,19 @@ def joint(
     """All frames together: each keeps its share of the light at a sample, and their mean is
     what is asked for, corrected by what it came out as."""
     target = pixels.intensity
-    amplitude, floor = torch.sqrt(target), 1e-6 * float(target.max())
+    amplitude = torch.sqrt(target)
     fields, wanted = [], target
     for _ in range(frames):
         start = pixels.lit(smooth(pixels.goal, pixels, generator))
         fields.append(pixels.far_field.forward(start))
     for iteration in range(iterations):
         progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
-        mean = torch.stack([light(field) for field in fields]).mean(0)
         if iteration < _FIRST:
             asked = [unit(field) * amplitude for field in fields]
         else:
+            mean = mean_light(fields)
             wanted = corrected(wanted, target, mean)
-            factor = torch.sqrt(wanted / mean.clamp(min=floor))
-            asked = [field * factor for field in fields]
+            asked = scaled(fields, mean, wanted)
         if iteration < iterations - 1:
             fields = [pixels.far_field.bounce(field, pixels.uneven) for field in asked]
     return torch.stack(asked)
@@ -114,6 +118,19 @@ def corrected(wanted: torch.Tensor, target: torch.Tensor, mean: torch.Tensor) ->
     change = torch.where(lit, change, 1.0)
     asked = wanted * change**_GAIN
     return asked * (target.sum() / asked.sum())
+
+
+def scaled(
+    fields: Iterable[torch.Tensor], mean: torch.Tensor, wanted: torch.Tensor
+) -> list[torch.Tensor]:
+    """Fields whose mean intensity is `mean`, each with its share of `wanted` instead."""
+    factor = torch.sqrt(wanted / mean.clamp(min=_DARK * float(wanted.max())))
+    return [field * factor for field in fields]
+
+
+def mean_light(fields: Iterable[torch.Tensor]) -> torch.Tensor:
+    """The mean intensity of frames."""
+    return torch.stack([light(field) for field in fields]).mean(0)
 
 
 def light(field: torch.Tensor) -> torch.Tensor:

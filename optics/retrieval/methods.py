@@ -10,7 +10,6 @@ import torch
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft_operations
 from optics.progress import Progress
-from optics.retrieval.branches import short_ways
 from optics.retrieval.descent import Descent
 from optics.retrieval.far_field import FarField
 from optics.retrieval.frames import independent, joint, sequential
@@ -23,7 +22,7 @@ from optics.retrieval.gerchberg_saxton import (
 )
 from optics.retrieval.goal import Goal
 from optics.retrieval.published import published
-from optics.retrieval.slow_crystal import crystal_of, first_level, responding
+from optics.retrieval.slow_crystal import crystal_of, responding, shown_ways
 from optics.retrieval.spots import weighted
 from optics.retrieval.starts import starting_field
 from optics.retrieval.superpixel import Superpixels, superpixel_side
@@ -31,8 +30,6 @@ from optics.retrieval.superpixel import Superpixels, superpixel_side
 QUICK_ITERATIONS = 100
 """Of a quick method, where nothing else is asked for."""
 
-CONVERGED = {True: 300, False: 100}
-"""Iterations after which a quick method hardly gains: of one frame, and of several."""
 
 _FREEDOM = 0.4
 """Of mixed regions: more takes too much light, less leaves too much speckle."""
@@ -165,14 +162,12 @@ def _responding(job: Job) -> torch.Tensor:
     asked = responding(
         pixels, job.frames, job.iterations, job.generator, job.progress.part(0, 0.9), crystal
     )
-    # The panel's first level isn't a phase of zero everywhere, and the ways begin there.
-    ground = first_level(job.goal)
-    return short_ways(pixels.pattern(asked) - ground, crystal.reach) + ground
+    return shown_ways(job.goal, pixels.pattern(asked))
 
 
 def _descent(job: Job) -> torch.Tensor:
     """From what the quick method gives; the iterations are the descent's own."""
-    quick = replace(job, iterations=CONVERGED[job.frames == 1], progress=job.progress.part(0, 0.1))
+    quick = replace(job, iterations=converged(job.frames), progress=job.progress.part(0, 0.1))
     start = METHODS[quick_method(job.frames)].solve(quick)
     return Descent(job.goal).run(start, job.iterations, job.progress.part(0.1, 1))
 
@@ -180,6 +175,11 @@ def _descent(job: Job) -> torch.Tensor:
 def quick_method(frames: int) -> str:
     """What is on the front of quality against time until it has converged."""
     return "over-compensated" if frames == 1 else "joint"
+
+
+def converged(frames: int) -> int:
+    """Iterations after which the quick method hardly gains."""
+    return 300 if frames == 1 else 100
 
 
 METHODS: dict[str, Method] = {

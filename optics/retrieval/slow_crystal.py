@@ -17,7 +17,7 @@ from optics.camera import Panel
 from optics.progress import Progress
 from optics.retrieval.branches import short_ways
 from optics.retrieval.far_field import FarField
-from optics.retrieval.frames import corrected, joint, light
+from optics.retrieval.frames import corrected, joint, mean_light, scaled
 from optics.retrieval.goal import Goal
 from optics.retrieval.superpixel import Superpixels
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
@@ -60,7 +60,16 @@ def crystal_of(goal: Goal) -> Crystal:
     return Crystal(1 / panel.frame_rate, panel.response_time, reach)
 
 
-def first_level(goal: Goal) -> torch.Tensor:
+def shown_ways(goal: Goal, phases: torch.Tensor) -> torch.Tensor:
+    """short_ways() of phases (frames, rows, columns) on a goal's panel, float32.
+
+    The panel's first level isn't a phase of zero everywhere, and the ways begin there.
+    """
+    ground = _first_level(goal)
+    return short_ways(phases - ground, crystal_of(goal).reach) + ground
+
+
+def _first_level(goal: Goal) -> torch.Tensor:
     """The phase of the light where the panel shows its first level, (rows, columns), float32."""
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
@@ -78,11 +87,11 @@ def responding(
     crystal: Crystal,
 ) -> torch.Tensor:
     """Fields on the window (frames, rows, columns) whose mean over a repeated video, motion
-    included, has the target's shape when its phases are shown in short_ways()."""
+    included, has the target's shape when its phases are shown in shown_ways()."""
     before = max(1, round(_WITHOUT * iterations))
     fields = list(joint(pixels, frames, before, generator, progress.part(0, 0.2)))
     target = pixels.intensity
-    wanted, floor = target, 1e-6 * float(target.max())
+    wanted = target
     rest = progress.part(0.2, 1)
     for iteration in range(before, iterations):
         done = (iteration - before) / (iterations - before)
@@ -93,8 +102,7 @@ def responding(
             wanted, target, moving_light(pixels.far_field, pixels.amplitude, ways, crystal, _NODES)
         )
         given = [pixels.far_field.bounce(field, pixels.uneven) for field in fields]
-        mean = torch.stack([light(field) for field in given]).mean(0).clamp(min=floor)
-        fields = [field * torch.sqrt(wanted / mean) for field in given]
+        fields = scaled(given, mean_light(given), wanted)
     return torch.stack(fields)
 
 

@@ -70,6 +70,11 @@ def whole_waves(panel: Panel, wavelength: float) -> int:
     return _whole_waves(panel, _curves(panel, wavelength).detach())
 
 
+def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
+    """Raise ValueError if a panel can't wrap at so many whole waves, all over, or at any."""
+    _require_orders(panel, wavelength, _curves(panel, wavelength).detach(), orders)
+
+
 def _curves(panel: Panel, wavelength: float) -> torch.Tensor:
     """Phase in radians, (region rows, region columns, levels) float64."""
     reach = max_phase(panel, wavelength)
