@@ -19,10 +19,10 @@ _FULL_WELL_NOISE = 5.0
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens close behind the panel, with its stop.
+    """A lens with its stop.
 
     focal_length: metres. f_number: focal length over the stop's diameter.
-    focus_distance: metres from the panel to the plane in focus; math.inf is allowed.
+    focus_distance: metres from the lens to the plane in focus; math.inf is allowed.
     stop: the opening's shape, in units of the stop's radius; a clear circle by default.
     aberrations: triples (n, m, metres of optical path, root mean square over the disc) of
     Zernike polynomials. kind: "thin" for a paraxial lens with a quadratic phase (thesis
@@ -148,12 +148,22 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Camera:
-    """A panel in front of a lens in front of a sensor; transmission is of everything else."""
+    """A panel in front of a lens in front of a sensor.
+
+    transmission: of everything else. separation: metres from the panel to the lens and its
+    stop (thesis z₁, §5.3); 0 where the two may count as one plane. It may be a 0-d tensor.
+    """
 
     panel: Panel = field(default_factory=Panel)
     lens: Lens = field(default_factory=Lens)
     sensor: Sensor = field(default_factory=Sensor)
     transmission: float = 0.6
+    separation: float = 0.0
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
+        separation = as_number(self.separation)
+        if not 0 <= separation < math.inf:
+            raise ValueError(
+                f"separation is {separation:g} m; the panel stands before the lens, 0 m or more"
+            )

@@ -60,6 +60,11 @@ def as_number(value: Any) -> float:
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
+def recorded(value: object) -> bool:
+    """Whether a number is a tensor whose derivative is wanted."""
+    return isinstance(value, torch.Tensor) and value.requires_grad
+
+
 def require_positive(name: str, value: Any, unit: str) -> None:
     """Raise a ValueError for a number that isn't positive and finite."""
     value = as_number(value)

@@ -18,6 +18,7 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.edge import recorded
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
@@ -31,7 +32,7 @@ from optics.fourier.gridded import FINEST_GRIDDING
 from optics.plane import Lattice
 from optics.psf.engine import Engine, Lit, within_a_turn
 from optics.psf.pixels import CurvedPixelTransform
-from optics.psf.question import Question, recorded
+from optics.psf.question import Question
 from optics.pupil import (
     defocus_curvature,
     numeric_lens,

@@ -10,7 +10,7 @@ import torch
 
 from optics.accuracy import Budget
 from optics.camera import Lens
-from optics.edge import as_number
+from optics.edge import as_number, recorded
 from optics.plane import Plane
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
 from optics.stop.quadrature import Steepness
@@ -130,8 +130,3 @@ class Derivatives:
 
     stretch: torch.Tensor | None
     shift: tuple[torch.Tensor, torch.Tensor] | None
-
-
-def recorded(value: object) -> bool:
-    """Whether a number is a tensor whose derivative is wanted."""
-    return isinstance(value, torch.Tensor) and value.requires_grad

@@ -1,0 +1,144 @@
+"""What is asked of free space: a field on one plane, wanted on another."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from optics.accuracy import Budget
+from optics.edge import as_number, recorded, require_positive
+from optics.plane import Plane
+
+Scalar = Any
+"""A number or a 0-d tensor in which the answer is differentiable."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of free space, the field that enters it, and where it is wanted.
+
+    source, target: planes across the axis; any two shapes, pitches and centres. distance:
+    metres from source to target; negative goes back. wavelength: metres.
+
+    cells: what a sample stands for. None: a smooth field, band-limited, that the samples
+    resolve and that has died away at the source's edges. (y, x): a rectangle of such sides
+    with a constant field, as an SLM's pixel.
+    carrier, band: cycles per metre along (y, x); a smooth field's fringes lie from
+    carrier - band to carrier + band, half of what the samples resolve if band is None.
+    (Samples with a carrier beyond their Nyquist rate are bandpass samples, and serve.)
+
+    tilt: radians by which the target is turned about its own centre: first about the x axis,
+    then about the y axis. A point (y, x) of the target then lies at (see optics.propagation.
+    tilted) the turned place.
+
+    paraxial: the declared model: Fresnel's (thesis Eq. 2.12) or, if False, Rayleigh and
+    Sommerfeld's first integral of a scalar wave (Goodman 3.5). tol: relative L2 error of the
+    complex field on the target, from sampling and arithmetic. The factor exp(i k distance),
+    which is the same everywhere, is left out in both models.
+
+    distance, wavelength and the target's centre may be 0-d tensors.
+    """
+
+    source: Plane
+    target: Plane
+    distance: Scalar
+    wavelength: Scalar
+    cells: tuple[float, float] | None = None
+    carrier: tuple[float, float] = (0.0, 0.0)
+    band: tuple[float, float] | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
+    paraxial: bool = False
+    tol: float = 1e-3
+    budget: Budget = field(default_factory=Budget)
+
+    def __post_init__(self) -> None:
+        distance = as_number(self.distance)
+        if not (math.isfinite(distance) and distance):
+            raise ValueError(
+                f"distance is {distance:g} m; the target must lie before or behind the source, "
+                "at a finite distance"
+            )
+        require_positive("wavelength", self.wavelength, "m")
+        for name, pair in (("carrier", self.carrier), ("tilt", self.tilt)):
+            if not all(math.isfinite(value) for value in pair):
+                raise ValueError(f"{name} is {pair}; give two finite numbers")
+        if not all(abs(angle) < math.pi / 2 for angle in self.tilt):
+            raise ValueError(
+                f"tilt is {self.tilt} rad; the target must face the source, by less than pi / 2"
+            )
+        self._require_resolved()
+
+    def _require_resolved(self) -> None:
+        """Raise ValueError for cells or a band that don't fit the samples."""
+        for axis, pitch in enumerate(self.source.pitch):
+            name = "yx"[axis]
+            if self.cells is not None:
+                side = self.cells[axis]
+                if not 0 < side <= pitch * (1 + 1e-9):
+                    raise ValueError(
+                        f"cells are {side:g} m wide in {name}; they must be wider than 0 and no "
+                        f"wider than the source's pitch, {pitch:g} m"
+                    )
+                continue
+            band = self.bands[axis]
+            if not 0 < band <= 0.5 / pitch * (1 + 1e-9):
+                raise ValueError(
+                    f"band is {band:g} cycles/m in {name}; it must be positive, and samples "
+                    f"{pitch:g} m apart resolve {0.5 / pitch:.4g} at most: sample finer"
+                )
+
+    @property
+    def bands(self) -> tuple[float, float]:
+        """The field's fringes to either side of its carrier, cycles per metre; infinite for
+        cells, whose edges are sharp."""
+        if self.cells is not None:
+            return (math.inf, math.inf)
+        if self.band is not None:
+            return self.band
+        y, x = self.source.pitch
+        return (0.25 / y, 0.25 / x)
+
+    @property
+    def area(self) -> float:
+        """Square metres that a sample stands for."""
+        y, x = self.source.pitch if self.cells is None else self.cells
+        return y * x
+
+    @cached_property
+    def numeric(self) -> Span:
+        """The same in plain numbers."""
+        return replace(
+            self,
+            distance=as_number(self.distance),
+            wavelength=as_number(self.wavelength),
+            target=replace(
+                self.target,
+                centre=(as_number(self.target.centre[0]), as_number(self.target.centre[1])),
+            ),
+        )
+
+    @property
+    def scale(self) -> Scalar:
+        """Wavelength times distance, square metres, with the distance's sign."""
+        return self.wavelength * self.distance
+
+    def lateral(self, axis: int) -> tuple[float, float]:
+        """The least and the largest lateral way, metres, from any of the source's light to any
+        of the target's samples along axis 0 (y) or 1 (x); a tilt counts by its projection."""
+        n = self.numeric
+        reach = [0.0, 0.0]
+        for number, plane in enumerate((n.source, n.target)):
+            reach[number] = plane.shape[axis] * plane.pitch[axis] / 2
+        if any(self.tilt):
+            reach[1] = math.hypot(
+                *(k * p / 2 for k, p in zip(n.target.shape, n.target.pitch, strict=True))
+            )
+        middle = n.target.centre[axis] - n.source.centre[axis]
+        return middle - sum(reach), middle + sum(reach)
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether a derivative in a length is wanted."""
+        return any(map(recorded, (self.distance, self.wavelength, *self.target.centre)))
