@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 from labapp.errors import UserError
-from optics.camera import Lens
+from optics.camera import Camera, Lens
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Shape, Stop, rectangle, regular_polygon
 
 
 @dataclass(frozen=True)
 class Case:
-    """A point behind a lens, and the samples its light is wanted on; SI units."""
+    """A point behind a lens, and the samples its light is wanted on; SI units.
+
+    camera: that the lens is a part of; None where it stands alone. interference: strength of
+    what a sum in intensity of its modulated and unmodulated light leaves out, see PathEffect;
+    None where nothing is known of their polarisation.
+    """
 
     lens: Lens
     distance: float
     wavelength: float
     pixels: Plane
+    camera: Camera | None = None
+    interference: float | None = None
 
     @property
     def pitch(self) -> float:
@@ -70,6 +78,34 @@ def _special(lens: Lens) -> list[str]:
     return words
 
 
+def words_of(camera: Camera) -> dict[str, float | str]:
+    """What a camera says for the options of a lens, by their names and in their units."""
+    lens = camera.lens
+    return {
+        "focal_length": lens.focal_length,
+        "f_number": lens.f_number,
+        "focus": lens.focus_distance,
+        "pitch_um": camera.sensor.pitch * 1e6,
+        "lens": lens.kind,
+    }
+
+
+def behind_panel(case: Case, camera: Camera, chosen: Collection[str]) -> Case:
+    """A case whose lens stands behind a camera's panel.
+
+    Stop and aberrations are the camera's where no option of those that were chosen says
+    otherwise; an obscuration is kept when only the opening changes, and the other way round.
+    """
+    stop, lens = camera.lens.stop, case.lens
+    if {"blades", "rectangle"} & set(chosen):
+        stop = replace(stop, opening=lens.stop.opening)
+    if "obscuration" in chosen:
+        stop = replace(stop, obscurations=lens.stop.obscurations)
+    bent = lens.aberrations if "zernike" in chosen else camera.lens.aberrations
+    lens = replace(lens, stop=stop, aberrations=bent)
+    return replace(case, lens=lens, camera=replace(camera, lens=lens))
+
+
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
     """A stop of straight blades (0 for a round one), or a rectangle "HEIGHTxWIDTH" in stop
     diameters, with a central disc that hides a share of the stop's radius."""
@@ -101,6 +137,14 @@ def read_centre(text: str) -> tuple[float, float]:
     """ "Y,X" in micrometres, to metres."""
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
+
+
+def read_field(text: str) -> tuple[float, float]:
+    """ "Y,X" in millimetres, to metres."""
+    y, x = _numbers("--field", text, ",", 2)
+    if not (math.isfinite(y) and math.isfinite(x)):
+        raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
+    return y * 1e-3, x * 1e-3
 
 
 def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:

@@ -1,4 +1,4 @@
-"""`labapp psf`: the PSF of a lens, or of a lens with a pattern on an SLM before it."""
+"""`labapp psf`: the PSF of a lens, or of a camera with a pattern on the SLM before its lens."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.asked import Case
-from labapp.bench import BenchFiles
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
-from labapp.files.bench_file import read_bench
+from labapp.files.bench_file import read_camera
 from labapp.files.reading import read_grey
 from labapp.files.writing import require_writable, write_whole
 from labapp.speed import machine_speed
@@ -27,10 +26,14 @@ from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.psf.modulated import modulated_psf
-from optics.slm import Modulator, require_grey
+from optics.slm import Modulator, Panel, require_grey
+from optics.stop.shadow import share_through
 from optics.threads import single_threaded
 
 _SUFFIXES = (".npy", ".tiff", ".png")
+
+_NOTHING = 1e-9
+"""Strength of an interference below which it is rounding."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class Asked:
     """What the command line asks for.
 
     points: density at pixel centres, not light on whole pixels. pattern: a picture on the
-    panel of the bench file. memory: bytes that may be used.
+    camera's panel. memory: bytes that may be used. field: metres (y, x) on the sensor from the
+    axis to the point's image. sphere: whether the object's wave is an exact sphere.
     """
 
     case: Case
@@ -47,7 +51,21 @@ class Asked:
     method: str | None
     memory: int
     pattern: Path | None
-    bench: Path | None
+    field: tuple[float, float] = (0.0, 0.0)
+    sphere: bool = False
+
+    @property
+    def camera(self) -> Camera | None:
+        """The asked lens behind its panel, or that of the virtual bench for a pattern."""
+        if self.case.camera is not None or self.pattern is None:
+            return self.case.camera
+        return replace(read_camera(None), lens=self.case.lens)
+
+    @property
+    def of_point(self) -> dict[str, Any]:
+        """What is asked of the point besides its distance."""
+        asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
+        return {name: value for name, value in asked.items() if value is not None}
 
 
 @single_threaded
@@ -71,13 +89,17 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     _write(path, psf)
     if picture != path:
         _write(picture, psf)
-    data = describe(account) | {
-        "cpu_plan_s": planned,
-        "sum": float(psf.sum()),
-        "peak": float(psf.max()),
-        "file": str(path),
-        "picture": str(picture),
-    }
+    data = (
+        describe(account)
+        | _of_the_light(asked)
+        | {
+            "cpu_plan_s": planned,
+            "sum": float(psf.sum()),
+            "peak": float(psf.max()),
+            "file": str(path),
+            "picture": str(picture),
+        }
+    )
     if as_json:
         print_json(data)
         return
@@ -87,7 +109,7 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
 
 def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
     """The operator for the question, planned, and the call that answers it."""
-    case = asked.case
+    case, camera = asked.case, asked.camera
     plan = partial(
         PSFOperator,
         distance=case.distance,
@@ -98,25 +120,48 @@ def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], 
         method=asked.method,
         budget=Budget(asked.memory, speed),
     )
-    if asked.pattern is None:
+    if camera is None:
+        _require_lens_alone(asked)
         alone = plan(case.lens)
         return alone, lambda: alone().numpy()
-    camera = _camera(asked)
-    grey = read_grey(asked.pattern)
-    try:
-        require_grey(camera.panel, grey)
-    except ValueError as error:
-        raise UserError(f"{asked.pattern}: {error}.") from error
-    operator = plan(camera, unmodulated=0.0)
+    grey = _grey(asked.pattern, camera.panel)
+    operator = plan(camera, unmodulated=0.0, **asked.of_point)
     modulator = Modulator(camera.panel, case.wavelength)
     exposures = modulator.still(torch.from_numpy(grey))
     return operator, lambda: modulated_psf(operator, modulator, exposures).numpy()
 
 
-def _camera(asked: Asked) -> Camera:
-    """The bench's panel behind which the asked lens stands."""
-    bench = read_bench(BenchFiles.default(asked.bench).bench).build_camera()
-    return replace(bench, lens=asked.case.lens)
+def _require_lens_alone(asked: Asked) -> None:
+    """A lens by itself looks the same to every point; what depends on it needs a panel."""
+    for name in asked.of_point:
+        raise UserError(
+            f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
+            "a wave to fall on. Give the panel before it as well: --camera FILE."
+        )
+
+
+def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
+    """A picture for the panel; a neutral one, if there is none."""
+    if pattern is None:
+        return np.zeros(panel.shape, dtype=np.uint8)
+    grey = read_grey(pattern)
+    try:
+        require_grey(panel, grey)
+    except ValueError as error:
+        raise UserError(f"{pattern}: {error}.") from error
+    return grey
+
+
+def _of_the_light(asked: Asked) -> dict[str, Any]:
+    """What becomes of the light between panel and lens, and what of it isn't computed."""
+    camera = asked.camera
+    if camera is None:
+        return {}
+    return {
+        "through_stop": share_through(camera, asked.case.distance, asked.field),
+        "unmodulated": Modulator(camera.panel, asked.case.wavelength).unmodulated,
+        "interference": asked.case.interference,
+    }
 
 
 def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
@@ -132,9 +177,28 @@ def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
         ["planning, first call", f"{data['cpu_plan_s']:.2f} s of processor time"],
         ["every further call", f"{spent:.1f} ms (predicted {1e3 * account.cpu_predicted:.1f})"],
         ["memory", f"{account.bytes / 1e6:.1f} MB"],
+        *_light_rows(data),
         ["light in the window", f"{data['sum']:.4%}".replace("%", " %")],
         ["brightest pixel", f"{data['peak']:.4%}".replace("%", " %")],
     ]
+
+
+def _light_rows(data: dict[str, Any]) -> list[list[str]]:
+    if "through_stop" not in data:
+        return []
+    rows = [
+        ["light through the stop", f"{data['through_stop']:.2%}, by rays".replace("%", " %")],
+        ["unmodulated light", f"{data['unmodulated']:.2%}".replace("%", " %")],
+    ]
+    strength = data["interference"]
+    if strength is None:
+        return rows
+    left_out = (
+        f"{strength:.2g} √(modulated × unmodulated PSF) at most"
+        if strength > _NOTHING
+        else "none: the two are polarised across each other"
+    )
+    return [*rows, ["interference left out", left_out]]
 
 
 def _write(path: Path, psf: NDArray[Any]) -> None:

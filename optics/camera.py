@@ -167,3 +167,21 @@ class Camera:
             raise ValueError(
                 f"separation is {separation:g} m; the panel stands before the lens, 0 m or more"
             )
+
+    @property
+    def lever(self) -> float:
+        """Metres by which light moves on the sensor for a unit slope at the panel.
+
+        The element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis
+        Fig. 5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). The image
+        distance where the panel stands at the lens; not positive where the panel stands in the
+        plane in focus or beyond it.
+        """
+        lens = self.lens
+        return lens.image_distance * (1 - self.separation / lens.focus_distance)
+
+    def magnification(self, distance: float) -> float:
+        """Metres on the sensor for a metre across the axis at an object, `distance` metres from
+        the panel: the chief ray's, through the middle of the lens. 0 for math.inf. The image
+        is inverted; the number is positive."""
+        return self.lens.image_distance / (distance + self.separation)

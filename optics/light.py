@@ -12,12 +12,21 @@ PLANCK = 6.62607015e-34
 SPEED_OF_LIGHT = 299792458.0
 
 
-def electron_rate(camera: Camera, radiance: float, bandwidth: float, wavelength: float) -> float:
+def electron_rate(
+    camera: Camera,
+    radiance: float,
+    bandwidth: float,
+    wavelength: float,
+    distance: float = math.inf,
+) -> float:
     """Photo-electrons per second and square metre of sensor from a diffuse object.
 
-    radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength.
+    radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength. distance:
+    metres from the object to the panel; it matters where the lens stands apart from it.
     The camera equation E = L A / z², with A the area that stop and panel leave open, z the
     image distance, and photons of energy h c / wavelength; near the axis, where cos⁴ is one.
+    A PSF's shares are of the light through A in the panel's plane, as wide as A there and
+    wider by 1 + separation / distance at the lens, from which the image is seen.
     Raises ValueError for a negative radiance, or lengths that aren't positive.
     """
     if not 0 <= radiance < math.inf:
@@ -25,7 +34,10 @@ def electron_rate(camera: Camera, radiance: float, bandwidth: float, wavelength:
     require_positive("bandwidth", bandwidth, "m")
     require_positive("wavelength", wavelength, "m")
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
-    irradiance = radiance * bandwidth * open_area(camera) / lens.image_distance**2
+    if not distance > 0:
+        raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
+    spread = 1 + camera.separation / distance
+    irradiance = radiance * bandwidth * open_area(camera) * spread**2 / lens.image_distance**2
     passed = irradiance * panel.reflectivity * camera.transmission
     photons = passed * wavelength / (PLANCK * SPEED_OF_LIGHT)
     return photons * sensor.quantum_efficiency

@@ -13,12 +13,16 @@ import torch
 from optics.accuracy import ErrorEstimate
 from optics.camera import Camera, Lens
 from optics.edge import as_number
+from optics.plane import Plane
 from optics.stop.coverage import coverage
 from optics.stop.quadrature import Steepness
 from optics.zernike import zernike
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""
+
+LEAST_LEVER = 2 / 3
+"""Of the image distance: a shorter lever than that needs samples too fine to be worth it."""
 
 _SLOPE_TO_SPARE = 1.1
 """Slopes are sampled, and might be steeper in between."""
@@ -38,8 +42,14 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
 
 
 def open_area(camera: Camera) -> float:
-    """Area in square metres that panel and stop both leave open."""
-    return float(pupil_amplitude(camera).sum()) * camera.panel.pitch**2
+    """Area in square metres that panel and stop both leave open, as if they stood in one plane."""
+    panel = camera.panel
+    whole = tuple(n * panel.pitch for n in panel.shape)
+    # Of an even number of pixels, one more lies below the origin than above it.
+    middle = tuple((n % 2 - 1) * panel.pitch / 2 for n in panel.shape)
+    one = Plane((1, 1), (whole[0], whole[1]), (middle[0], middle[1]))
+    share = coverage(camera.lens.stop, camera.lens.stop_diameter / 2, one)
+    return float(share) * whole[0] * whole[1]
 
 
 def require_light(distance: float, wavelength: float) -> None:
@@ -69,14 +79,25 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
     """The finest fringe of the light on the sensor, in cycles per metre.
 
-    A pixel that the stop cuts is as wide as the others, and reaches beyond it.
+    A pixel that the stop cuts is as wide as the others, and reaches beyond it. Behind a panel
+    that stands apart from the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
     width = lens.stop_diameter
     if isinstance(optics, Camera):
         pitch = optics.panel.pitch
-        width = min(width + 2 * pitch, max(optics.panel.shape) * pitch)
+        open_width = min(width + 2 * pitch, max(optics.panel.shape) * pitch)
+        if not optics.separation:
+            width = open_width
+        else:
+            lever = max(optics.lever / lens.image_distance, LEAST_LEVER)
+            width = max(width + 2 * pitch, open_width / lever)
     return width / (wavelength * lens.image_distance)
+
+
+def lens_distance(camera: Camera, distance: Scalar) -> Scalar:
+    """Metres from the lens to an object that is `distance` metres before the panel."""
+    return distance + camera.separation
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
@@ -161,18 +182,21 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
 
 def open_radius(camera: Camera) -> float:
     """Metres from the axis to the edge of the open pupil, at the most."""
-    return min(camera.lens.stop_diameter / 2, _corner(camera))
+    return min(camera.lens.stop_diameter / 2, panel_reach(camera))
 
 
-def _corner(camera: Camera) -> float:
+def panel_reach(camera: Camera) -> float:
     """Metres from the axis to the panel's corner."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
 def blur_radius(camera: Camera, distance: float) -> float:
     """Radius in metres on the sensor of a defocused point, by geometric optics."""
-    lens = camera.lens
-    return open_radius(camera) * abs(vergence_error(lens, distance)) * lens.image_distance
+    lens, away = camera.lens, lens_distance(camera, distance)
+    # The panel's shadow at the lens is wider than the panel.
+    spread = 1 + camera.separation / distance
+    reach = min(lens.stop_diameter / 2, spread * panel_reach(camera))
+    return reach * abs(vergence_error(lens, away)) * lens.image_distance
 
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
@@ -182,7 +206,7 @@ def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     if lens.aberrations:
         return _SLOPE_TO_SPARE * _largest_step(replace(camera, lens=lens), distance, wavelength)
     # A pixel that the stop cuts reaches beyond it.
-    reach = min(radius + math.sqrt(2) * panel.pitch, _corner(camera)) / radius
+    reach = min(radius + math.sqrt(2) * panel.pitch, panel_reach(camera)) / radius
     return steepness(lens, distance, wavelength, 0.0).along(reach) / radius * panel.pitch
 
 
@@ -211,3 +235,8 @@ def numeric_lens(lens: Lens) -> Lens:
         focus_distance=as_number(lens.focus_distance),
         aberrations=tuple((n, m, as_number(path)) for n, m, path in lens.aberrations),
     )
+
+
+def numeric_camera(camera: Camera) -> Camera:
+    """A camera whose lens and separation are plain numbers."""
+    return replace(camera, lens=numeric_lens(camera.lens), separation=as_number(camera.separation))

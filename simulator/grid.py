@@ -56,7 +56,7 @@ def grid_for(camera: Camera, distance: float, spread: float, wavelength: float) 
         raise ValueError(
             f"a point at {distance:g} m is blurred over {blurred:.0f} pixels and "
             f"{_LARGEST_WINDOW} can be rendered; bring it closer to the plane in focus, "
-            f"{camera.lens.focus_distance:g} m"
+            f"{camera.lens.focus_distance - camera.separation:g} m"
         )
     window = min(max(blurred + 2 * spread / pitch, _SMALLEST_WINDOW), _LARGEST_WINDOW)
     return Grid(_WINDOW_STEP * math.ceil(window / _WINDOW_STEP), finer)

@@ -58,7 +58,7 @@ class Star:
 
         One that isn't wholly on the plane is too far off to be seen.
         """
-        scale = camera.lens.image_distance / self.distance
+        scale = camera.magnification(self.distance)
         size, (y, x) = self.diameter * scale, (part * scale for part in self.offset)
         samples = torch.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
         spectrum = spectrum_of_disc(plane, size, samples)

@@ -137,7 +137,9 @@ class World:
     ) -> torch.Tensor:
         wavelength, bandwidth, plan = state.wavelength, state.bandwidth, decided.plan
         target = self.scene.targets[state.target]
-        rate = electron_rate(self._renderer.camera, target.radiance, bandwidth, wavelength)
+        rate = electron_rate(
+            self._renderer.camera, target.radiance, bandwidth, wavelength, target.distance
+        )
         if rate == 0:
             return torch.zeros(self.camera.sensor.shape)
         grid = grid_for(self.camera, target.distance, decided.spread, wavelength)

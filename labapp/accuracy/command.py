@@ -58,17 +58,8 @@ def accuracy_psf(
             found += peer_candidates(case)
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
         worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
-    _print(case, measured.rows)
-    if data is not None:
-        rows = [asdict(row) for row in measured.rows]
-        told = {"machine": machine(), "calibration_s": measured.calibration_s, "rows": rows}
-        write_whole(data, json.dumps(told, indent=2).encode())
-        out.print(f"wrote {data}")
-    if plot is not None:
-        buffer = io.BytesIO()
-        draw(case, measured.rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
-        write_whole(plot, buffer.getvalue())
-        out.print(f"wrote {plot}")
+    print_rows("PSF", case.name, measured.rows)
+    write_measured(case.name, measured, data, plot)
     if stored is not None:
         _tell(worse, require_known(measured.rows, stored), stored)
 
@@ -106,7 +97,22 @@ _SIZE = re.compile(r"\d+² ")
 _EVERYWHERE = ("pupil", "gray edge")
 
 
-def _print(case: Case, rows: list[Row]) -> None:
+def write_measured(name: str, measured: Measured, data: Path | None, plot: Path | None) -> None:
+    """Rows as JSON and the diagram as a picture, where there is a path for them."""
+    if data is not None:
+        rows = [asdict(row) for row in measured.rows]
+        told = {"machine": machine(), "calibration_s": measured.calibration_s, "rows": rows}
+        write_whole(data, json.dumps(told, indent=2).encode())
+        out.print(f"wrote {data}")
+    if plot is not None:
+        buffer = io.BytesIO()
+        draw(name, measured.rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+        write_whole(plot, buffer.getvalue())
+        out.print(f"wrote {plot}")
+
+
+def print_rows(what: str, name: str, rows: list[Row]) -> None:
+    """The table of a diagram: what of which case."""
     columns = ["method", "asked ", "achieved ", "predicted ", "CPU ms ", "MB ", ""]
     cells = [
         [
@@ -120,7 +126,7 @@ def _print(case: Case, rows: list[Row]) -> None:
         ]
         for row in rows
     ]
-    table(f"PSF: {case.name}", columns, cells)
+    table(f"{what}: {name}", columns, cells)
     for failure in dict.fromkeys(row.failure for row in rows if row.failure):
         out.print(f"failed: {failure}", markup=False)
     out.print("Relative L2 errors against the exact integral; one thread, planning left out.")
@@ -131,7 +137,7 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.0e}"
 
 
-def draw(case: Case, rows: list[Row]) -> Figure:
+def draw(name: str, rows: list[Row]) -> Figure:
     """Error against time, a curve a method; what failed stands in the caption."""
     figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
     axes = figure.subplots()
@@ -146,7 +152,7 @@ def draw(case: Case, rows: list[Row]) -> Figure:
         f"{machine()}. Reference: the exact integral. {failed} of {len(rows)} settings failed."
     )
     axes.set_ylabel("achieved error, relative L2")
-    axes.set_title(case.name, fontsize=10)
+    axes.set_title(name, fontsize=10)
     axes.grid(alpha=0.3, which="both")
     axes.legend()
     return figure

@@ -32,8 +32,8 @@ Call = Callable[[], Any]
 _Real = NDArray[np.float64]
 
 _GRIDS = (128, 256, 512, 1024, 2048)
-_COMPLEX = {"float32": np.complex64, "float64": np.complex128}
-_MOST_BYTES = 3 << 30
+COMPLEX = {"float32": np.complex64, "float64": np.complex128}
+MOST_BYTES = 3 << 30
 """A method that needs more memory is not tried."""
 
 
@@ -44,7 +44,7 @@ class _Method:
     words: str
     set_up: Callable[[Any, Case, int, str], tuple[Call, int]]
     grids: tuple[int, ...] = _GRIDS
-    precisions: tuple[str, ...] = tuple(_COMPLEX)
+    precisions: tuple[str, ...] = tuple(COMPLEX)
 
 
 def peer_candidates(case: Case) -> Iterator[Candidate]:
@@ -56,12 +56,12 @@ def peer_candidates(case: Case) -> Iterator[Candidate]:
     for name, methods in _methods(case).items():
         if not case.plain:
             error = ValueError("peers are compared on a clear, thin lens and a window on its axis")
-            yield Candidate(Row("psf", case.name, name, "float64", None), partial(_refuse, error))
+            yield Candidate(Row("psf", case.name, name, "float64", None), partial(refuse, error))
             continue
         try:
-            library, label = _load(name)
+            library, label = load_library(name)
         except ValueError as error:
-            yield Candidate(Row("psf", case.name, name, "float64", None), partial(_refuse, error))
+            yield Candidate(Row("psf", case.name, name, "float64", None), partial(refuse, error))
             continue
         for method in methods:
             for grid in method.grids:
@@ -99,7 +99,7 @@ def _methods(case: Case) -> dict[str, list[_Method]]:
     }
 
 
-def _load(name: str) -> tuple[Any, str]:
+def load_library(name: str) -> tuple[Any, str]:
     """A library, and its name with its version; ValueError if there is none that loads."""
     try:
         # What a library warns about while it loads says nothing about the PSF.
@@ -116,17 +116,18 @@ def _load(name: str) -> tuple[Any, str]:
     return library, f"{name} {version}"
 
 
-def _refuse(error: ValueError) -> tuple[Call, float | None, int]:
+def refuse(error: ValueError) -> tuple[Call, float | None, int]:
+    """The plan of what can't be had."""
     raise error
 
 
 def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> tuple[Call, None, int]:
     """Candidate's plan, with a library's troubles in words and its pictures checked."""
-    with _in_words(label):
+    with in_words(label):
         call, used = set_up()
 
     def picture() -> _Real:
-        with _in_words(label):
+        with in_words(label):
             values = np.asarray(call(), dtype=np.float64)
         if values.shape != (size, size):
             raise ValueError(f"{label} gave an array of {values.shape}, not of {(size, size)}")
@@ -138,7 +139,8 @@ def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> tupl
 
 
 @contextmanager
-def _in_words(label: str) -> Iterator[None]:
+def in_words(label: str) -> Iterator[None]:
+    """Whatever a library raises, as a ValueError that names it."""
     try:
         yield
     except Exception as error:
@@ -158,7 +160,7 @@ def _prysm(method: str, prysm: Any, case: Case, grid: int, precision: str) -> tu
     step = case.lens.stop_diameter / (grid - 2)
     stop, squares = _stop(case, grid, step)
     pupil = stop / math.sqrt(stop.sum()) * np.exp(1j * _defocus(case) * squares)
-    pupil = pupil.astype(_COMPLEX[precision])
+    pupil = pupil.astype(COMPLEX[precision])
     # Millimetres in the pupil and of focal length; micrometres at the focus and of wavelength.
     wave, pitch, focal = 1e6 * case.wavelength, 1e6 * case.pitch, 1e3 * case.lens.image_distance
     before, config.precision = np.dtype(config.precision), np.finfo(precision).bits
@@ -222,7 +224,7 @@ def _hcipy(method: str, hcipy: Any, case: Case, grid: int, precision: str) -> tu
     stop = hcipy.evaluate_supersampled(hcipy.make_circular_aperture(lens.stop_diameter), plane, 8)
     strength = case.pitch / scale / _root_area(case)
     phase = _defocus(case) * (plane.x**2 + plane.y**2)
-    pupil = hcipy.Field((strength * stop * np.exp(1j * phase)).astype(_COMPLEX[precision]), plane)
+    pupil = hcipy.Field((strength * stop * np.exp(1j * phase)).astype(COMPLEX[precision]), plane)
     transform = getattr(hcipy, method)(plane, pixels.scaled(2 * math.pi / scale))
     matrices = _matrix_bytes if method.startswith("Matrix") else _chirp_bytes
     return (
@@ -244,7 +246,7 @@ def _torchoptics(
     """
     lens, most = case.lens, 6 * (5 * grid) ** 2 if method == "AUTO" else 8 * (grid + case.size) ** 2
     used = most * _item(precision)
-    if used > _MOST_BYTES:
+    if used > MOST_BYTES:
         raise ValueError(f"{grid}² samples take {used / 1e9:.1f} GB: more than is tried")
     step = case.pitch if grid == _at_pixels(case) else lens.stop_diameter / (grid - 2)
     stop, squares = _stop(case, grid, step)
@@ -252,13 +254,13 @@ def _torchoptics(
     light = case.pitch / _root_area(case) * stop * np.exp(1j * source)
     shift = 0.0 if case.size % 2 else -case.pitch / 2
     dtype = getattr(torch, precision)
-    with _default_dtype(torchoptics, dtype):
+    with torchoptics_precision(torchoptics, dtype):
         field = torchoptics.Field(torch.from_numpy(light), case.wavelength, spacing=step)
         element = torchoptics.elements.Lens((grid, grid), lens.focal_length, spacing=step)
         system = torchoptics.System(element)
 
     def call() -> Any:
-        with _default_dtype(torchoptics, dtype):
+        with torchoptics_precision(torchoptics, dtype):
             window = (case.size, case.size), lens.image_distance, case.pitch, (shift, shift)
             return system.measure(field, *window, propagation_method=method).intensity()
 
@@ -266,7 +268,7 @@ def _torchoptics(
 
 
 @contextmanager
-def _default_dtype(torchoptics: Any, dtype: torch.dtype) -> Iterator[None]:
+def torchoptics_precision(torchoptics: Any, dtype: torch.dtype) -> Iterator[None]:
     """torchoptics computes in one precision, which is global."""
     before = torchoptics.get_default_dtype()
     torchoptics.set_default_dtype(dtype)
@@ -301,7 +303,7 @@ def _intensity(field: Any) -> Any:
 
 
 def _item(precision: str) -> int:
-    return np.dtype(_COMPLEX[precision]).itemsize
+    return np.dtype(COMPLEX[precision]).itemsize
 
 
 def _matrix_bytes(grid: int, size: int, precision: str) -> int:

@@ -180,7 +180,7 @@ def predict_star(
     plane = camera.sensor.window((side, side)).finer(finer)
     operator = PSFOperator(camera, distance, wavelength, plane, integrate=False, unmodulated=0.0)
     modulator = Modulator(camera.panel, wavelength)
-    size = diameter * camera.lens.image_distance / distance
+    size = diameter * camera.magnification(distance)
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
 
     def predicted(grey: torch.Tensor) -> torch.Tensor:

@@ -47,7 +47,7 @@ def design(camera: Camera, request: Request, exposures: tuple[Exposures, ...]) -
 
     UserError if the regions' spots can't be told apart on the sensor.
     """
-    panel, sensor, z = camera.panel, camera.sensor, camera.lens.image_distance
+    panel, sensor, z = camera.panel, camera.sensor, camera.lever
     # The longest wavelength reaches farthest, and the shortest has the widest sweep.
     longest_nm, shortest_nm = max(request.wavelengths_nm), min(request.wavelengths_nm)
     scale = longest_nm * 1e-9 * z

@@ -146,7 +146,7 @@ def exposures_of(
     by the region's own diffraction.
     """
     panel, sensor = camera.panel, camera.sensor
-    scale = wavelength_nm * 1e-9 * camera.lens.image_distance / sensor.pitch
+    scale = wavelength_nm * 1e-9 * camera.lever / sensor.pitch
     lines = [scale / (n * panel.pitch) for n in panel.shape]
     blur2 = max(found.width**2 - lines[0] * lines[1], 0.0)
     wide = [
@@ -166,7 +166,7 @@ def exposures_of(
 
 def nominal_width(camera: Camera, wavelength_nm: float) -> float:
     """The same from the camera's description: the pupil's diffraction and a pixel."""
-    scale = wavelength_nm * 1e-9 * camera.lens.image_distance / camera.sensor.pitch
+    scale = wavelength_nm * 1e-9 * camera.lever / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
 

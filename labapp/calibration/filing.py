@@ -42,6 +42,7 @@ def calibration_of(fits: Fits) -> CalibrationFile:
             panel=bench["panel"],
             lens=bench["lens"],
             sensor=bench["sensor"],
+            polarisation=bench["polarisation"],
             registrations=tuple(
                 _registration(nm, found, fits) for nm, found in fits.registrations.items()
             ),

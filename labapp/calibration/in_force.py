@@ -9,6 +9,7 @@ from typing import Any
 from drivers.interfaces import Identity
 from labapp.files.bench_file import BenchFile
 from labapp.files.calibration_file import CalibrationFile
+from labapp.files.reading import FileModel
 
 OLD_DAYS = 30
 
@@ -51,9 +52,22 @@ def doubts(
     for role in _DECIDING:
         found += _other_device(calibration, role, identities)
     described = bench.model_dump(mode="json")
-    for part in ("panel", "lens", "sensor"):
-        found += _other_settings(part, getattr(calibration, part), described[part])
+    for part in ("panel", "lens", "sensor", "polarisation"):
+        then = getattr(calibration, part) or {}
+        since = _left_as_they_come(getattr(bench, part)) - then.keys()
+        today = {key: value for key, value in (described[part] or {}).items() if key not in since}
+        found += _other_settings(part, then, today)
     return found
+
+
+def _left_as_they_come(table: FileModel | None) -> set[str]:
+    """A table's keys with their defaults: a calibration older than such a key says the same."""
+    fields = type(table).model_fields.items() if table else ()
+    return {
+        key
+        for key, field in fields
+        if not field.is_required() and getattr(table, key) == field.default
+    }
 
 
 def wavelength_doubts(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:

@@ -93,7 +93,7 @@ def _registration_rows(one: RegistrationTable) -> list[Row]:
             f"zeroth order, {at}",
             f"row {y:.2f}, column {x:.2f}",
             f"± {one.covariance_px2[0][0] ** 0.5:.3f} px",
-            f"lens to sensor {one.image_distance_mm:.2f} mm by the scale",
+            f"lever of {one.image_distance_mm:.2f} mm on the sensor by the scale",
         ],
     ]
 
@@ -152,7 +152,7 @@ def advice(calibrated: Calibrated) -> list[str]:
         *_registration_advice(file.registrations),
         *_response_advice(calibrated),
         *_zeroth_advice(file.zeroth),
-        *(_focus_advice(file.wavefront, fits.camera.lens.image_distance) if file.wavefront else []),
+        *(_focus_advice(file.wavefront, fits.camera.lever) if file.wavefront else []),
     ]
 
 
@@ -215,10 +215,10 @@ def _zeroth_advice(tables: Sequence[ZerothTable]) -> list[str]:
     ]
 
 
-def _focus_advice(one: WavefrontTable, image_distance: float) -> list[str]:
+def _focus_advice(one: WavefrontTable, lever: float) -> list[str]:
     if abs(one.focus_dioptres) < _CLEAR_FOCUS * one.focus_sigma_dioptres:
         return []
-    shift = one.focus_dioptres * image_distance**2
+    shift = one.focus_dioptres * lever**2
     side = "away from" if shift > 0 else "towards"
     return [
         f"the star is {one.focus_dioptres:+.3f} dioptres out of focus. The calibration takes it "

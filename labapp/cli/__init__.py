@@ -12,12 +12,13 @@ from typing import Any
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import runs, records, calibrate, optics, patterns, refining, plans, bench
+from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, plans, bench
 
 # isort: on
 
 __all__ = [
     "app",
+    "beam",
     "bench",
     "calibrate",
     "main",

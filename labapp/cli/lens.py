@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
@@ -41,6 +43,22 @@ LensKind = Annotated[
     ),
 ]
 
+CameraOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
+    ),
+]
+FieldOption = Annotated[
+    str,
+    typer.Option(
+        metavar="Y,X",
+        help="Where the point's image lies on the sensor, in millimetres from the axis.",
+    ),
+]
+
 
 def _case(
     focal_length: FocalLength,
@@ -68,36 +86,72 @@ def _case(
     return Case(described, distance, wavelength_nm * 1e-9, window)
 
 
-def takes_case(**defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def takes_case(
+    *, of_file: bool = False, **defaults: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Let a command take the options of _case(), and get what they say as its `case`.
 
-    defaults: of the options, where _case() has none.
+    of_file: also take --camera, whose file says what no option does. defaults: of the options,
+    where _case() has none.
     """
 
-    def options(function: Callable[..., Any], **changes: Any) -> list[inspect.Parameter]:
-        hints = get_type_hints(function, include_extras=True)
-        found = inspect.signature(function).parameters.values()
-        return [
-            one.replace(
-                annotation=hints[one.name],
-                default=changes.get(one.name, one.default),
-                kind=inspect.Parameter.KEYWORD_ONLY,
-            )
-            for one in found
-            if one.name != "case"
-        ]
-
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        of_case, own = options(_case, **defaults), options(command)
+        of_case, own = _options(_case, **defaults), _options(command)
+        camera = _options(_camera) if of_file else []
 
         def run(**given: Any) -> None:
-            case = _case(**{one.name: given.pop(one.name) for one in of_case})
+            values = {one.name: given.pop(one.name) for one in of_case}
+            if of_file:
+                chosen = _chosen(given.pop("context"))
+                case = _case_of(given.pop("camera"), values, chosen)
+            else:
+                case = _case(**values)
             command(case=case, **given)
 
         # typer reads both.
-        run.__signature__ = inspect.Signature([*of_case, *own])  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in [*of_case, *own]}
+        parameters = [*camera, *of_case, *own]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in parameters}
         run.__name__, run.__doc__ = command.__name__, command.__doc__
         return run
 
     return decorate
+
+
+def _camera(context: typer.Context, camera: CameraOption = None) -> None:
+    """What a command takes besides, if a file may describe the lens."""
+
+
+def _chosen(context: typer.Context) -> set[str]:
+    """The names of the options that the command line really gives."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}
+
+
+def _case_of(camera: Path | None, values: dict[str, Any], chosen: set[str]) -> Any:
+    """The case of the options, behind the panel of a camera's file if there is one; options
+    that are given count more than the file."""
+    if camera is None:
+        return _case(**values)
+    from labapp.asked import behind_panel, words_of
+    from labapp.files.bench_file import read_camera_file
+
+    file = read_camera_file(camera)
+    described = file.build_camera()
+    said = {name: word for name, word in words_of(described).items() if name not in chosen}
+    case = behind_panel(_case(**values | said), described, chosen)
+    return replace(case, interference=file.interference)
+
+
+def _options(function: Callable[..., Any], **changes: Any) -> list[inspect.Parameter]:
+    hints = get_type_hints(function, include_extras=True)
+    found = inspect.signature(function).parameters.values()
+    return [
+        one.replace(
+            annotation=hints[one.name],
+            default=changes.get(one.name, one.default),
+            kind=inspect.Parameter.KEYWORD_ONLY,
+        )
+        for one in found
+        if one.name != "case"
+    ]

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.lens import takes_case
+from labapp.cli.lens import FieldOption, takes_case
 from labapp.cli.options import (
     BenchOption,
     ForceOption,
@@ -19,6 +19,7 @@ from labapp.cli.options import (
 
 @app.command()
 @takes_case(
+    of_file=True,
     focal_length=0.125,
     f_number=5.0,
     focus=2.0,
@@ -40,26 +41,37 @@ def psf(
     ] = False,
     method: Annotated[
         str | None,
-        typer.Option(help="axial, scattered or sampled; none: the cheapest that keeps tol."),
+        typer.Option(
+            help="Of a lens: axial, scattered or sampled. Of a camera: a transform, or where the "
+            "panel stands apart, collapsed or chain. None: the cheapest that keeps tol."
+        ),
     ] = None,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
     pattern: Annotated[
-        Path | None, typer.Option(help="8-bit picture on the SLM before the lens; none: no SLM.")
+        Path | None,
+        typer.Option(help="8-bit picture on the SLM before the lens; none: a neutral one."),
     ] = None,
-    bench: BenchOption = None,
+    field: FieldOption = "0,0",
+    sphere: Annotated[
+        bool,
+        typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
+    ] = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
 
-    Without a pattern: a lens with its stop. With one: the panel of the bench file
-    before the lens. Values are shares of the light, one a pixel; a picture of five decades
-    is written beside the data.
+    Without a camera or a pattern: a lens with its stop. With a camera's file: its panel and,
+    a separation behind it, its lens; the options of the lens count more than the file. With a
+    pattern alone: the lens behind the panel of the virtual bench. Values are shares of the
+    light, one a pixel; a picture of five decades is written beside the data.
     """
     one_thread()
+    from labapp.asked import read_field
     from labapp.predicting import Asked, predict
 
-    asked = Asked(case, tol, points, method, memory_mb * 1_000_000, pattern, bench)
+    memory = memory_mb * 1_000_000
+    asked = Asked(case, tol, points, method, memory, pattern, read_field(field), sphere)
     predict(asked, out, force=force, as_json=json)
 
 
@@ -120,6 +132,133 @@ def accuracy_psf_(
     from labapp.accuracy.command import accuracy_psf
 
     accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
+
+
+@accuracy.command("propagate")
+def accuracy_propagate_(
+    light: Annotated[
+        str,
+        typer.Option(help="smooth (Gaussians that the samples resolve) or cells (random phases)."),
+    ] = "smooth",
+    distance: Annotated[
+        float, typer.Option(help="From plane to plane, in metres; negative goes back.")
+    ] = 0.05,
+    wavelength_nm: Annotated[
+        float, typer.Option("--wavelength-nm", help="Wavelength in nanometres.")
+    ] = 550.0,
+    pitch_um: Annotated[
+        float, typer.Option("--pitch-um", help="Of the field's samples, in micrometres.")
+    ] = 8.0,
+    size: Annotated[int, typer.Option(help="Side of the square field, in samples.")] = 256,
+    target_pitch_um: Annotated[
+        float | None,
+        typer.Option("--target-pitch-um", show_default="the field's", help="On the target."),
+    ] = None,
+    target_size: Annotated[
+        int | None,
+        typer.Option("--target-size", show_default="the field's", help="On the target."),
+    ] = None,
+    centre: Annotated[
+        str, typer.Option(metavar="Y,X", help="The target's centre, in micrometres.")
+    ] = "0,0",
+    paraxial: Annotated[
+        bool, typer.Option("--paraxial", help="Fresnel's model, not a scalar wave.")
+    ] = False,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="Also hcipy, DeepLens and torchoptics, if installed.")
+    ] = False,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure error and time of every method for a field's way through free space.
+
+    Errors are those of the complex field against the exact integral, on samples drawn by
+    their light. Failures are rows too, and no other row beats one on the front in both time
+    and error.
+    """
+    from labapp.accuracy.propagate import accuracy_propagate, asked_field, read_plane
+
+    source = read_plane(size, pitch_um, "0,0", "pitch-um")
+    target = read_plane(
+        size if target_size is None else target_size,
+        pitch_um if target_pitch_um is None else target_pitch_um,
+        centre,
+        "target-pitch-um",
+    )
+    case = asked_field(light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial)
+    accuracy_propagate(case, peers=peers, data=json, plot=plot, force=force)
+
+
+@accuracy.command("chain")
+@takes_case(
+    of_file=True,
+    focal_length=0.05,
+    f_number=8.0,
+    focus=2.0,
+    distance=1.5,
+    wavelength_nm=550.0,
+    pitch_um=3.45,
+    size=64,
+)
+def accuracy_chain_(
+    case: Any,
+    separation_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--separation-mm", show_default="the camera's, or 50", help="From panel to lens."
+        ),
+    ] = None,
+    panel: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROWSxCOLUMNSxUM",
+            show_default="the camera's, or 96x128x8",
+            help="Pixels of the panel, and their pitch in micrometres.",
+        ),
+    ] = None,
+    pattern: Annotated[
+        str, typer.Option(help="Phases on the panel: random, cubic or neutral.")
+    ] = "random",
+    field: FieldOption = "0,0",
+    sphere: Annotated[
+        bool,
+        typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
+    ] = False,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure error and time of every method for a camera whose panel stands before its lens.
+
+    Light goes from the point to the panel's pixels, on to lens and stop, and on to the sensor
+    (thesis Eq. 5.1 to 5.7). "collapsed" makes one Fourier integral of it where the stop cuts
+    nothing that matters; "chain" goes through the lens' plane on a grid; "chain, quadrature"
+    on nodes that follow the stop's edge. The smaller the separation, the finer the light turns
+    at the lens, and the longer the exact integral takes that errors are measured against, on
+    samples drawn by their light. Failures are rows too, and no other row beats one on the
+    front in both time and error.
+    """
+    from labapp.accuracy.chain import accuracy_chain, asked_chain
+    from labapp.asked import read_field
+
+    asked = asked_chain(
+        case,
+        panel=panel,
+        separation_mm=separation_mm,
+        pattern=pattern,
+        field=read_field(field),
+        sphere=sphere,
+    )
+    accuracy_chain(asked, data=json, plot=plot, force=force)
 
 
 @accuracy.command("retrieval")

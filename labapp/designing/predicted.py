@@ -13,6 +13,7 @@ from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.psf.modulated import modulated_psf
 from optics.slm import Modulator
+from optics.stop.shadow import in_focus
 
 Exposure = tuple[int, float, torch.Tensor]
 """The frame, its share of the whole time, and what the panel does to the light meanwhile."""
@@ -31,8 +32,7 @@ def predicted_psf(
     greys: (frames, rows, columns) of the panel; several are a video that is played again and
     again, and seen for whole periods. moments: into which the frames are grouped evenly.
     """
-    focus = camera.lens.focus_distance
-    operator = PSFOperator(camera, focus, wavelength, pixels, unmodulated=0.0)
+    operator = PSFOperator(camera, in_focus(camera), wavelength, pixels, unmodulated=0.0)
     return mean_psf(operator, Modulator(camera.panel, wavelength), greys, progress, moments)
 
 

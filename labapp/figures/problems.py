@@ -8,6 +8,7 @@ import statistics
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +69,18 @@ class Problem:
             **settings,
         )
 
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Those that may serve it."""
+        return TRANSFORMS if isinstance(self.optics, Camera) else METHODS
+
     def light(self, operator: PSFOperator) -> Array:
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
+
+    def judge(self, light: Array) -> Judge:
+        """Of answers like this one."""
+        return Judge(self, light)
 
 
 def problems(seed: int = _SEED) -> Iterator[Problem]:
@@ -79,25 +89,25 @@ def problems(seed: int = _SEED) -> Iterator[Problem]:
     rng = np.random.default_rng(seed)
     while True:
         wavelength = rng.uniform(400e-9, 1000e-9)
-        focal_length = _log(rng, 0.01, 1.0)
+        focal_length = log_uniform(rng, 0.01, 1.0)
         distance = max(1 / rng.uniform(0, 10), 1.05 * focal_length)
         if rng.random() < 0.15:
             distance = math.inf
         lens = Lens(
             focal_length,
-            _log(rng, 1.4, 32.0),
-            _focus(rng, focal_length, distance),
-            _stop(rng),
-            _aberrations(rng, wavelength),
+            log_uniform(rng, 1.4, 32.0),
+            random_focus(rng, focal_length, distance),
+            random_stop(rng),
+            random_aberrations(rng, wavelength),
             "stigmatic" if rng.random() < 0.3 else "thin",
         )
-        side = int(_log(rng, 32, 1025))
-        pitch = _log(rng, 1e-6, 20e-6)
+        side = int(log_uniform(rng, 32, 1025))
+        pitch = log_uniform(rng, 1e-6, 20e-6)
         centre = (0.0, 0.0)
         if rng.random() < 0.25:
             centre = tuple(rng.uniform(-0.5, 0.5, 2) * side * pitch)
-        pixels = Plane((side, int(_log(rng, 32, side + 1))), (pitch, pitch), centre)
-        integrate, tol = bool(rng.random() < 0.4), _log(rng, 1e-8, 1e-1)
+        pixels = Plane((side, int(log_uniform(rng, 32, side + 1))), (pitch, pitch), centre)
+        integrate, tol = bool(rng.random() < 0.4), log_uniform(rng, 1e-8, 1e-1)
         if rng.random() < 0.25:
             camera, phase = _behind_panel(rng, lens)
             if pupil_amplitude(camera).any():
@@ -106,17 +116,17 @@ def problems(seed: int = _SEED) -> Iterator[Problem]:
             yield Problem(lens, distance, wavelength, pixels, integrate, tol)
 
 
-def _log(rng: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def _focus(rng: np.random.Generator, focal_length: float, distance: float) -> float:
+def random_focus(rng: np.random.Generator, focal_length: float, distance: float) -> float:
     near = distance * (1 + 0.01 * rng.uniform())
     anywhere = 1 / rng.uniform(0, 1 / (1.2 * focal_length))
     return [math.inf, near, anywhere][rng.integers(3)]
 
 
-def _stop(rng: np.random.Generator) -> Stop:
+def random_stop(rng: np.random.Generator) -> Stop:
     kinds = (
         lambda: Stop(),
         lambda: Stop(Circle(), (Circle(rng.uniform(0.1, 0.8)),)),
@@ -128,7 +138,9 @@ def _stop(rng: np.random.Generator) -> Stop:
     return kinds[rng.integers(len(kinds))]()
 
 
-def _aberrations(rng: np.random.Generator, wavelength: float) -> tuple[tuple[int, int, float], ...]:
+def random_aberrations(
+    rng: np.random.Generator, wavelength: float
+) -> tuple[tuple[int, int, float], ...]:
     possible = [(2, 2), (3, 1), (3, -3), (4, 0), (4, -2), (6, 0), (8, 4)]
     chosen = rng.permutation(len(possible))[: rng.integers(0, 4)]
     return tuple((*possible[i], float(rng.uniform(-0.5, 0.5) * wavelength)) for i in chosen)
@@ -136,14 +148,19 @@ def _aberrations(rng: np.random.Generator, wavelength: float) -> tuple[tuple[int
 
 def _behind_panel(rng: np.random.Generator, lens: Lens) -> tuple[Camera, Array]:
     shape = (int(rng.integers(60, 400)), int(rng.integers(60, 400)))
-    panel = Panel(shape, _log(rng, 4e-6, 20e-6), rng.uniform(0.6, 1.0), unmodulated=0.05)
+    panel = Panel(shape, log_uniform(rng, 4e-6, 20e-6), rng.uniform(0.6, 1.0), unmodulated=0.05)
+    return Camera(panel, lens), random_phase(rng, shape)
+
+
+def random_phase(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Radians: anything at all, a grating, or a cubic."""
     rows, columns = np.indices(shape)
     kinds = (
         rng.uniform(0, 2 * np.pi, shape),
         2 * np.pi * (0.13 * rows + 0.07 * columns),
         40 * ((rows / shape[0] - 0.5) ** 3 + (columns / shape[1] - 0.5) ** 3),
     )
-    return Camera(panel, lens), kinds[rng.integers(len(kinds))]
+    return np.asarray(kinds[rng.integers(len(kinds))])
 
 
 class Judge:
@@ -182,35 +199,48 @@ class Judge:
 
     def error(self, light: Array) -> float:
         """Relative L2 error of the light on all pixels."""
-        truth = self._truth()
-        wrong = light[np.ix_(self._rows, self._columns)] - truth
-        weight = np.outer(self._row_weight, self._column_weight)
-        return float(np.sqrt((weight * wrong**2).sum() / (weight * truth**2).sum()))
+        return float(np.linalg.norm(self.seen(light) - self.truth) / np.linalg.norm(self.truth))
 
-    def _truth(self) -> Array:
-        problem, pixels = self._problem, self._problem.pixels
+    def seen(self, light: Array) -> Array:
+        """The light on the rows and columns that are looked at, weighed: norms of it are
+        estimates of those of the whole."""
+        return self._weighed(light[np.ix_(self._rows, self._columns)])
+
+    def _weighed(self, samples: Array) -> Array:
+        return np.sqrt(np.outer(self._row_weight, self._column_weight)) * samples
+
+    @cached_property
+    def truth(self) -> Array:
+        """What seen() would be of the exact light."""
+        pixels, y, x = self._problem.pixels, *self._places()
+        density = self.density(y, x)
+        count = self._nodes.size
+        weights = np.ones(1)
+        if self._problem.integrate:
+            weights = np.polynomial.legendre.leggauss(count)[1] / 2
+        blocks = density.reshape(self._rows.size, count, self._columns.size, count)
+        area = pixels.pitch[0] * pixels.pitch[1]
+        return self._weighed(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
+
+    def _places(self) -> tuple[Array, Array]:
+        """Heights and places along x, in metres, of all nodes in the pixels looked at."""
+        pixels = self._problem.pixels
         y, x = (
             (positions(pixels, axis)[chosen][:, None] + self._nodes * pixels.pitch[axis]).ravel()
             for axis, chosen in ((0, self._rows), (1, self._columns))
         )
-        density = self._density(y, x)
-        count = self._nodes.size
-        weights = np.ones(1)
-        if problem.integrate:
-            weights = np.polynomial.legendre.leggauss(count)[1] / 2
-        blocks = density.reshape(self._rows.size, count, self._columns.size, count)
-        area = pixels.pitch[0] * pixels.pitch[1]
-        return np.einsum("iajb,a,b->ij", blocks, weights, weights) * area
+        return y, x
 
-    def _density(self, y: Array, x: Array) -> Array:
+    def density(self, y: Array, x: Array) -> Array:
+        """Share of the light per square metre, exactly, at heights y and all x."""
         problem = self._problem
         if isinstance(problem.optics, Lens):
             return lens_density(problem.optics, problem.distance, problem.wavelength, y, x)
         camera = problem.optics
         assert problem.phase is not None
         share = camera.panel.unmodulated
-        modulated = self._behind(camera, problem.phase, y, x)
-        straight = self._behind(camera, np.zeros(camera.panel.shape), y, x)
+        modulated = self.behind(camera, problem.phase, y, x)
+        straight = self.behind(camera, np.zeros(camera.panel.shape), y, x)
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
@@ -226,7 +256,7 @@ class Judge:
         waves += 30 * aberrated * panel.pitch / (lens.stop_diameter / 2)
         return math.ceil(2 * waves) + 6
 
-    def _behind(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
+    def behind(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
         """Density behind a panel: every open pixel a square of one modulation."""
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
@@ -363,17 +393,26 @@ def regret_figure(folder: Path) -> list[Figure]:
 
 
 def _times(problem: Problem, budget: Budget) -> Iterator[tuple[str, float]]:
-    """Seconds of every way that meets tol, the one that is chosen by itself first."""
+    """times_of(), where the judge takes no minutes."""
     if terms(problem.lens, problem.distance, problem.wavelength, _farthest(problem)) > _TIMED_TERMS:
         return
+    yield from times_of(problem, budget)
+
+
+def times_of(problem: Problem, budget: Budget, longest: float = 0.2) -> Iterator[tuple[str, float]]:
+    """Seconds of every way that meets tol, the one that is chosen by itself first.
+
+    None where the chosen one is predicted to take less than a few milliseconds, or more than
+    `longest`.
+    """
     try:
         chosen = problem.operator(problem.tol, budget=budget)
     except ToleranceError:
         return
-    if not 0.003 < chosen.account.cpu_predicted < 0.2:
+    if not 0.003 < chosen.account.cpu_predicted < longest:
         return
     found = {chosen.account.method: chosen}
-    for method in TRANSFORMS if problem.phase is not None else METHODS:
+    for method in problem.methods:
         try:
             other = problem.operator(problem.tol, budget=budget, method=method)
         except ValueError:

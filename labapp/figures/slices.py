@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -28,6 +28,16 @@ Interval = tuple[float, float]
 
 _SPARE = 40
 _MARGIN = 1.3
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line across a stop, in stop radii: its height, its weight in an integral over heights,
+    and where it is open."""
+
+    height: float
+    weight: float
+    open: list[Interval]
 
 
 @dataclass(frozen=True)
@@ -62,7 +72,7 @@ def lens_density(
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
-    slope = _MARGIN * (_steepest(lens, distance, wavelength) + tilt * _farthest(y, x))
+    slope = _MARGIN * (steepest(lens, distance, wavelength) + tilt * _farthest(y, x))
     slices = slices_of(lens.stop, slope)
     field = np.zeros((y.size, x.size), dtype=np.complex128)
     area = 0.0
@@ -81,9 +91,7 @@ def lens_density(
 def terms(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
     """About how many nodes lens_density() takes, to samples so many metres from the axis."""
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
-    slope = _MARGIN * (
-        _steepest(lens, distance, wavelength) + 2 * np.pi * radius / scale * farthest
-    )
+    slope = _MARGIN * (steepest(lens, distance, wavelength) + 2 * np.pi * radius / scale * farthest)
     return (slope * np.pi / 4 + _SPARE) * (slope / 2 + _SPARE)
 
 
@@ -99,6 +107,16 @@ def _farthest(y: Array, x: Array) -> float:
 def slices_of(stop: Stop, slope: float) -> Slices:
     """slope: the most radians by which an integrand turns in one stop radius."""
     heights, nodes, weights = [], [], []
+    for line in lines_of(stop, slope):
+        parts = [_line(a, b, slope) for a, b in line.open]
+        heights.append(line.height)
+        nodes.append(np.concatenate([p[0] for p in parts]))
+        weights.append(line.weight * np.concatenate([p[1] for p in parts]))
+    return Slices(np.array(heights), nodes, weights)
+
+
+def lines_of(stop: Stop, slope: float) -> Iterator[Line]:
+    """The lines whose integrals, by their weights, make that over the whole stop."""
     for low, high in pairwise(_breaks(stop)):
         if high - low < 1e-13:
             continue
@@ -109,14 +127,9 @@ def slices_of(stop: Stop, slope: float) -> Slices:
         angles = t * np.pi / 2
         for angle, w in zip(angles, weight * np.pi / 2, strict=True):
             height = (low + high) / 2 + (high - low) / 2 * np.sin(angle)
-            parts = [_line(a, b, slope) for a, b in open_intervals(stop, height)]
-            if not parts:
-                continue
-            heights.append(height)
-            nodes.append(np.concatenate([p[0] for p in parts]))
-            step = w * (high - low) / 2 * np.cos(angle)
-            weights.append(step * np.concatenate([p[1] for p in parts]))
-    return Slices(np.array(heights), nodes, weights)
+            parts = open_intervals(stop, height)
+            if parts:
+                yield Line(float(height), w * (high - low) / 2 * np.cos(angle), parts)
 
 
 def _ends_speed(stop: Stop, low: float, high: float) -> float:
@@ -259,9 +272,10 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
     return np.asarray(math.sqrt((2 if m else 1) * (n + 1)) * radial * turned)
 
 
-def _steepest(lens: Lens, distance: float, wavelength: float) -> float:
+@functools.lru_cache(maxsize=64)
+def steepest(lens: Lens, distance: float, wavelength: float) -> float:
     """Radians a stop radius, from samples of the phase along many lines."""
-    steepest = 0.0
+    found = 0.0
     x = np.linspace(-1, 1, 801)
     for y in np.linspace(-1, 1, 201):
         inside = np.abs(x) <= math.sqrt(max(1 - y * y, 0.0)) + 0.01
@@ -270,5 +284,5 @@ def _steepest(lens: Lens, distance: float, wavelength: float) -> float:
         if line.size > 1:
             along = np.abs(np.diff(line)).max() / (x[1] - x[0])
             across = np.abs(column - line).max() / 1e-4
-            steepest = max(steepest, math.hypot(along, across))
-    return steepest
+            found = max(found, math.hypot(along, across))
+    return found

@@ -46,6 +46,8 @@ class RegistrationTable(FileModel):
     deviation in the corner of the frame where it is largest. residual_px: root mean square
     distance of the spots. shift_px: of all steered spots, before the response was known.
     flip, rotation_deg, shear: the matrix taken apart; the mirror comes first, the turn last.
+    image_distance_mm: the lever of the panel's slopes on the sensor, from lens to sensor where
+    the panel stands at the lens.
     """
 
     wavelength_nm: Positive
@@ -174,7 +176,8 @@ class CalibrationFile(FileModel):
     """What was fitted on a bench, with everything that tells whether it still holds.
 
     bench: its name. record: of the frames. frames: how many there were, trials included.
-    devices, panel, lens, sensor: what it was made with, and how the bench file described it.
+    devices, panel, lens, sensor, polarisation: what it was made with, and how the bench file
+    described it.
     """
 
     version: Literal[1]
@@ -187,6 +190,7 @@ class CalibrationFile(FileModel):
     panel: dict[str, Any]
     lens: dict[str, Any]
     sensor: dict[str, Any]
+    polarisation: dict[str, Any] | None = None
     registrations: tuple[RegistrationTable, ...] = ()
     responses: tuple[ResponseTable, ...] = ()
     wavefront: WavefrontTable | None = None

@@ -24,8 +24,9 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 class PanelTable(FileModel):
     """The modulator. max_phase_pi: wavelength in nm to highest phase in units of pi.
 
-    What has a default is off by it; optics.slm.Panel says what it is. lut: a file of phases,
-    see read_lut(), which is read into `response`.
+    unmodulated: None where it follows from the camera's polarisation. What else has a default
+    is off by it; optics.slm.Panel says what it is. lut: a file of phases, see read_lut(), which
+    is read into `response`.
     """
 
     model: str
@@ -34,7 +35,7 @@ class PanelTable(FileModel):
     pitch_um: Positive
     fill_factor: Annotated[float, Field(gt=0, le=1)]
     levels: Annotated[int, Field(ge=2, le=256)] = 256
-    unmodulated: Share
+    unmodulated: Share | None = None
     reflectivity: Share
     settling_ms: Annotated[float, Field(ge=0)]
     max_phase_pi: dict[Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")], Positive]
@@ -77,7 +78,7 @@ class PanelTable(FileModel):
             fill_factor=self.fill_factor,
             levels=self.levels,
             max_phase=tuple((float(nm) * 1e-9, p * math.pi) for nm, p in self.max_phase_pi.items()),
-            unmodulated=self.unmodulated,
+            unmodulated=self.unmodulated or 0.0,
             reflectivity=self.reflectivity,
             settling=self.settling_ms * 1e-3,
             frame_rate=self.frame_rate_hz,
@@ -145,7 +146,8 @@ def read_panel(file: str, folder: Path) -> PanelTable:
 def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
     """A bench's plain data with all of the panel in it, if it names a panel's file.
 
-    Keys beside `file` count more than the file's. source: what errors name.
+    Keys beside `file` count more than the file's, and so does a table `polarisation` with what
+    follows from it. source: what errors name.
     """
     panel = data.get("panel")
     if not isinstance(panel, dict) or "file" not in panel:
@@ -156,4 +158,6 @@ def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any
     given = read_panel(file, folder).model_dump()
     if "lut" in own:
         given["response"] = None
+    if data.get("polarisation") is not None:
+        given["unmodulated"] = None
     return data | {"panel": given | own}

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from labapp.files.reading import FileModel
 from optics import patterns
 from optics.camera import Camera
+from optics.stop.shadow import shadowed
 from optics.zernike import require_zernike
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -95,7 +96,7 @@ class AxiconPattern(FormulaPattern):
         return f"axicon {self.radius_um:g} µm"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        distance = camera.lens.image_distance
+        distance = camera.lever
         return patterns.axicon(camera.panel, self.radius_um * 1e-6, distance, self.wavelength)
 
 
@@ -164,7 +165,7 @@ class BlazePattern(FormulaPattern):
             angle = math.radians(self.angle_deg)
             return patterns.blazed_grating(camera.panel, self.period_px, angle)
         y, x = self.shift_um
-        distance = camera.lens.image_distance
+        distance = camera.lever
         return patterns.steered(camera.panel, (y * 1e-6, x * 1e-6), distance, self.wavelength)
 
 
@@ -251,7 +252,8 @@ class ZernikePattern(FormulaPattern):
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
         corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
-        radius = _metres(self.radius_mm) or min(camera.lens.stop_diameter / 2, corner)
+        stop = shadowed(camera).lens.stop_diameter / 2
+        radius = _metres(self.radius_mm) or min(stop, corner)
         return patterns.aberrated(camera.panel, terms, radius, self.wavelength)
 
 

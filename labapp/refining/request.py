@@ -10,6 +10,7 @@ from labapp.bench import Bench
 from labapp.errors import UserError
 from labapp.files.reading import FileModel, explain
 from labapp.files.scene_file import StarTable
+from optics.stop.shadow import in_focus
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -59,7 +60,7 @@ def completed(request: Request, bench: Bench) -> Request:
                 f"--{option} {name}: this bench has no such target. Choose among {names}{without}."
             )
     table = bench.scene_file.targets.get(request.star) if bench.scene_file else None
-    known = {"star_m": bench.description.lens.focus_distance}
+    known = {"star_m": in_focus(bench.description)}
     if isinstance(table, StarTable):
         known = {"star_um": table.diameter_um, "star_m": table.distance_m}
     given = {key: value for key, value in request.model_dump().items() if value is not None}

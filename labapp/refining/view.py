@@ -127,7 +127,7 @@ def view_of(bench: BenchFile, goal: Goal, diameter: float, distance: float) -> V
     by the camera's description.
     """
     camera, calibration = goal.camera, bench.in_force
-    star = diameter * camera.lens.image_distance / distance / camera.sensor.pitch
+    star = diameter * camera.magnification(distance) / camera.sensor.pitch
     known = [table.build() for table in calibration.registrations] if calibration else []
     if known:
         registration = min(known, key=lambda one: abs(one.wavelength - goal.wavelength))
@@ -138,7 +138,7 @@ def view_of(bench: BenchFile, goal: Goal, diameter: float, distance: float) -> V
 
 def described(camera: Camera, wavelength: float) -> Registration:
     """Without a measured one: the axis in the middle of the sensor, nothing turned or mirrored."""
-    scale = wavelength * camera.lens.image_distance / camera.panel.pitch / camera.sensor.pitch
+    scale = wavelength * camera.lever / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape
     return Registration(
         wavelength,

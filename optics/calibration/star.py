@@ -14,6 +14,7 @@ from optics.camera import Camera
 from optics.edge import require_positive
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples
+from optics.psf.collapse import collapsed
 from optics.pupil import open_radius, pupil_amplitude
 from optics.slm import Panel
 
@@ -59,6 +60,8 @@ class StarModel:
     ) -> None:
         require_positive("wavelength", wavelength, "m")
         self.wavelength, self.patterns = wavelength, len(phases)
+        image = diameter * camera.magnification(distance)
+        camera = _in_one_plane(camera, distance)
         self.radius = open_radius(camera)
         factor = _coarser(camera.panel.shape)
         coarse = _plain(camera.panel, factor)
@@ -83,8 +86,7 @@ class StarModel:
             unmodulated=0.0,
             tol=_TOL,
         )
-        star = diameter * camera.lens.image_distance / distance
-        self._blur = _blur(self._grid, star, self._step)
+        self._blur = _blur(self._grid, image, self._step)
 
     def __call__(
         self, path: torch.Tensor, place: torch.Tensor, amplitude: torch.Tensor | float = 1.0
@@ -113,6 +115,22 @@ class StarModel:
             light[:, None], where, mode="bicubic", padding_mode="border", align_corners=True
         )
         return found[:, 0]
+
+
+def _in_one_plane(camera: Camera, distance: float) -> Camera:
+    """A camera whose panel stands apart from its lens, as one with the lens at the panel.
+
+    By its ray matrix and the stop's shadow; the lens' aberrations are carried back to the panel
+    along the rays. What the stop's edge scatters is far below the pictures' noise, and a fit
+    asks for hundreds of them. The camera itself where it is so already.
+    """
+    if not camera.separation:
+        return camera
+    lens = camera.lens
+    plain = replace(camera, lens=replace(lens, kind="thin", aberrations=()))
+    thin = collapsed(plain, distance)
+    bent = replace(thin.lens, kind=lens.kind, aberrations=lens.aberrations)
+    return replace(thin, lens=bent)
 
 
 def _coarser(shape: tuple[int, int]) -> int:

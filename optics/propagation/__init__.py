@@ -1,1 +1,12 @@
-"""Light in free space: one file a method, the cheapest of them that keeps a tolerance."""
+"""Light in free space: one file a method, the cheapest of them that keeps a tolerance.
+
+A FreeSpace carries a field from one plane to another, by Rayleigh and Sommerfeld's integral or
+by Fresnel's (thesis Eq. 2.12). Every method states from sampling and physics where it serves,
+what it costs and how far off it may be; the operator takes the cheapest.
+"""
+
+from optics.propagation.choice import METHODS as METHODS
+from optics.propagation.operator import FreeSpace as FreeSpace
+from optics.propagation.operator import propagate as propagate
+from optics.propagation.propagator import Propagator as Propagator
+from optics.propagation.span import Span as Span

@@ -29,9 +29,15 @@ class Span:
     carrier - band to carrier + band, half of what the samples resolve if band is None.
     (Samples with a carrier beyond their Nyquist rate are bandpass samples, and serve.)
 
-    tilt: radians by which the target is turned about its own centre: first about the x axis,
-    then about the y axis. A point (y, x) of the target then lies at (see optics.propagation.
-    tilted) the turned place.
+    tilt: radians (a, b) by which the target is turned about its own centre: first by a about
+    the x axis, from y towards z, then by b about the y axis, from z towards x. A sample that
+    lies (y, x) from the target's centre in the target's own plane then stands at the place
+
+        centre_y + y cos a,
+        centre_x + x cos b + y sin a sin b,
+        distance - x sin b + y sin a cos b
+
+    along (y, x, z), and the field there is that of the wave with exp(i k distance) left out.
 
     paraxial: the declared model: Fresnel's (thesis Eq. 2.12) or, if False, Rayleigh and
     Sommerfeld's first integral of a scalar wave (Goodman 3.5). tol: relative L2 error of the
@@ -124,19 +130,38 @@ class Span:
         """Wavelength times distance, square metres, with the distance's sign."""
         return self.wavelength * self.distance
 
+    def extent(self, axis: int) -> tuple[float, float]:
+        """Where the source's light begins and ends along axis 0 (y) or 1 (x), metres."""
+        plane = self.numeric.source
+        n, pitch = plane.shape[axis], plane.pitch[axis]
+        half = (pitch if self.cells is None else self.cells[axis]) / 2
+        first = plane.centre[axis] - (n // 2) * pitch
+        return first - half, first + (n - 1) * pitch + half
+
+    @cached_property
+    def corners(self) -> tuple[tuple[float, float, float], ...]:
+        """Of the target: (y, x, z) of its outermost samples, metres; z is from the source."""
+        n = self.numeric
+        (ny, nx), (py, px) = n.target.shape, n.target.pitch
+        ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
+        ends_x = (-(nx // 2) * px, (nx - 1 - nx // 2) * px)
+        return tuple(n.place(y, x) for y in ends_y for x in ends_x)
+
+    def place(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
+        """Where the points (y, x) of the target's own plane, metres from its centre, lie:
+        (y, x, z), the turned place."""
+        a, b = self.tilt
+        across = x * math.cos(b) + y * (math.sin(a) * math.sin(b))
+        depth = y * (math.sin(a) * math.cos(b)) - x * math.sin(b)
+        centre = self.target.centre
+        return centre[0] + y * math.cos(a), centre[1] + across, self.distance + depth
+
     def lateral(self, axis: int) -> tuple[float, float]:
         """The least and the largest lateral way, metres, from any of the source's light to any
-        of the target's samples along axis 0 (y) or 1 (x); a tilt counts by its projection."""
-        n = self.numeric
-        reach = [0.0, 0.0]
-        for number, plane in enumerate((n.source, n.target)):
-            reach[number] = plane.shape[axis] * plane.pitch[axis] / 2
-        if any(self.tilt):
-            reach[1] = math.hypot(
-                *(k * p / 2 for k, p in zip(n.target.shape, n.target.pitch, strict=True))
-            )
-        middle = n.target.centre[axis] - n.source.centre[axis]
-        return middle - sum(reach), middle + sum(reach)
+        of the target's samples along axis 0 (y) or 1 (x), wherever a tilt brings them."""
+        first, last = self.extent(axis)
+        places = [corner[axis] for corner in self.corners]
+        return min(places) - last, max(places) - first
 
     @property
     def differentiable(self) -> bool:

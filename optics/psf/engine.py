@@ -40,6 +40,12 @@ class Engine(ABC):
     _neighbours: Neighbours | None = None
 
     @property
+    def samples(self) -> int:
+        """How many samples at the sensor it computes."""
+        rows, columns = self._question.samples.shape
+        return rows * columns
+
+    @property
     @abstractmethod
     def bytes(self) -> int: ...
 
@@ -59,9 +65,13 @@ class Engine(ABC):
     ) -> torch.Tensor: ...
 
     def modulation(
-        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None, samples: Sequence[int]
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        samples: Sequence[int],
+        dtype: torch.dtype = torch.complex128,
     ) -> torch.Tensor | None:
-        """Extra phase (radians) and amplitude as one complex factor, complex128; or None."""
+        """Extra phase (radians) and amplitude as one complex factor; or None."""
         if phase is None and amplitude is None:
             return None
         factor: torch.Tensor | None = None
@@ -72,11 +82,11 @@ class Engine(ABC):
                     f"phase is {phase.dtype}; it is real, in radians; amplitude may absorb"
                 )
             # A phase of 1e5 waves keeps its fraction.
-            angle = within_a_turn(phase.to(torch.float64))
+            angle = within_a_turn(phase.to(torch.float64)).to(dtype.to_real())
             factor = torch.polar(torch.ones_like(angle), angle)
         if amplitude is not None:
             _require_samples("amplitude", amplitude, samples)
-            strength = amplitude.to(torch.complex128)
+            strength = amplitude.to(dtype)
             factor = strength if factor is None else factor * strength
         return factor
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -23,16 +24,24 @@ from optics.camera import Camera, Lens
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
+from optics.psf.chain_grid import GridEngine
+from optics.psf.chain_nodes import NodesEngine
+from optics.psf.edge_light import EdgeLight
 from optics.psf.engine import Engine
-from optics.psf.panel import PanelEngine
+from optics.psf.lens_grid import Search
+from optics.psf.panel import TRANSFORMS, PanelEngine
+from optics.psf.passed import Light, passed_light
 from optics.psf.question import Question
 from optics.psf.sampled import SampledEngine
 from optics.psf.scattered import ScatteredEngine
+from optics.psf.shadow import CollapsedEngine, collapses
+from optics.psf.sphere import Sphere
 from optics.psf.truth import Probe
 from optics.pupil import (
     Scalar,
     cutoff_frequency,
     model_error,
+    numeric_camera,
     numeric_lens,
     open_radius,
     require_light,
@@ -46,6 +55,9 @@ _LEAST = 1e-12
 METHODS = ("axial", "scattered", "sampled")
 """For a lens; behind a panel the methods are those of the Fourier transform."""
 
+CHAIN_METHODS = ("collapsed", "chain", "chain, quadrature")
+"""Where a panel stands apart from its lens. A transform's name asks for the collapsed camera."""
+
 
 class PSFOperator:
     """The incoherent PSF of a lens or a camera, planned once and called many times.
@@ -53,25 +65,33 @@ class PSFOperator:
     The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1). In a
     Camera, each panel pixel is a square of one modulation, and the unmodulated share is
     added in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
-    A Lens stands alone.
+    Where the panel stands apart from the lens, light goes on through space, stop and lens, in
+    Fresnel's approximation (Eq. 5.1 to 5.7). A Lens stands alone.
 
     optics: Camera or Lens. distance: metres from the object to the panel or the lens,
     math.inf allowed. wavelength: metres. pixels: whose light is wanted, on the axis or off
-    it (Sensor.window() makes them). integrate: whether the answer is the light on whole
+    it (Sensor.window() makes them). field: metres (y, x) on the sensor from the axis to the
+    point's geometric image, around which the pixels lie. sphere: whether the point's wave over
+    the panel is the exact sphere of Eq. 5.1, amplitude included, instead of its parabola.
+    integrate: whether the answer is the light on whole
     pixels, or the density of light at their centres times their area. unmodulated: share
     of unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
-    arithmetic. method: one of METHODS for a lens, a transform's name for a camera; the
+    arithmetic. method: one of METHODS for a lens, a transform's name for a camera, one of
+    CHAIN_METHODS for a camera whose panel stands apart from its lens; the
     cheapest that keeps tol if None. phase_slope: radians per stop radius by which phases given
     to a lens may turn; its nodes are chosen before. budget: memory allowed, and the machine's
     speed.
 
     Call with phase (radians) and amplitude, both optional, (..., rows, columns) of the
     panel, or (..., points) of `points` for a lens; tensors or arrays. The answer is
-    (..., *pixels.shape), the share of the light leaving the pupil that each pixel receives.
+    (..., *pixels.shape), the share of the light leaving the pupil that each pixel receives. It
+    is a share of what panel and stop would pass on the axis if they stood in one plane, so that
+    vignetting shows as less light.
 
     Differentiable in phase, amplitude, and in every length that is a 0-d tensor: distance,
-    wavelength, the lens' focal length, f-number, focus distance and aberrations, and the
-    pixels' centre (a panel's stop keeps its edges). Mixed precision (autocast) is kept out.
+    wavelength, the lens' focal length, f-number, focus distance and aberrations, the
+    separation, the field and the pixels' centre (a stop at the panel keeps its edges).
+    Mixed precision (autocast) is kept out.
 
     Raises ToleranceError if tol can't be kept, with the floor and the remedy.
     """
@@ -83,6 +103,8 @@ class PSFOperator:
         wavelength: Scalar,
         pixels: Plane,
         *,
+        field: tuple[Scalar, Scalar] = (0.0, 0.0),
+        sphere: bool = False,
         integrate: bool = True,
         unmodulated: float | None = None,
         tol: float = 1e-3,
@@ -105,15 +127,25 @@ class PSFOperator:
             raise unkeepable(tol, floor)
         margin = self._integral.margin if self._integral else 0
         question = Question(
-            lens, distance, wavelength, samples, tol - rest, budget or Budget(), margin, phase_slope
+            lens,
+            distance,
+            wavelength,
+            samples,
+            tol - rest,
+            budget or Budget(),
+            margin,
+            phase_slope,
+            camera.separation if camera else 0.0,
+            _field(field),
+            _sphere(camera, distance, wavelength, field) if sphere else None,
         )
         self._question = question
         self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
-        self._engine = _prepared(question, camera, method)
+        self.engine = _prepared(question, camera, method)
         self.account = self._accounted(question, tol, rest)
 
     def _accounted(self, question: Question, tol: float, rest: float) -> Account:
-        engine, speed = self._engine, question.budget.speed
+        engine, speed = self.engine, question.budget.speed
         rows, columns = question.samples.shape
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
         return Account(
@@ -132,7 +164,7 @@ class PSFOperator:
     def _model_error(self, question: Question) -> ErrorEstimate:
         n = question.numeric
         reach = n.radius
-        if self.camera is not None:
+        if self.camera is not None and not n.separation:
             reach = open_radius(replace(self.camera, lens=n.lens))
         return model_error(n.lens, n.wavelength, min(n.radius, reach))
 
@@ -143,61 +175,132 @@ class PSFOperator:
 
     @property
     def scale(self) -> Scalar:
-        """Wavelength times image distance: square metres of pupil by a cycle on the sensor."""
-        return self._question.scale
+        """Square metres of pupil or panel by a cycle on the sensor: wavelength times image
+        distance, or times the lever of a panel that stands apart from the lens."""
+        if self.camera is None:
+            return self._question.scale
+        return self._question.wavelength * self.camera.lever
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predicted processor time of one call, on a machine of such a speed."""
         integral = self._integral.cpu_seconds(speed) if self._integral else 0.0
-        return self._engine.cpu_seconds(speed) + integral
+        return self.engine.cpu_seconds(speed) + integral
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Metres (y, x) in the pupil where phases and amplitudes are wanted; they broadcast."""
-        return self._engine.points()
+        return self.engine.points()
 
     @tensors_inside
     @in_full_precision
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
+        return self.answer(phase, amplitude)
+
+    def answer(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor | None = None,
+        straight: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """What a call gives, of tensors alone. spectrum, straight: of the panel with phase and
+        without, where somebody knows them already (see PSFStack)."""
         if self._question.differentiable:
             self._question.require_unchanged()
-        light = self._light(phase, amplitude)
+        light = self._light(phase, amplitude, spectrum)
         if not self.unmodulated or phase is None:
             return light
-        straight = self.straight(amplitude).to(light.device)
-        return (1 - self.unmodulated) * light + self.unmodulated * straight
+        other = self.straight(amplitude, spectrum=straight).to(light.device)
+        return (1 - self.unmodulated) * light + self.unmodulated * other
 
     def straight(
-        self, amplitude: torch.Tensor | None = None, *, keep: bool = False
+        self,
+        amplitude: torch.Tensor | None = None,
+        *,
+        keep: bool = False,
+        spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
         """The PSF of light that no phase is put on.
 
         keep: whether this very amplitude will be asked for again, unchanged. Without any, the
-        answer is always kept: it is the same for every pattern.
+        answer is always kept: it is the same for every pattern. spectrum: of the panel then,
+        where it is known.
         """
         if self._question.differentiable or (amplitude is not None and not keep):
-            return self._light(None, amplitude)
+            return self._light(None, amplitude, spectrum)
         for known, light in self._kept:
             if known is amplitude:
                 return light
-        light = self._light(None, amplitude)
+        light = self._light(None, amplitude, spectrum)
         if not light.requires_grad:
             self._kept = [*self._kept[-1:], (amplitude, light)]
         return light
 
-    def _light(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        peak = _peak(amplitude)
-        if amplitude is not None and peak != 1:
-            amplitude = amplitude / peak
-        light = self._engine.intensity(phase, amplitude)
+    def wants_straight(self, amplitude: torch.Tensor | None) -> bool:
+        """Whether a call with a phase takes straight(), and doesn't have it yet."""
+        return self.unmodulated > 0 and not any(known is amplitude for known, _ in self._kept)
+
+    def _light(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        amplitude, peak = normalised(amplitude)
+        if spectrum is not None and isinstance(self.engine, GridEngine):
+            light = self.engine.of_spectrum(spectrum, phase, amplitude)
+        else:
+            light = self.engine.intensity(phase, amplitude)
         light = self._integral(light) if self._integral else light
         if peak == 1:
             return light
         # Beyond what single precision holds, the answer is in double.
         wide = light if _LEAST < peak < 1 / _LEAST else light.to(torch.float64)
         return wide * peak**2
+
+    @tensors_inside
+    @in_full_precision
+    def light(
+        self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
+    ) -> Light:
+        """Where the light of a pattern gets to: stop, window and what is blocked.
+
+        phase, amplitude: (rows, columns) of the panel, as in a call. Unmodulated light counts.
+        Raises ValueError for a lens alone.
+        """
+        if self.camera is None:
+            raise ValueError("a lens alone has no panel whose light could be told apart")
+        window = float(self.answer(phase, amplitude).sum())
+        amplitude, peak = normalised(amplitude)
+        parts = [(1.0, phase)]
+        if self.unmodulated and phase is not None:
+            parts = [(1 - self.unmodulated, phase), (self.unmodulated, None)]
+        fields = [(peak**2 * share, self._leaving(one, amplitude)) for share, one in parts]
+        return passed_light(self._question, self.camera, fields, window)
+
+    def _leaving(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        """The panel's field, (rows, columns), complex64."""
+        assert self.camera is not None
+        shape = self.camera.panel.shape
+        factor = self.engine.modulation(phase, amplitude, shape, torch.complex64)
+        if factor is None:
+            factor = torch.ones(shape, dtype=torch.complex64)
+        if factor.ndim != 2:
+            raise ValueError(f"phase is {tuple(factor.shape)}; give one pattern, {shape}")
+        sphere = self._question.sphere
+        if sphere is not None:
+            factor = factor * sphere.factor(*self.engine.points()).to(factor)
+        return factor.detach()
+
+
+def normalised(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
+    """An amplitude of peak 1, and its peak."""
+    peak = _peak(amplitude)
+    if amplitude is None or peak == 1:
+        return amplitude, 1.0
+    return amplitude / peak, peak
 
 
 def _peak(amplitude: torch.Tensor | None) -> float:
@@ -219,16 +322,38 @@ def _unmodulated(camera: Camera | None, share: float | None) -> float:
     return share
 
 
+def _field(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+    if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
+        raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
+    return field[0], field[1]
+
+
+def _sphere(
+    camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
+) -> Sphere:
+    """The wave over the panel of a point whose chief ray meets the sensor at `field`."""
+    if camera is None:
+        raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
+    image, z1 = camera.lens.image_distance, camera.separation
+    sines = (field[0] / image, field[1] / image)
+    return Sphere(distance, wavelength, sines, (-z1 * sines[0], -z1 * sines[1]))
+
+
 def _require_method(method: str | None, camera: Camera | None) -> None:
-    if method is not None and camera is None and method not in METHODS:
+    if method is None:
+        return
+    if camera is None and method not in METHODS:
         raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
+    if camera is not None and camera.separation and method not in CHAIN_METHODS + TRANSFORMS:
+        raise ValueError(
+            f"method is {method!r}; for a panel apart from its lens choose one of "
+            f"{', '.join(map(repr, CHAIN_METHODS))}, or a transform's name"
+        )
 
 
 def _numeric(optics: Camera | Lens) -> Camera | Lens:
-    """The same with a lens of plain numbers."""
-    if isinstance(optics, Camera):
-        return replace(optics, lens=numeric_lens(optics.lens))
-    return numeric_lens(optics)
+    """The same in plain numbers."""
+    return numeric_camera(optics) if isinstance(optics, Camera) else numeric_lens(optics)
 
 
 def _offers(
@@ -236,7 +361,7 @@ def _offers(
 ) -> list[Callable[[], Engine]]:
     """Makers of every engine that serves a question; one that can't serve raises."""
     if camera is not None:
-        return [lambda: PanelEngine(question, camera, transform=method)]
+        return _panel_offers(question, camera, method)
     probe = Probe(question)
     offers: list[Callable[[], Engine]] = []
     if method in (None, "axial") and AxialEngine.serves(question):
@@ -248,6 +373,25 @@ def _offers(
     return offers
 
 
+def _panel_offers(
+    question: Question, camera: Camera, method: str | None
+) -> list[Callable[[], Engine]]:
+    if not camera.separation:
+        return [lambda: PanelEngine(question, camera, transform=method)]
+    # What the stop's edge scatters is looked at once for all of them.
+    edge = EdgeLight(question, numeric_camera(camera))
+    search = functools.cache(lambda: Search(edge))
+    offers: list[Callable[[], Engine]] = []
+    if method in (None, "chain"):
+        offers.append(lambda: GridEngine(question, camera, search()))
+    if method in (None, "chain, quadrature"):
+        offers.append(lambda: NodesEngine(question, camera, search()))
+    if method in (None, "collapsed", *TRANSFORMS) and collapses(numeric_camera(camera)):
+        transform = method if method in TRANSFORMS else None
+        offers.append(lambda: CollapsedEngine(question, camera, search(), transform))
+    return offers
+
+
 def _prepared(question: Question, camera: Camera | None, method: str | None) -> Engine:
     """The cheapest engine that fits the memory and keeps the tolerance, prepared.
 
@@ -256,7 +400,8 @@ def _prepared(question: Question, camera: Camera | None, method: str | None) -> 
     budget = question.budget
     offers = _offers(question, camera, method)
     if not offers:
-        raise ValueError(f"method is {method!r}; it serves round stops and aberrations only")
+        serves = "thin lenses without aberrations" if camera else "round stops and aberrations"
+        raise ValueError(f"method is {method!r}; it serves {serves} only")
     refusals: list[ToleranceError] = []
     engines: list[Engine] = []
     for offer in offers:
@@ -292,11 +437,15 @@ def psf(
     wavelength: Scalar,
     pixels: Plane,
     *,
+    field: tuple[Scalar, Scalar] = (0.0, 0.0),
+    sphere: bool = False,
     tol: float = 1e-3,
 ) -> Result[torch.Tensor]:
     """The PSF on sensor pixels, with its account; plans a PSFOperator and calls it once."""
     started = time.process_time()
-    operator = PSFOperator(optics, distance, wavelength, pixels, tol=tol)
+    operator = PSFOperator(
+        optics, distance, wavelength, pixels, field=field, sphere=sphere, tol=tol
+    )
     value = operator(phase)
     return Result(value, operator.account.spent(time.process_time() - started))
 

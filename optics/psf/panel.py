@@ -37,6 +37,7 @@ from optics.pupil import (
     defocus_curvature,
     numeric_lens,
     panel_phase,
+    panel_reach,
     phase_step,
     pupil_amplitude,
     wave_phase,
@@ -88,6 +89,8 @@ class PanelEngine(Lit, Engine):
         n = question.numeric
         self._camera = replace(camera, lens=numeric_lens(camera.lens))
         self._steps = phase_step(self._camera, n.distance, n.wavelength)
+        if n.sphere is not None:
+            self._steps += n.sphere.slope(panel_reach(camera)) * camera.panel.pitch
         flat = self._flat_error()
         self._double = precise or n.tol - (flat if flat < n.tol else 0) < 2 * FLOAT32_ARITHMETIC
         self._dtype = torch.complex128 if self._double else torch.complex64
@@ -155,7 +158,7 @@ class PanelEngine(Lit, Engine):
         divided = transforms(self._geometry(self._nodes), self._dtype, self._allowed)
         offered: list[Transform] = list(divided)
         # Its matrices hold the wave, and give no derivatives of it.
-        if n.lens.quadratic and not self._question.differentiable:
+        if n.lens.quadratic and n.sphere is None and not self._question.differentiable:
             curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
             offered.append(
                 CurvedPixelTransform(self._geometry(1), self._dtype, curvature, panel.active_side)
@@ -201,6 +204,8 @@ class PanelEngine(Lit, Engine):
             wave = torch.polar(amplitude, within_a_turn(phase))
         else:
             wave = self._divided_wave(amplitude)
+        if q.sphere is not None:
+            wave = wave * q.sphere.factor(*self._transform.positions())
         return wave.to(self._dtype)
 
     def _divided_wave(self, amplitude: torch.Tensor) -> torch.Tensor:
@@ -232,9 +237,9 @@ class PanelEngine(Lit, Engine):
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         q = self._question
         wave = self._wave()
-        factor = self.modulation(phase, amplitude, self._camera.panel.shape)
+        factor = self.modulation(phase, amplitude, self._camera.panel.shape, self._dtype)
         if factor is not None:
-            wave = wave.to(factor.device) * _divided(factor.to(self._dtype), self._nodes)
+            wave = wave.to(factor.device) * _divided(factor, self._nodes)
         moved = q.derivatives
         # A panel doesn't grow with the stop.
         stretch = q.numeric.scale / q.scale if recorded(q.scale) else None

@@ -12,6 +12,7 @@ from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.edge import as_number, recorded
 from optics.plane import Plane
+from optics.psf.sphere import Sphere
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
 from optics.stop.quadrature import Steepness
 
@@ -25,6 +26,10 @@ class Question:
     of the intensity on the samples. margin: samples at each side that only help to integrate
     those inside. phase_slope: radians per stop radius by which phases that are added to a
     lens' wave may turn.
+
+    separation: metres from a panel to the lens; `distance` is the object's from the panel.
+    field: metres (y, x) on the sensor from the axis to the point's geometric image, around
+    which the samples lie. sphere: what the point's wave over the panel has besides a parabola.
     """
 
     lens: Lens
@@ -35,6 +40,9 @@ class Question:
     budget: Budget
     margin: int = 0
     phase_slope: float = 0.0
+    separation: Scalar = 0.0
+    field: tuple[Scalar, Scalar] = (0.0, 0.0)
+    sphere: Sphere | None = None
 
     def __post_init__(self) -> None:
         require_light(as_number(self.distance), as_number(self.wavelength))
@@ -49,6 +57,9 @@ class Question:
             distance=as_number(self.distance),
             wavelength=as_number(self.wavelength),
             samples=replace(self.samples, centre=centre),
+            separation=as_number(self.separation),
+            field=(as_number(self.field[0]), as_number(self.field[1])),
+            sphere=self.sphere.numeric if self.sphere else None,
         )
 
     @property
@@ -56,6 +67,22 @@ class Question:
         """Rows and columns of the samples that aren't margin."""
         rows, columns = self.samples.shape
         return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
+
+    @property
+    def spread(self) -> Scalar:
+        """How much wider than the panel its shadow at the lens is, 1 + separation / distance."""
+        return 1 + self.separation / self.distance
+
+    @property
+    def from_lens(self) -> Scalar:
+        """Metres from the object to the lens."""
+        return self.distance + self.separation
+
+    @property
+    def sines(self) -> tuple[Scalar, Scalar]:
+        """Slopes (y, x) of the chief ray through the middle of the lens."""
+        z = self.lens.image_distance
+        return self.field[0] / z, self.field[1] / z
 
     @property
     def scale(self) -> Scalar:
@@ -101,7 +128,7 @@ class Question:
         """Raise ValueError if a tensor has got another value since the plan was made."""
         now = replace(self)
         before, after = self.numeric, now.numeric
-        for name in ("lens", "distance", "wavelength", "samples"):
+        for name in ("lens", "distance", "wavelength", "samples", "separation", "field"):
             was, is_ = getattr(before, name), getattr(after, name)
             if was != is_:
                 raise ValueError(
@@ -115,7 +142,9 @@ class Question:
         lens = self.lens
         lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
         aberrations = (path for _, _, path in lens.aberrations)
-        return any(map(recorded, (*lengths, lens.focus_distance, *aberrations))) or self.stretches
+        apart = (self.separation, *self.field)
+        lengths = (*lengths, lens.focus_distance, *aberrations, *apart)
+        return any(map(recorded, lengths)) or self.stretches
 
     @property
     def stretches(self) -> bool:

@@ -15,6 +15,7 @@ from optics.progress import Progress
 from optics.pupil import pupil_amplitude
 from optics.retrieval.goal import Goal
 from optics.slm.modulator import Modulator
+from optics.stop.shadow import shadowed
 
 _RATE = 0.03
 """Radians of a step at first; the last ones are ten times smaller."""
@@ -31,7 +32,7 @@ class Descent:
     def __init__(self, goal: Goal, orders: int = 1) -> None:
         self.goal, self.orders = goal, orders
         self.modulator = Modulator(goal.camera.panel, goal.wavelength)
-        self._stop = pupil_amplitude(goal.camera).to(torch.float32)
+        self._stop = pupil_amplitude(shadowed(goal.camera)).to(torch.float32)
         self._power = goal.power
         self._straight = torch.zeros(goal.plane.shape)
         for share, field in self.modulator.straight:

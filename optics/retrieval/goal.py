@@ -13,6 +13,7 @@ from optics.plane import Plane
 from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
 from optics.retrieval.grid import design_plane, far_length
+from optics.stop.shadow import shadowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +68,10 @@ class Goal:
     def amplitude(self) -> torch.Tensor:
         """Of the light on the panel's pixels behind the stop, (rows, columns), float32.
 
-        The illumination counts: what the panel doesn't get, no phase can steer.
+        The illumination counts: what the panel doesn't get, no phase can steer. A stop that
+        stands apart counts by its shadow on the panel.
         """
-        amplitude = pupil_amplitude(self.camera)
+        amplitude = pupil_amplitude(shadowed(self.camera))
         illumination = self.camera.panel.illumination
         if illumination is not None:
             light = illumination.on(self.camera.panel)

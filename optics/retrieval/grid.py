@@ -9,6 +9,7 @@ import scipy.fft
 from optics.camera import Camera
 from optics.edge import require_positive, rounded_down
 from optics.plane import Plane
+from optics.stop.shadow import in_focus
 
 OVERSAMPLING = 2
 """The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle
@@ -39,17 +40,18 @@ def design_plane(
 ) -> Plane:
     """A window (rows, columns) of the design grid around the axis, metres on the sensor.
 
-    Raises ValueError for a wavelength that isn't positive, or a window larger than the panel
-    can steer light to.
+    Raises ValueError for a wavelength that isn't positive, a panel in the plane in focus or
+    beyond it, or a window larger than the panel can steer light to.
     """
     require_positive("wavelength", wavelength, "m")
+    in_focus(camera)
     length = far_length(camera, oversampling)
     if max(window) > length:
         raise ValueError(
             f"window is {window}; the panel steers light to {length} samples at most: choose a "
             "smaller target"
         )
-    pitch = wavelength * camera.lens.image_distance / (length * camera.panel.pitch)
+    pitch = wavelength * camera.lever / (length * camera.panel.pitch)
     return Plane(window, (pitch, pitch))
 
 

@@ -99,11 +99,12 @@ def _far_field(field: torch.Tensor) -> torch.Tensor:
 def phase_spread(camera: Camera, phase: torch.Tensor, wavelength: float) -> float:
     """Radius in metres to which a shown phase sends light: three times its rms slope.
 
-    A slope of s rad/m sends light to s wavelength z / 2 pi; steps are taken modulo a wave.
+    A slope of s rad/m sends light to s wavelength B / 2 pi, B the camera's lever; steps are
+    taken modulo a wave.
     """
     squares = 0.0
     for axis in (0, 1):
         step = torch.diff(phase, dim=axis) / (2 * math.pi)
         step = (step - torch.round(step)) / camera.panel.pitch
         squares += float((step**2).mean())
-    return 3 * math.sqrt(squares / 2) * wavelength * camera.lens.image_distance
+    return 3 * math.sqrt(squares / 2) * wavelength * camera.lever

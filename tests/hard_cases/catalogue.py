@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hard_cases import (
+    chains,
     frames,
     gradients,
     lenses,
@@ -10,6 +11,7 @@ from hard_cases import (
     panels,
     patterns,
     pictures,
+    propagations,
     pupils,
     restorations,
     retrievals,
@@ -21,8 +23,10 @@ SUBJECTS: dict[str, list[Case]] = {
     "Pupils: stops and the wave in them": pupils.CASES,
     "PSFs of lenses": lenses.CASES,
     "PSFs behind a panel": panels.CASES,
+    "The camera chain": chains.CASES,
     "Modulators: grey, phase and field": modulators.CASES,
     "Fourier transforms": transforms.CASES,
+    "Free space": propagations.CASES,
     "Pictures and transfer functions": pictures.CASES,
     "Derivatives": gradients.CASES,
     "Patterns and targets": patterns.CASES,

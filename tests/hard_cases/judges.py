@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations, pairwise, product
 from typing import Any
@@ -23,8 +24,10 @@ from judges import positions
 from numpy.typing import NDArray
 
 from hard_cases.view import View
+from labapp.figures.free_space_judge import Cells, Points
 from optics.camera import Camera, Lens
 from optics.plane import Plane
+from optics.psf import PSFOperator
 from optics.stop.aperture import Circle, Polygon, Stop
 
 Array = NDArray[np.float64]
@@ -85,7 +88,7 @@ def _on_pixels(view: View, density: Array, wv: Array, wu: Array) -> Array:
 def _cutoff(view: View) -> float:
     """Cycles per metre of the finest fringe, of a stop or of the panel pixels behind it."""
     width = float(view.lens.stop_diameter)
-    if isinstance(view.optics, Camera):
+    if isinstance(view.optics, Camera) and not float(view.optics.separation):
         panel = view.optics.panel
         width = min(width + 2 * panel.pitch, max(panel.shape) * panel.pitch)
     return width / _scale(view)
@@ -488,3 +491,311 @@ def covered(stop: Stop, radius: float, plane: Plane) -> Array:
                     np.minimum(high, x[1:]) - np.maximum(low, x[:-1]), 0, None
                 )
     return area / (py * px)
+
+
+# Judges of a panel that stands apart from its lens
+
+
+@dataclass(frozen=True)
+class Apart(View):
+    """A point's light through panel, space, lens and stop, and space.
+
+    off_axis, sphere: `field` and `sphere` of PSFOperator; pixels lie around the point's image.
+    """
+
+    off_axis: tuple[Any, Any] = (0.0, 0.0)
+    sphere: bool = False
+
+    def operator(self, tol: float) -> PSFOperator:
+        return PSFOperator(
+            self.optics,
+            self.distance,
+            self.wavelength,
+            self.pixels,
+            field=self.off_axis,
+            sphere=self.sphere,
+            integrate=self.integrate,
+            method=self.method,
+            tol=tol,
+        )
+
+    def __str__(self) -> str:
+        assert isinstance(self.optics, Camera)
+        words = f"{super().__str__()}, panel {float(self.optics.separation):.3g} m before the lens"
+        if any(float(place) for place in self.off_axis):
+            words += ", image at ({:.3g}, {:.3g}) mm".format(*(1e3 * float(p) for p in self.off_axis))
+        return words + (", exact sphere" if self.sphere else "")
+
+
+def by_chain(view: View) -> Array:
+    """Fresnel's integrals to the lens and on to the sensor, line by line"""
+    assert isinstance(view, Apart)
+    assert isinstance(view.optics, Camera)
+    share = view.optics.panel.unmodulated
+    lit = _chain_light(view, view.modulation())
+    if not share:
+        return lit
+    return (1 - share) * lit + share * _chain_light(view, view.modulation(modulated=False))
+
+
+def _chain_light(view: Apart, modulation: NDArray[np.complex128]) -> Array:
+    """Along each axis the waves of thesis Eq. 5.1 to 5.6 have the exponent pi i / wavelength
+    times (p - o)² / d + (x - p)² / z1 - x² / f + (u - x)² / z2, with o the object, p on the
+    panel, x in the stop and u on the sensor."""
+    assert isinstance(view.optics, Camera)
+    lens, radius, scale = view.lens, float(view.lens.stop_diameter) / 2, _scale(view)
+    v, u, wv, wu = _lines(view)
+    v, u = (seen + float(place) for seen, place in zip((v, u), view.off_axis, strict=True))
+    panel = _Panel.of(view, modulation)
+    # Nearly a node a radian is plenty: half of them would do, and here they are dear.
+    slope = 0.6 * panel.slope((v, u)) * radius
+    rows, heights = [], []
+    for y, x, weight in scan_lines(lens.stop, slope):
+        at = np.full(1, y * radius), x * radius
+        light = panel.towards(0, at[0]) @ panel.wave @ panel.towards(1, at[1]).T
+        light = light[0] * weight * _phasor(panel.left_over(*at))
+        rows.append(_times(np.exp(-2j * np.pi / scale * np.outer(u, at[1])), light))
+        heights.append(y * radius)
+    field = np.exp(-2j * np.pi / scale * np.outer(v, heights)) @ np.array(rows) * radius**2
+    passed = float(pixel_coverage(view.optics).sum()) * view.optics.panel.active_side**2
+    return _on_pixels(view, np.abs(field) ** 2 / (scale**2 * passed), wv, wu)
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """The light of a panel on its way to the lens: a wave on nodes, and what an axis adds."""
+
+    view: Apart
+    wave: NDArray[np.complex128]
+    nodes: tuple[Array, Array]
+
+    @staticmethod
+    def of(view: Apart, modulation: NDArray[np.complex128]) -> _Panel:
+        """Of an exact sphere, on Gauss-Legendre nodes inside the pixels; else pixel by pixel."""
+        assert isinstance(view.optics, Camera)
+        panel = view.optics.panel
+        middles = positions(panel.shape[0], panel.pitch), positions(panel.shape[1], panel.pitch)
+        if not view.sphere:
+            return _Panel(view, modulation, middles)
+        assert not any(view.off_axis)
+        half, reach = panel.active_side / 2, max(panel.shape) * panel.pitch / 2
+        near = (float(view.lens.stop_diameter) / 2 + reach) / float(view.optics.separation)
+        slope = near + reach / float(view.distance)
+        inner, weight = gauss(16 + math.ceil(2 * np.pi / float(view.wavelength) * slope * half))
+        y, x = ((middle[:, None] + half * inner).ravel() for middle in middles)
+        wy, wx = (np.tile(half * weight, n) for n in panel.shape)
+        away = np.add.outer(y.astype(np.longdouble) ** 2, x.astype(np.longdouble) ** 2)
+        d = np.longdouble(float(view.distance))
+        r = np.sqrt(away + d**2)
+        sphere = _phasor((r - d) / float(view.wavelength)) * (d / r).astype(float)
+        wave = np.kron(modulation, np.ones((inner.size, inner.size))) * np.outer(wy, wx) * sphere
+        return _Panel(view, wave, (y, x))
+
+    @property
+    def _lengths(self) -> tuple[float, float, float]:
+        """z1, 1 / d and the wavelength."""
+        assert isinstance(self.view.optics, Camera)
+        z1, wavelength = float(self.view.optics.separation), float(self.view.wavelength)
+        return z1, 1 / float(self.view.distance), wavelength
+
+    def _tilt(self, axis: int) -> float:
+        """-o / d, of the object whose image lies at the view's place: it is inverted."""
+        z1, near, _ = self._lengths
+        return float(self.view.off_axis[axis]) / float(self.view.lens.image_distance) * (1 + z1 * near)
+
+    def towards(self, axis: int, x: Array) -> NDArray[np.complex128]:
+        """From each node to places x at the lens, without what left_over() has."""
+        z1, near, wavelength = self._lengths
+        if self.view.sphere:
+            turn = (x[:, None] - self.nodes[axis]) ** 2 / (2 * wavelength * z1)
+            return _phasor(turn) / math.sqrt(wavelength * z1)
+        assert isinstance(self.view.optics, Camera)
+        half = self.view.optics.panel.active_side / 2
+        bend = near + 1 / z1
+        centre = (x / z1 - self._tilt(axis)) / bend
+        stretch = math.sqrt(2 * bend / wavelength)
+        ends = [self.nodes[axis] + side - centre[:, None] for side in (-half, half)]
+        (s0, c0), (s1, c1) = (scipy.special.fresnel(stretch * end) for end in ends)
+        sent = (c1 - c0 + 1j * (s1 - s0)) / stretch / math.sqrt(wavelength * z1)
+        own = (x**2 / z1 - bend * centre**2) / (2 * wavelength)
+        return np.asarray(_phasor(own)[:, None] * sent)
+
+    def left_over(self, y: Array, x: Array) -> Any:
+        """Waves of path at places in the lens: its own phase, and the way to the sensor."""
+        lens, (z1, near, wavelength) = self.view.lens, self._lengths
+        y, x = (np.asarray(a, np.longdouble) for a in (y, x))
+        # 1 / z2 - 1 / f is -1 / focus, by the thin-lens equation.
+        focus = np.longdouble(float(lens.focus_distance))
+        waves = -(y**2 + x**2) / (2 * focus * np.longdouble(wavelength))
+        whole = float(self.view.distance) + z1
+        parabola = (1 / np.longdouble(whole) - 1 / focus) * (y**2 + x**2) / 2 / wavelength
+        return waves + turns(lens, whole, wavelength, y, x) - parabola
+
+    def slope(self, seen: tuple[Array, Array]) -> float:
+        """The most radians a metre by which the light turns in the stop: that from the panel's
+        ends, and that which goes straight on."""
+        lens, (z1, near, wavelength) = self.view.lens, self._lengths
+        assert isinstance(self.view.optics, Camera)
+        panel, radius = self.view.optics.panel, float(lens.stop_diameter) / 2
+        image, focus = float(lens.image_distance), float(lens.focus_distance)
+        steepest = []
+        for axis, on_sensor in enumerate(seen):
+            half = (panel.shape[axis] / 2 + 1) * panel.pitch
+            rates = [
+                rate - x / focus - u / image
+                for x in (-radius, radius)
+                for u in (on_sensor.min(), on_sensor.max())
+                for rate in (
+                    (x - half) / z1,
+                    (x + half) / z1,
+                    (x * near + self._tilt(axis)) / (1 + z1 * near),
+                )
+            ]
+            steepest.append(max(map(abs, rates)))
+        # An edge's light begins to turn within a Fresnel zone.
+        own = 4 / math.sqrt(wavelength * z1)
+        if lens.aberrations or lens.kind != "thin":
+            own += _steepest(self.view, radius)
+        return 2 * np.pi / wavelength * math.hypot(*steepest) + own
+
+
+# Judges of free space
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A round Gaussian exp(-(r / waist)²) on the axis, and its exact scalar field anywhere.
+
+    Its spectrum's Hankel integral, in the angle of travelling waves and, beyond, in the decay
+    of evanescent ones: neither has a root where they meet. Going back, both are conjugate or
+    die as well.
+    """
+
+    waist: float
+
+    def samples(self, plane: Plane) -> NDArray[np.complex128]:
+        y, x = (positions(n, p) for n, p in zip(plane.shape, plane.pitch, strict=True))
+        return np.exp(-np.add.outer(y**2, x**2) / self.waist**2).astype(complex)
+
+    def field(self, points: Points, *, paraxial: bool) -> NDArray[np.complex128]:
+        """Without exp(i k distance); all points lie at one distance."""
+        assert not paraxial
+        assert not points.depth.any()
+        r, z, k = np.hypot(points.y, points.x), points.distance, 2 * np.pi / points.wavelength
+        steepest = 2 * 6.2 / self.waist
+        sine = min(steepest / k, 1.0)
+        angle, weight = _from_zero(math.asin(sine), k * (abs(z) + float(r.max())))
+        total = _times(
+            scipy.special.j0(np.outer(r, k * np.sin(angle))),
+            weight
+            * self._spectrum(k * np.sin(angle))
+            * (k**2 * np.sin(angle) * np.cos(angle))
+            * np.exp(-1j * k * z * 2 * np.sin(angle / 2) ** 2),
+        )
+        if steepest <= k:
+            return total
+        rise, weight = _from_zero(math.acosh(steepest / k), steepest * (abs(z) + float(r.max())))
+        dying = _times(
+            scipy.special.j0(np.outer(r, k * np.cosh(rise))),
+            weight
+            * self._spectrum(k * np.cosh(rise))
+            * (k**2 * np.cosh(rise) * np.sinh(rise))
+            * np.exp(-k * abs(z) * np.sinh(rise)),
+        )
+        return total + np.exp(-1j * k * z) * dying
+
+    def _spectrum(self, across: Array) -> Array:
+        """Over radians a metre, with all factors of the integral over across d across J0."""
+        return np.asarray(self.waist**2 / 2 * np.exp(-((across * self.waist / 2) ** 2)))
+
+
+def _from_zero(end: float, turn: float) -> tuple[Array, Array]:
+    """Nodes and weights from 0 to an end, for a phase that turns by so many radians a unit."""
+    nodes, weights = gauss(_count(end, turn))
+    return (nodes + 1) * end / 2, weights * end / 2
+
+
+@dataclass(frozen=True)
+class Edges(Cells):
+    """Cells whose scalar field is exact at any distance, however near: an integral along edges.
+
+    With P the point, r its distance and phi an angle around it in the cell's plane, Rayleigh and
+    Sommerfeld's integral over a cell is (A. Rubinowicz 1917, for a plane wave)
+
+        U(P) = 1 / (2 pi) times the integral of 1 - (z / r) exp(i k (r - z)) over d phi
+
+    around the cell's boundary: its integrand is a derivative along the radius. A piece of an
+    edge that lies d away in the plane has d phi = d dt / (d² + t²), and t = d sinh(s) makes
+    that smooth at any d.
+    """
+
+    def field(self, points: Points, *, paraxial: bool) -> NDArray[np.complex128]:
+        if paraxial:
+            return super().field(points, paraxial=True)
+        k, value = 2 * np.pi / points.wavelength, np.zeros(points.y.size, dtype=complex)
+        rows, columns = (self.values.any(axis=axis) for axis in (1, 0))
+        middles = self.plane.coordinates(0).numpy()[rows], self.plane.coordinates(1).numpy()[columns]
+        lit = self.values[np.ix_(rows, columns)]
+        for number, (y, x, z) in enumerate(zip(points.y, points.x, points.z, strict=True)):
+            (low_y, high_y), (low_x, high_x) = (
+                (middle - side / 2 - at, middle + side / 2 - at)
+                for middle, side, at in zip(middles, self.sides, (y, x), strict=True)
+            )
+            sent = sum(
+                sign * _corner(k, abs(z), v[:, None], u)
+                for sign, v, u in ((1, high_y, high_x), (-1, low_y, high_x),
+                                   (-1, high_y, low_x), (1, low_y, low_x))
+            )  # fmt: skip
+            value[number] = np.sum(lit * (sent if z > 0 else np.conj(sent)))
+        return points.turn * value
+
+
+def _corner(k: float, z: float, y: Array, x: Array) -> NDArray[np.complex128]:
+    """What the quarter plane from a point to a corner at (y, x) sends to it, up to its signs."""
+    y, x = np.broadcast_arrays(y, x)
+    return _edge(k, z, y, x) + _edge(k, z, x, y)
+
+
+def _edge(k: float, z: float, away: Array, along: Array) -> NDArray[np.complex128]:
+    """The integral over d phi of 1 - (z / r) exp(i k (r - z)) from 0 to `along` on an edge."""
+    d = np.abs(away)
+    least = np.where(d > 0, d, 1.0)
+    end = np.arcsinh(np.abs(along) / least)
+    r = np.sqrt(z**2 + away**2 + along**2)
+    # The path is steepest at the end: its slope in s is (away² + along²)^(1/2) along / r.
+    steepest = k * np.hypot(away, along) * np.abs(along) / r
+    nodes, weights = gauss(_count(2.0, float((end / 2 * (steepest + 4)).max())))
+    s = end[..., None] * (nodes + 1) / 2
+    rho2 = (least[..., None] * np.cosh(s)) ** 2
+    r = np.sqrt(z**2 + rho2)
+    turn = k * rho2 / (r + z)
+    lost = rho2 / (r * (r + z)) - z / r * 2j * np.sin(turn / 2) * np.exp(0.5j * turn)
+    total = np.sum(weights * lost / np.cosh(s), axis=-1) * end / 2
+    sign = np.sign(away) * np.sign(along) / (2 * np.pi)
+    return np.asarray(np.where(d > 0, sign * total, 0))
+
+
+def direct_field(
+    samples: NDArray[Any], plane: Plane, points: Points, *, paraxial: bool = False
+) -> NDArray[np.complex128]:
+    """The diffraction integral as a sum over samples, in extended precision.
+
+    Rayleigh and Sommerfeld's first kernel, or Fresnel's; no node but the samples.
+    """
+    y, x = (
+        positions(n, p, float(c)).astype(np.longdouble)
+        for n, p, c in zip(plane.shape, plane.pitch, plane.centre, strict=True)
+    )
+    wavelength = np.longdouble(points.wavelength)
+    value = np.zeros(points.y.size, dtype=complex)
+    for number, (v, u, z) in enumerate(zip(points.y, points.x, points.z, strict=True)):
+        rho2 = np.add.outer((y - v) ** 2, (x - u) ** 2)
+        far = np.longdouble(abs(z))
+        if paraxial:
+            kernel = _phasor(rho2 / (2 * wavelength * far) - 0.25) / float(wavelength * far)
+        else:
+            r = np.sqrt(far**2 + rho2)
+            front = (1 / r - 2j * np.pi / wavelength) * far / (2 * np.pi * r**2)
+            kernel = front.astype(complex) * _phasor((r - far) / wavelength)
+        value[number] = np.sum(samples * (kernel if z > 0 else kernel.conj()))
+    return points.turn * value * plane.pitch[0] * plane.pitch[1]

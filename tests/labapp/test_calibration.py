@@ -27,6 +27,7 @@ from labapp.errors import UserError
 from labapp.files.bench_file import read_bench
 from labapp.files.calibration_file import CalibrationFile, as_json
 from labapp.files.plan_file import PlanFile
+from labapp.files.polarisation_table import PolarisationTable, PolariserTable
 from labapp.files.reading import read_file
 from labapp.record.reader import Record
 from optics.camera import Camera, Sensor
@@ -307,6 +308,28 @@ def test_every_reason_to_doubt_a_calibration_is_named(found, files):
     assert "lens has changed" in said
     assert "focal_length_mm was 125.0 and is 150.0" in said
     assert all("labapp calibrate" in line for line in [said])
+
+
+def test_a_calibration_older_than_a_key_of_the_bench_file_is_not_doubted_for_it(found, files):
+    file, bench = found.file, read_bench(files.bench)
+    old = file.lens.keys() & {"focal_length_mm", "f_number", "focus_distance_m"}
+    aged = file.model_copy(update={"lens": {key: file.lens[key] for key in old}})
+    assert doubts(aged, bench, identities(file)) == []
+    lens = bench.lens.model_copy(update={"separation_mm": 50.0})
+    for one in (file, aged):
+        (said,) = doubts(one, bench.model_copy(update={"lens": lens}), identities(file))
+        assert "separation_mm was" in said
+
+
+def test_a_turned_polariser_makes_a_calibration_doubtful(found, files):
+    polariser = PolariserTable(angle_deg=12.0)
+    table = PolarisationTable(polariser=polariser)
+    bench = read_bench(files.bench).model_copy(update={"polarisation": table})
+    file = found.file.model_copy(update={"polarisation": table.model_dump(mode="json")})
+    assert doubts(file, bench, identities(file)) == []
+    turned = PolarisationTable(polariser=polariser.model_copy(update={"angle_deg": 15.0}))
+    (said,) = doubts(file, bench.model_copy(update={"polarisation": turned}), identities(file))
+    assert "polarisation has changed" in said
 
 
 def test_wavelengths_beyond_the_calibration_are_doubted(found):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,3 +169,40 @@ def test_a_dark_centre_is_refused():
         zeroth_share(black, [black], [black + 1], [0.0], (10, 10), black == 0)
     with pytest.raises(ValueError, match="one of each"):
         zeroth_share(black, [], [], [], (10, 10), black == 0)
+
+
+def test_a_panel_apart_from_its_lens_is_one_in_a_lens_of_the_same_ray_matrix():
+    """A and B of 50 mm, the lens, and the way to the sensor, multiplied here; a star out of
+    focus, whose image has the size that the ray through the lens' middle gives it."""
+    made, apart, distance = camera(), 0.05, 1.7
+    lens = made.lens
+    space, back = np.array([[1, apart], [0, 1]]), np.array([[1, lens.image_distance], [0, 1]])
+    (a, b), _ = back @ np.array([[1, 0], [-1 / lens.focal_length, 1]]) @ space
+    focal_length = b / (1 - a)
+    thin = Lens(focal_length, 1.0, 1 / (1 / focal_length - 1 / b))
+    assert thin.image_distance == pytest.approx(b)
+    wide = replace(made, lens=replace(lens, f_number=1.0))
+    image = 2e-4 * lens.image_distance / (distance + apart)
+    rng = np.random.default_rng(0)
+    phases = [torch.from_numpy(rng.uniform(0, 3, (96, 128)))]
+    registration = mapped((61.3, 78.4), turned(0.0))
+
+    def light(seen, diameter):
+        model = StarModel(
+            seen,
+            phases,
+            registration,
+            WAVELENGTH,
+            corner=CORNER,
+            shape=(2 * HALF, 2 * HALF),
+            diameter=diameter,
+            distance=distance,
+        )
+        path = torch.zeros(model.plane.shape, dtype=torch.float64)
+        return model(path, torch.zeros(2, dtype=torch.float64))
+
+    got = light(replace(wide, separation=apart), 2e-4)
+    want = light(replace(made, lens=thin), image * distance / b)
+    assert torch.linalg.norm(got - want) <= 1e-5 * torch.linalg.norm(want)
+    straight = light(wide, 2e-4)
+    assert torch.linalg.norm(straight - want) > 1e-3 * torch.linalg.norm(want)

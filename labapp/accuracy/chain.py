@@ -1,0 +1,184 @@
+"""`labapp accuracy chain`: every method for a camera whose panel stands apart from its lens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.accuracy.command import print_rows, write_measured
+from labapp.accuracy.peers import refuse
+from labapp.accuracy.rows import Candidate, Row, measure
+from labapp.asked import Case
+from labapp.console import watched
+from labapp.errors import UserError
+from labapp.figures.chains import ChainProblem
+from labapp.files.writing import require_writable
+from labapp.speed import machine_speed
+from optics.accuracy import Budget
+from optics.camera import Camera, Panel
+from optics.psf import PSFOperator
+from optics.threads import single_threaded
+
+Array = NDArray[np.float64]
+
+TOLERANCES = tuple(10.0**-k for k in range(1, 7))
+PATTERNS = ("random", "cubic", "neutral")
+
+_LONGEST = 2e12
+"""Products that the judge may sum: some minutes."""
+
+_CUBIC = 40.0
+"""Radians from the middle of the panel to its edges, times eight."""
+
+
+@dataclass(frozen=True)
+class ChainCase:
+    """A question about a chain, and its name in words."""
+
+    problem: ChainProblem
+    name: str
+
+
+def asked_chain(
+    case: Case,
+    *,
+    panel: str | None,
+    separation_mm: float | None,
+    pattern: str,
+    field: tuple[float, float],
+    sphere: bool,
+) -> ChainCase:
+    """What a command line asks; UserError for what can't be.
+
+    panel: "ROWSxCOLUMNSxMICROMETRES", where no camera's file gives one.
+    """
+    camera = _camera(case, panel, separation_mm)
+    phase = _phase(pattern, camera.panel.shape)
+    problem = ChainProblem(
+        camera,
+        case.distance,
+        case.wavelength,
+        case.pixels,
+        False,
+        TOLERANCES[0],
+        phase,
+        field,
+        sphere,
+    )
+    rows, columns = camera.panel.shape
+    words = [
+        f"{rows}x{columns} pixels of {camera.panel.pitch * 1e6:g} µm, {pattern}",
+        f"{camera.separation * 1e3:g} mm before {case.name}",
+    ]
+    if any(field):
+        words.append("field {:g}, {:g} mm".format(*(1e3 * place for place in field)))
+    return ChainCase(problem, ", ".join([*words, *(["sphere"] if sphere else [])]))
+
+
+def _camera(case: Case, panel: str | None, separation_mm: float | None) -> Camera:
+    if case.camera is None:
+        camera = Camera(_panel(panel or "96x128x8"), case.lens, separation=50e-3)
+    elif panel is not None:
+        raise UserError(f"--panel {panel}: the camera's file has a panel; leave one of them out.")
+    else:
+        camera = case.camera
+    if separation_mm is None:
+        return camera
+    try:
+        return replace(camera, separation=separation_mm * 1e-3)
+    except ValueError as error:
+        raise UserError(f"--separation-mm {separation_mm:g}: {error}.") from error
+
+
+def _panel(text: str) -> Panel:
+    try:
+        rows, columns, pitch = (float(word) for word in text.split("x"))
+        return Panel((int(rows), int(columns)), pitch * 1e-6)
+    except ValueError as error:
+        raise UserError(
+            f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."
+        ) from error
+
+
+def _phase(pattern: str, shape: tuple[int, int]) -> Array:
+    if pattern not in PATTERNS:
+        raise UserError(f"--pattern {pattern}: choose {', '.join(PATTERNS)}.")
+    if pattern == "random":
+        return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
+    y, x = ((np.arange(n) - n // 2) / n for n in shape)
+    cubic: Array = _CUBIC * (y[:, None] ** 3 + x**3)
+    return cubic if pattern == "cubic" else 0 * cubic
+
+
+class Reference:
+    """The exact light on some rows and columns of the window, drawn by their light."""
+
+    def __init__(self, problem: ChainProblem) -> None:
+        self._judge = problem.judge(_glimpse(problem))
+        if not self._judge.terms <= _LONGEST:
+            raise UserError(
+                f"the exact integral of this camera is a sum of {self._judge.terms:.0e} products, "
+                "which takes too long; give a larger --f-number, a larger --separation-mm, or a "
+                "smaller panel."
+            )
+
+    @property
+    def truth(self) -> Array:
+        return self._judge.truth
+
+    def seen(self, light: Any) -> Array:
+        """An answer's, from a tensor or an array on the whole window."""
+        return self._judge.seen(np.asarray(light, dtype=np.float64))
+
+
+def _glimpse(problem: ChainProblem) -> Array:
+    """About where the light arrives; everywhere alike if even that can't be said."""
+    try:
+        return problem.light(problem.operator(problem.tol))
+    except ValueError:
+        return np.ones(problem.pixels.shape)
+
+
+def candidates(case: ChainCase, reference: Reference, budget: Budget) -> Iterator[Candidate]:
+    """Every method at every tolerance; what refuses is a row that says why."""
+    for method in case.problem.methods:
+        for tol in TOLERANCES:
+            row = Row("chain", case.name, method, "float64", tol)
+            try:
+                operator = case.problem.operator(tol, method=method, budget=budget)
+            except ValueError as error:
+                yield Candidate(row, partial(refuse, error))
+                continue
+            row = replace(row, precision=operator.account.precision)
+            yield Candidate(row, partial(_to_tolerance, case.problem, operator, reference))
+
+
+def _to_tolerance(
+    problem: ChainProblem, operator: PSFOperator, reference: Reference
+) -> tuple[Callable[[], Any], float, int]:
+    account = operator.account
+    return lambda: reference.seen(problem.light(operator)), account.error, account.bytes
+
+
+@single_threaded
+def accuracy_chain(case: ChainCase, *, data: Path | None, plot: Path | None, force: bool) -> None:
+    """Measure every method for a case, print the table, and write rows and plot if asked."""
+    for path in (data, plot):
+        if path is not None:
+            require_writable(path, force=force)
+    with watched() as progress:
+        budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
+        progress.report(0.1, "the exact integral")
+        reference = Reference(case.problem)
+        truth = reference.truth
+        progress.report(0.3, "planning")
+        found = list(candidates(case, reference, budget))
+        measured = measure(found, truth, progress.part(0.3, 1.0))
+    print_rows("Chain", case.name, measured.rows)
+    write_measured(case.name, measured, data, plot)

@@ -1,0 +1,45 @@
+"""The command that draws the light along the axis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.lens import CameraOption, FieldOption
+from labapp.cli.options import ForceOption
+
+
+@app.command()
+def beam(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Picture to write (.png).")],
+    camera: CameraOption = None,
+    pattern: Annotated[
+        Path | None, typer.Option(help="8-bit picture on the panel; none: neutral.")
+    ] = None,
+    distance: Annotated[
+        float, typer.Option(help="Of the object from the panel, in metres; inf is allowed.")
+    ] = 2.0,
+    wavelength_nm: Annotated[
+        float, typer.Option("--wavelength-nm", help="Wavelength in nanometres.")
+    ] = 550.0,
+    field: FieldOption = "0,0",
+    slices: Annotated[int, typer.Option(help="Depths in each of the two pictures.")] = 120,
+    force: ForceOption = False,
+) -> None:
+    """Draw the light of a point along the axis, from the panel through the lens to the sensor.
+
+    Two pictures over four decades: the whole way, and the light around the sensor. What the
+    stop cuts off, where a pattern's orders go, and how deep the focus is can be seen at a
+    glance.
+    """
+    from labapp.asked import read_field
+    from labapp.beam import AskedBeam, draw_beam
+    from labapp.files.bench_file import read_camera
+
+    asked = AskedBeam(
+        read_camera(camera), pattern, distance, wavelength_nm * 1e-9, read_field(field), slices
+    )
+    draw_beam(asked, out, force=force)

@@ -1,0 +1,211 @@
+"""The camera file: panel, lens and sensor as they are described, without devices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import ConfigDict, Field, model_validator
+
+from labapp.errors import UserError
+from labapp.files.calibration_file import CalibrationFile
+from labapp.files.panel_file import PanelTable, with_panel
+from labapp.files.polarisation_table import PolarisationTable
+from labapp.files.reading import FileModel, read_file, validate
+from optics.camera import Camera, Lens, Sensor
+from optics.slm import Panel
+from optics.stop.aperture import Circle, Stop, regular_polygon
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class LensTable(FileModel):
+    """The lens with its stop; what has a default is off by it, optics.camera.Lens says more.
+
+    separation_mm: from the panel to the lens. blades: straight ones of the stop, 0 for a round
+    one. obscuration: radius of a central disc that hides the stop, in stop radii. aberrations:
+    [n, m, nm of optical path, root mean square] of Zernike polynomials.
+    """
+
+    focal_length_mm: Positive
+    f_number: Positive
+    focus_distance_m: Annotated[float, Field(gt=0)]
+    separation_mm: Amount = 0.0
+    kind: Literal["thin", "stigmatic"] = "thin"
+    blades: Annotated[int, Field(ge=0, le=1000)] = 0
+    obscuration: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    aberrations: tuple[tuple[int, int, Finite], ...] = ()
+
+    @model_validator(mode="after")
+    def _sound(self) -> LensTable:
+        if self.focus_distance_m * 1e3 <= self.focal_length_mm:
+            raise ValueError(
+                f"focus_distance_m must be more than the focal length, {self.focal_length_mm:g} mm"
+            )
+        if self.blades in (1, 2):
+            raise ValueError(
+                f"blades is {self.blades}; a stop has three or more, or 0 for a round one"
+            )
+        self.build()
+        return self
+
+    def build(self) -> Lens:
+        opening = regular_polygon(self.blades) if self.blades else Circle()
+        obscured = (Circle(self.obscuration),) if self.obscuration else ()
+        return Lens(
+            self.focal_length_mm * 1e-3,
+            self.f_number,
+            self.focus_distance_m,
+            Stop(opening, obscured),
+            tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
+            self.kind,
+        )
+
+
+class SensorTable(FileModel):
+    """The sensor, in the quantities of EMVA 1288."""
+
+    model: str
+    width: Count
+    height: Count
+    pitch_um: Positive
+    bits: Annotated[int, Field(ge=1, le=16)]
+    full_well_electrons: Positive
+    gain_electrons_per_dn: Positive
+    read_noise_electrons: Annotated[float, Field(ge=0)]
+    dark_current_electrons_per_s: Annotated[float, Field(ge=0)]
+    black_level_dn: Annotated[float, Field(ge=0)]
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
+    shortest_exposure_us: Positive
+    longest_exposure_s: Positive
+
+    def build(self) -> Sensor:
+        return Sensor(
+            shape=(self.height, self.width),
+            pitch=self.pitch_um * 1e-6,
+            bits=self.bits,
+            full_well=self.full_well_electrons,
+            gain=self.gain_electrons_per_dn,
+            read_noise=self.read_noise_electrons,
+            dark_current=self.dark_current_electrons_per_s,
+            black_level=self.black_level_dn,
+            quantum_efficiency=self.quantum_efficiency,
+            exposure_range=(self.shortest_exposure_us * 1e-6, self.longest_exposure_s),
+        )
+
+
+class CameraFile(FileModel):
+    """A camera as it is described.
+
+    transmission: share of the light that passes everything but the panel, and but what is in
+    `polarisation` where there is such a table; the panel's unmodulated share is given, or
+    follows from that table. calibration: a file that `labapp calibrate` wrote, or what is in
+    it; what it found counts more than the description.
+    """
+
+    version: Literal[1]
+    name: str
+    transmission: Share
+    panel: PanelTable
+    lens: LensTable
+    sensor: SensorTable
+    polarisation: PolarisationTable | None = None
+    calibration: str | CalibrationFile | None = None
+
+    @model_validator(mode="after")
+    def _unmodulated_once(self) -> Self:
+        given, table = self.panel.unmodulated, self.polarisation
+        if given is None and table is None:
+            raise ValueError(
+                "key 'panel.unmodulated' is missing; add it, or a table [polarisation] from "
+                "which it follows"
+            )
+        if given is not None and table is not None:
+            share = float(table.build().effect().unmodulated)
+            raise ValueError(
+                f"key 'panel.unmodulated' is {given:g}, and from the table 'polarisation' follows "
+                f"{share:.3g}; remove one of the two"
+            )
+        return self
+
+    @property
+    def in_force(self) -> CalibrationFile | None:
+        """The calibration that counts; UserError if its file can't be read."""
+        if isinstance(self.calibration, str):
+            return read_file(Path(self.calibration), CalibrationFile)
+        return self.calibration
+
+    @property
+    def interference(self) -> float | None:
+        """Strength of the interference of modulated and unmodulated light, which the sum in
+        intensity leaves out (see optics.polarisation.PathEffect); None if it isn't known."""
+        if self.polarisation is None:
+            return None
+        return float(self.polarisation.build().effect().interference.abs())
+
+    def uncalibrated(self) -> Self:
+        """The camera as it is described."""
+        return self.model_copy(update={"calibration": None})
+
+    def build_camera(self) -> Camera:
+        """The camera as it is described, and calibrated; UserError if the two don't fit."""
+        described = self._described()
+        calibration = self.in_force
+        if calibration is None:
+            return described
+        try:
+            return calibration.applied_to(described)
+        except ValueError as error:
+            raise UserError(
+                f"the calibration of {calibration.date:%Y-%m-%d} is not of this panel: {error}. "
+                "Calibrate this bench, or remove the key 'calibration' from its file."
+            ) from error
+
+    def _described(self) -> Camera:
+        panel, transmission = self._polarised(self.panel.build())
+        separation = self.lens.separation_mm * 1e-3
+        return Camera(panel, self.lens.build(), self.sensor.build(), transmission, separation)
+
+    def _polarised(self, panel: Panel) -> tuple[Panel, float]:
+        """The panel with what it can't turn, and the transmission of all the rest."""
+        if self.polarisation is None:
+            return panel, self.transmission
+        effect = self.polarisation.build().effect()
+        passed = self.transmission * float(effect.transmission)
+        return replace(panel, unmodulated=float(effect.unmodulated)), passed
+
+
+C = TypeVar("C", bound=CameraFile)
+
+
+class Unread(FileModel):
+    """A file's plain data."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def plain_data(path: Path) -> dict[str, Any]:
+    """What a file says, unread."""
+    return read_file(path, Unread).model_dump()
+
+
+def found_in(data: dict[str, Any], path: Path, model: type[C]) -> C:
+    """A file's plain data with all that its panel's and its calibration's files hold.
+
+    The panel may be a file of its own, as in `panel = { file = "mine.toml" }`, or the name of
+    a bundled one (see labapp.files.panel_file); keys beside `file` count more than the file's.
+    Files are looked for beside the one that names them; the answer holds what is in them, or
+    absolute paths of pictures, so that a record of it can be read again. UserError names file,
+    key, value and rule.
+    """
+    folder = path.resolve().parent
+    file = validate(with_panel(data, folder, str(path)), model, str(path))
+    found: dict[str, Any] = {"panel": file.panel.found_in(folder)}
+    if isinstance(file.calibration, str):
+        found["calibration"] = read_file(folder / file.calibration, CalibrationFile)
+    return file.model_copy(update=found)

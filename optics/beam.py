@@ -1,0 +1,210 @@
+"""The light along the axis: from the panel through the lens to the sensor, and beyond.
+
+A paraxial wave with a curvature spreads as one without does over another distance, stretched
+(Talanov 1970; Sziklas and Siegman, Applied Optics 14, 1874, 1975): behind a wave of vergence v,
+
+    U(x, z) = 1 / m  P[z / m](x / m),  m = 1 + v z,
+
+where P[z] is what the wave without its curvature becomes after z metres (thesis Eq. 2.12). So
+the object's wave and the lens' cost no samples, and the light through the focus is no harder to
+compute than that beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from optics.camera import Camera
+from optics.edge import require_finite, tensors_inside
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.propagation.fresnel_matrix import FresnelMatrices
+from optics.propagation.span import Span
+from optics.pupil import require_light, wave_phase
+from optics.slm.panel import require_share
+from optics.stop.coverage import coverage
+
+_TOL = 1e-3
+"""Far below what a picture shows."""
+
+_MOST_ACROSS = 2048
+"""Samples across the stop."""
+
+_IN_FOCUS = 1e-9
+"""How near the stretch m comes to zero: a picture can't tell it from the focus."""
+
+
+@tensors_inside
+def beam(
+    camera: Camera,
+    phase: torch.Tensor | None,
+    distance: float,
+    wavelength: float,
+    depths: Sequence[float],
+    across: Plane,
+    *,
+    field: tuple[float, float] = (0.0, 0.0),
+    unmodulated: float | None = None,
+    progress: Progress | None = None,
+) -> torch.Tensor:
+    """Light of a point along lines across the axis, one for each depth; (depths, columns).
+
+    phase: radians on the panel's pixels; None is a constant. distance: metres from the object
+    to the panel, inf allowed. depths: metres behind the panel, more than 0. across: one row of
+    samples, whose x is metres from the axis; at each depth the row lies where the ray through
+    the lens' centre is in y. field: (y, x) metres on the sensor, where the point's image is.
+    unmodulated: share of light that ignores the phase; the panel's own if None.
+
+    Values are irradiances relative to that on the panel. For pictures: behind a stop that
+    stands apart from the panel, the light is made of squares of about a panel pixel, and the
+    orders of the panel's own grating are left out; the model is the paraxial one of
+    PSFOperator. Raises ValueError for bad input, Cancelled through `progress`.
+    """
+    require_light(distance, wavelength)
+    share = camera.panel.unmodulated if unmodulated is None else unmodulated
+    require_share("unmodulated", share)
+    if across.shape[0] != 1:
+        raise ValueError(f"across has {across.shape[0]} rows; give one")
+    if not all(0 < depth < math.inf for depth in depths):
+        raise ValueError(f"depths are {list(depths)} m; the light is behind the panel, at > 0 m")
+    progress = progress or Progress()
+    rays = _Rays(camera, distance, field)
+    entering = _modulated(camera, phase)
+    behind: torch.Tensor | None = None
+    lines = []
+    for number, depth in enumerate(depths):
+        progress.report(number / len(depths), "the light along the axis")
+        if depth <= camera.separation:
+            wave = rays.before(entering, depth, across, wavelength)
+        else:
+            if behind is None:
+                behind = rays.through(entering, wavelength)
+            wave = rays.behind(behind, depth, across, wavelength)
+        light = wave.real**2 + wave.imag**2
+        lines.append((1 - share) * light[0, 0] + share * light[-1, 0])
+    return torch.stack(lines)
+
+
+def _modulated(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
+    """The panel's field with the pattern, and without if that is another, (1 or 2, rows,
+    columns)."""
+    straight = torch.ones(camera.panel.shape, dtype=torch.complex64)
+    if phase is None:
+        return straight[None]
+    if tuple(phase.shape) != camera.panel.shape:
+        raise ValueError(f"phase is {tuple(phase.shape)}; the panel has {camera.panel.shape}")
+    require_finite("phase", phase)
+    turned = phase.detach().to(torch.float64).remainder(2 * math.pi).to(torch.float32)
+    return torch.stack([torch.polar(straight.real, turned), straight])
+
+
+class _Rays:
+    """Where the object's rays go, paraxially; metres. The wave is without its curvature."""
+
+    def __init__(self, camera: Camera, distance: float, field: tuple[float, float]) -> None:
+        self._camera, self._distance = camera, distance
+        lens = camera.lens
+        # Of the ray through the lens' centre, and of the one through the panel's.
+        self._chief = [place / lens.image_distance for place in field]
+        stretch = 1 + camera.separation / distance
+        self._slope = [slope * stretch for slope in self._chief]
+        self._vergence = 1 / (distance + camera.separation) - 1 / lens.focal_length
+        count = math.ceil(lens.stop_diameter / (camera.panel.pitch * stretch)) + 2
+        count = min(count, _MOST_ACROSS)
+        pitch = lens.stop_diameter / (count - 2)
+        self.stop = Plane((count, count), (pitch, pitch))
+
+    def _row(self, across: Plane, depth: float) -> Plane:
+        """The samples at a depth: in y they follow the ray through the lens' centre."""
+        y = self._chief[0] * (depth - self._camera.separation)
+        return replace(across, centre=(y, across.centre[1]))
+
+    def before(
+        self, entering: torch.Tensor, depth: float, across: Plane, wavelength: float
+    ) -> torch.Tensor:
+        """Between panel and lens."""
+        panel = self._camera.panel
+        cells = (panel.active_side, panel.active_side)
+        target = self._row(across, depth)
+        return _spread(entering, panel.plane, cells, target, self._way(depth), wavelength)
+
+    def _way(self, depth: float) -> _Way:
+        """From the panel to a plane before the lens."""
+        moved = [slope * depth for slope in self._slope]
+        return _Way(depth, 1 + depth / self._distance, (moved[0], moved[1]))
+
+    def through(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
+        """Just behind the stop, on its own grid."""
+        camera, lens = self._camera, self._camera.lens
+        if camera.separation:
+            way = self._way(camera.separation)
+            wave = _spread(entering, camera.panel.plane, None, self.stop, way, wavelength)
+        else:
+            self.stop = camera.panel.plane
+            wave = entering
+        radius = lens.stop_diameter / 2
+        opened = coverage(lens.stop, radius, self.stop)
+        # Focus is in the vergence; what is left are the aberrations.
+        flat = replace(lens, focus_distance=math.inf)
+        y, x = (c / radius for c in self.stop.mesh())
+        phase = wave_phase(flat, math.inf, wavelength, y, x)
+        return wave * torch.polar(opened, phase.expand(self.stop.shape).remainder(2 * math.pi))
+
+    def behind(
+        self, wave: torch.Tensor, depth: float, across: Plane, wavelength: float
+    ) -> torch.Tensor:
+        """Between the lens and wherever."""
+        way = depth - self._camera.separation
+        stretch = 1 + self._vergence * way
+        if abs(stretch) < _IN_FOCUS:
+            stretch = _IN_FOCUS
+        moved = [slope * way for slope in self._chief]
+        side = self._camera.panel.active_side
+        cells = self.stop.pitch if self._camera.separation else (side, side)
+        place = _Way(way, stretch, (moved[0], moved[1]))
+        return _spread(wave, self.stop, cells, self._row(across, depth), place, wavelength)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Metres along the axis; the stretch of the rays over it, and how far their slope moves
+    them along (y, x)."""
+
+    distance: float
+    stretch: float
+    moved: tuple[float, float]
+
+
+def _spread(
+    wave: torch.Tensor,
+    source: Plane,
+    cells: tuple[float, float] | None,
+    target: Plane,
+    way: _Way,
+    wavelength: float,
+) -> torch.Tensor:
+    """A wave whose curvature and slope were taken away, some way on, on the target's samples.
+
+    cells: the sides of squares, or None for what the wave's samples resolve and no more.
+    """
+    plane = _stretched(target, way)
+    distance = way.distance / way.stretch
+    span = Span(source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_TOL)
+    answer = FresnelMatrices(span).forward(wave) / abs(way.stretch)
+    # Beyond the focus the rays have crossed: left is right.
+    return answer if way.stretch > 0 else answer.flip(-2, -1)
+
+
+def _stretched(target: Plane, way: _Way) -> Plane:
+    """The samples where the wave without curvature has them, in rising order."""
+    pitch = [p / abs(way.stretch) for p in target.pitch]
+    centre = [(c - m) / way.stretch for c, m in zip(target.centre, way.moved, strict=True)]
+    if way.stretch < 0:
+        # Turned over, an even number of samples has its origin one sample further on.
+        even = [1 - n % 2 for n in target.shape]
+        centre = [c + e * p for c, e, p in zip(centre, even, pitch, strict=True)]
+    return Plane(target.shape, (pitch[0], pitch[1]), (centre[0], centre[1]))

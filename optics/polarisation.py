@@ -1,0 +1,243 @@
+"""Polarisation on the way through the bench: what the panel can't turn, and what is lost.
+
+Jones calculus (Saleh and Teich, Fundamentals of Photonics, 6.1; Goodman, Introduction to
+Fourier Optics, on liquid-crystal modulators), as far as the bench has it: thesis Fig. 5.6 has
+a polariser, a beam splitter cube that is passed twice, and a panel that modulates one linear
+polarisation only (§2.3, §3.4, §5.6).
+
+Jones vectors are (along, across) the panel's modulated axis, complex128. Angles are in radians
+from that axis and are carried along by every mirror, so that the path is an unfolded one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import torch
+
+from optics.edge import as_number, recorded, require_positive
+from optics.slm.panel import require_share
+
+Scalar = Any
+"""A number or a 0-d tensor in which the answer is differentiable."""
+
+_DARK = (64 * torch.finfo(torch.float64).eps) ** 2
+"""Share of the light below which only the rounding of crossed amplitudes is left."""
+
+_ROUNDING = 1e-12
+"""By which two shares may sum to more than 1."""
+
+
+def _real(value: Scalar) -> torch.Tensor:
+    return torch.as_tensor(value, dtype=torch.float64)
+
+
+def _require_angle(value: Scalar) -> None:
+    number = as_number(value)
+    if not math.isfinite(number):
+        raise ValueError(f"angle is {number:g} rad; it must be finite")
+
+
+def linear(angle: Scalar) -> torch.Tensor:
+    """The Jones vector of linear polarisation of power 1, (2,), complex128."""
+    angle = _real(angle)
+    return torch.stack((torch.cos(angle), torch.sin(angle))).to(torch.complex128)
+
+
+def diattenuator(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
+    """The Jones matrix, (2, 2) complex128, by which amplitudes pass along an axis at an angle,
+    and across it, without a delay between the two."""
+    forth, aside = linear(angle), linear(_real(angle) + math.pi / 2)
+    return along * torch.outer(forth, forth) + across * torch.outer(aside, aside)
+
+
+@dataclass(frozen=True)
+class Light:
+    """What comes from the object: natural light (degree 0), linear (1), or partly so.
+
+    degree: of polarisation. angle: radians, of what is polarised. Two linear waves across each
+    other that know nothing of each other's phase are the same light (Saleh and Teich 11.4).
+    Raises ValueError for a degree that isn't a share, and for an infinite angle.
+    """
+
+    degree: Scalar = 0.0
+    angle: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        require_share("degree", as_number(self.degree))
+        _require_angle(self.angle)
+
+    @property
+    def waves(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Shares of the power, and the Jones vectors of the waves that have them."""
+        degree = _real(self.degree)
+        across = _real(self.angle) + math.pi / 2
+        return [((1 + degree) / 2, linear(self.angle)), ((1 - degree) / 2, linear(across))]
+
+
+@dataclass(frozen=True)
+class Polariser:
+    """A linear polariser.
+
+    angle: radians from the panel's modulated axis to its own. extinction: power that passes
+    along its axis over power that passes across it, 1 or more; inf is ideal. transmission: share
+    of the power along its axis that passes. Raises ValueError for numbers beyond that.
+    """
+
+    angle: Scalar = 0.0
+    extinction: Scalar = math.inf
+    transmission: Scalar = 1.0
+
+    def __post_init__(self) -> None:
+        _require_angle(self.angle)
+        extinction = as_number(self.extinction)
+        if not extinction >= 1:
+            raise ValueError(
+                f"extinction is {extinction:g}; it is the power along the polariser's axis over "
+                "that across it: 1 or more, inf for an ideal one"
+            )
+        require_positive("transmission", self.transmission, "")
+        require_share("transmission", as_number(self.transmission))
+
+    @property
+    def jones(self) -> torch.Tensor:
+        along = torch.sqrt(_real(self.transmission))
+        return diattenuator(self.angle, along, along * torch.rsqrt(_real(self.extinction)))
+
+
+@dataclass(frozen=True)
+class Splitter:
+    """A beam splitter cube: shares of power that pass or are reflected, of (p, s) light.
+
+    p is polarised in the plane of incidence, s across it. The defaults are a cube that doesn't
+    polarise; transmitted=(1, 0), reflected=(0, 1) is one that does. angle: radians from the
+    panel's modulated axis to p. A delay between p and s isn't modelled; where p or s lies along
+    the modulated axis it changes nothing. Raises ValueError for shares that aren't, or that
+    sum to more than 1, and for a share of 0 whose derivative is wanted: its amplitude has none.
+    """
+
+    transmitted: tuple[Scalar, Scalar] = (0.5, 0.5)
+    reflected: tuple[Scalar, Scalar] = (0.5, 0.5)
+    angle: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        _require_angle(self.angle)
+        for name in ("transmitted", "reflected"):
+            shares = getattr(self, name)
+            if len(shares) != 2:
+                raise ValueError(f"{name} has {len(shares)} shares; give two, of p and of s")
+            for share in shares:
+                require_share(name, as_number(share))
+                if recorded(share) and as_number(share) == 0:
+                    raise ValueError(
+                        f"{name} is 0 and its derivative is wanted, which is infinite; give a "
+                        "number instead of a tensor, or a share above 0"
+                    )
+        for one, passed, turned in zip("ps", self.transmitted, self.reflected, strict=True):
+            whole = as_number(passed) + as_number(turned)
+            if whole > 1 + _ROUNDING:
+                raise ValueError(
+                    f"transmitted and reflected shares of {one} light sum to {whole:g}; "
+                    "a cube gives no light: 1 at most"
+                )
+
+    def jones(self, way: Literal["transmitted", "reflected"]) -> torch.Tensor:
+        """Of the light that goes one way or the other."""
+        p, s = self.transmitted if way == "transmitted" else self.reflected
+        return diattenuator(self.angle, torch.sqrt(_real(p)), torch.sqrt(_real(s)))
+
+
+class PathEffect(NamedTuple):
+    """What a path makes of the light, panel included; 0-d tensors.
+
+    transmission: share of the power that passes if panel and rest lose none. unmodulated: share
+    of that which the panel couldn't turn. interference: complex128, 2⟨E_m* E_u⟩ of modulated
+    and unmodulated light after the path, over the power that passes. With p the field on the
+    sensor of the pattern and q that of a panel without one, each for light of power 1, a
+    point's light there is
+
+        (1 - unmodulated) |p|² + unmodulated |q|² + Re(interference · conj(p) · q).
+
+    The sum in intensity of thesis §5.6 leaves out the last term. Its phase is known but for
+    the delay between the panel's axes at grey level 0; its strength, abs(interference), is at
+    most 2 sqrt(unmodulated (1 - unmodulated)).
+    """
+
+    transmission: torch.Tensor
+    unmodulated: torch.Tensor
+    interference: torch.Tensor
+
+
+@dataclass(frozen=True)
+class PolarisedPath:
+    """The elements by which light goes to the panel and on to the lens.
+
+    light: of the object. polariser: passed once, before the splitter. splitter: passed twice,
+    to the panel and back (thesis Fig. 5.6). first: which way light takes in it to the panel; it
+    takes the other one back. analyser: a second polariser, behind the splitter; a single
+    polariser between splitter and panel is both, as it is passed twice. None is absent.
+    """
+
+    light: Light = Light()
+    polariser: Polariser | None = None
+    splitter: Splitter | None = None
+    analyser: Polariser | None = None
+    first: Literal["transmitted", "reflected"] = "transmitted"
+
+    def __post_init__(self) -> None:
+        if self.first not in ("transmitted", "reflected"):
+            raise ValueError(f"first is {self.first!r}; choose transmitted or reflected")
+
+    @property
+    def to_panel(self) -> torch.Tensor:
+        """The Jones matrix from the object to the panel."""
+        way = [] if self.splitter is None else [self.splitter.jones(self.first)]
+        return _product([*([] if self.polariser is None else [self.polariser.jones]), *way])
+
+    @property
+    def from_panel(self) -> torch.Tensor:
+        """The Jones matrix from the panel to the lens."""
+        back: Literal["transmitted", "reflected"]
+        back = "reflected" if self.first == "transmitted" else "transmitted"
+        way = [] if self.splitter is None else [self.splitter.jones(back)]
+        return _product([*way, *([] if self.analyser is None else [self.analyser.jones])])
+
+    def effect(self) -> PathEffect:
+        """What the path does, with a panel that turns the phase along its axis only.
+
+        The panel's Jones matrix is diag(exp(i pattern), 1). Light of which the two waves
+        G = Σ share · m m† fall on it, and that leaves by a matrix L, has the power
+        N₀₀ G₀₀ modulated and N₁₁ G₁₁ unmodulated, N = L† L; the two interfere by N₀₁ G₁₀,
+        which is zero where L leaves them across each other: without an analyser, and with a
+        splitter that doesn't polarise, or whose axes are the panel's. Differentiable in every
+        number of the elements. Raises ValueError where no light passes.
+        """
+        before, after = self.to_panel, self.from_panel
+        waves = [share * _with_itself(before @ wave) for share, wave in self.light.waves]
+        falling = torch.stack(waves).sum(0)
+        leaving = after.conj().T @ after
+        modulated = (leaving[0, 0] * falling[0, 0]).real
+        unmodulated = (leaving[1, 1] * falling[1, 1]).real
+        passed = modulated + unmodulated
+        if float(passed.detach()) <= _DARK:
+            raise ValueError(
+                "no light passes the polarisers, splitter and analyser; they are crossed: "
+                "turn one of them"
+            )
+        mixed = 2 * leaving[0, 1] * falling[1, 0] / passed
+        return PathEffect(passed, unmodulated / passed, mixed)
+
+
+def _product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
+    """Of elements in the order in which light meets them."""
+    whole = torch.eye(2, dtype=torch.complex128)
+    for matrix in matrices:
+        whole = matrix @ whole
+    return whole
+
+
+def _with_itself(wave: torch.Tensor) -> torch.Tensor:
+    return torch.outer(wave, wave.conj())

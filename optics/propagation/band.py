@@ -1,0 +1,273 @@
+"""Which frequencies take part between two windows, and how finely they must be sampled.
+
+Light of frequency f leaves a point sideways by X(f) (optics.propagation.transfer.Rays). Only
+rays from the source to the target matter. The others may be cut, and should: a spectrum that
+is sampled every df repeats the source every 1 / df, and the fewer rays there are, the closer
+the copies may stand.
+
+A sharp cut would ring. Cut by a Gaussian-smoothed step of width sigma at f_c, the light that
+is removed from a ray f_s = f_c - delta is, with kappa = dX/df,
+
+    |integral of step(f) exp(-i pi kappa (f - f_s)²)| ~ exp(-2 pi² kappa² sigma² delta² /
+                                                             (1 + 4 pi² kappa² sigma⁴)),
+
+and so is, by symmetry, the light that passes at rays f_c + delta. Both are least at sigma² =
+1 / (2 pi kappa), where they are exp(-L), L = pi kappa delta² / 2. Where kappa is larger beyond
+the edge, as it is at steeper rays, they are less. The factor before it is about 1 / (2 pi
+kappa delta); summed over all points of the source, which see the edge from delta on (Schur's
+test), an edge costs exp(-L) / (4 pi L) of the source's light at most. There are four edges and
+a circle, each for light that is removed and for light that comes from copies; the samples end
+where the step is a twentieth of epsilon. (Matsushima and Shimobaba 2009, 10.1364/OE.17.019662,
+cut sharply at the last ray that the period holds.)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+
+from optics.accuracy import ToleranceError
+from optics.propagation.span import Span
+from optics.propagation.transfer import Rays
+
+_EDGES = 10
+"""Four and a circle, for light that is removed and for light from copies."""
+
+
+def edge_exponent(epsilon: float) -> float:
+    """L at which all edges together cost epsilon; 1 at least, where the estimate holds."""
+    exponent = 1.0
+    for _ in range(20):
+        exponent = max(math.log(_EDGES / (4 * math.pi * exponent * epsilon)), 1.0)
+    return exponent
+
+
+@dataclass(frozen=True)
+class Taper:
+    """A smooth step down with growing frequency, whose width suits a spread of the rays.
+
+    reach: the last frequency whose light must be whole. spread: the least dX/df there and
+    beyond, square metres. epsilon: what may be lost.
+    """
+
+    reach: float
+    spread: float
+    epsilon: float
+
+    @property
+    def delta(self) -> float:
+        return math.sqrt(2 * edge_exponent(self.epsilon) / (math.pi * self.spread))
+
+    @property
+    def sigma(self) -> float:
+        return 1 / math.sqrt(2 * math.pi * self.spread)
+
+    @property
+    def centre(self) -> float:
+        return self.reach + self.delta
+
+    @property
+    def passes(self) -> float:
+        """From where on no light is left."""
+        return self.centre + self.delta
+
+    @property
+    def end(self) -> float:
+        """Where the step is a twentieth of epsilon: as erfc(t) ~ exp(-t²) / (t sqrt(pi))."""
+        return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
+
+    def __call__(self, frequency: torch.Tensor) -> torch.Tensor:
+        return torch.erfc((frequency - self.centre) / (math.sqrt(2) * self.sigma)) / 2
+
+
+@dataclass(frozen=True)
+class AxisBand:
+    """The frequencies along an axis: samples from low to high, light that passes from
+    passes[0] to passes[1], and the tapers, if any; `below` is mirrored."""
+
+    low: float
+    high: float
+    passes: tuple[float, float]
+    below: Taper | None = None
+    above: Taper | None = None
+
+    @property
+    def mirrored(self) -> AxisBand:
+        low, high = self.passes
+        return AxisBand(-self.high, -self.low, (-high, -low), self.above, self.below)
+
+    @property
+    def largest(self) -> float:
+        """The largest frequency of light that passes."""
+        return max(map(abs, self.passes))
+
+    @property
+    def needed(self) -> float:
+        """The largest frequency of light that lands on the target."""
+        low, high = self.passes
+        if self.above:
+            high = min(high, self.above.reach)
+        if self.below:
+            low = max(low, -self.below.reach)
+        return max(abs(low), abs(high))
+
+    def taper(self, frequency: torch.Tensor) -> torch.Tensor:
+        value = torch.ones_like(frequency)
+        if self.above:
+            value = value * self.above(frequency)
+        if self.below:
+            value = value * self.below(-frequency)
+        return value
+
+
+@dataclass(frozen=True)
+class Band:
+    """The frequencies of both axes, (y, x), and how far apart the source's copies must stand.
+
+    radial: a taper in the length of the frequency, where the corner of the axes' bands would
+    graze. period: metres along (y, x); the frequencies are 1 / period apart, or closer.
+    """
+
+    axes: tuple[AxisBand, AxisBand]
+    radial: Taper | None
+    period: tuple[float, float]
+    epsilon: float
+
+    @property
+    def needed(self) -> float:
+        """The largest frequency of light that lands on the target, of both axes together."""
+        return math.hypot(*(axis.needed for axis in self.axes))
+
+    @property
+    def farthest(self) -> float:
+        """The largest frequency that takes part, of both axes together."""
+        corner = math.hypot(*(axis.largest for axis in self.axes))
+        return min(corner, self.radial.passes) if self.radial else corner
+
+
+def whole_band(span: Span) -> Band:
+    """All that a smooth field's samples resolve, without a taper.
+
+    Raises ToleranceError where the field's light grazes.
+    """
+    axes = []
+    for carrier, band, pitch in zip(span.carrier, span.bands, span.source.pitch, strict=True):
+        passes = (carrier - band, carrier + band)
+        axes.append(AxisBand(carrier - 0.5 / pitch, carrier + 0.5 / pitch, passes))
+    return _spaced(span, (axes[0], axes[1]), None, 0.0)
+
+
+def reaching_band(span: Span, epsilon: float) -> Band:
+    """The frequencies of the source whose rays reach the target, cut smoothly beyond.
+
+    epsilon: how much is lost or comes from copies, at most, of all the source's light.
+    Raises ToleranceError where the rays graze.
+    """
+    rays = _rays(span)
+    tangents = [_tangents(span, axis) for axis in (0, 1)]
+    near = min(abs(z) for _, _, z in span.numeric.corners)
+    reach = _Reach(span, rays, near, epsilon)
+    outer = [reach.limits(axis, tangents[axis], 0.0) for axis in (0, 1)]
+    axes = [reach.limits(axis, tangents[axis], outer[1 - axis].largest) for axis in (0, 1)]
+    farthest = rays.frequency(math.hypot(*(max(map(abs, t)) for t in tangents)))
+    radial = reach.taper(farthest, outward=True)
+    corner = math.hypot(*(axis.largest for axis in axes))
+    cuts = not rays.paraxial and radial.passes < corner
+    return _spaced(span, (axes[0], axes[1]), radial if cuts else None, epsilon)
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """The bands of rays that reach the target, axis by axis."""
+
+    span: Span
+    rays: Rays
+    near: float
+    epsilon: float
+
+    def taper(self, edge: float, outward: bool) -> Taper:
+        """Beyond a frequency; the rays spread the least at the least angle there is."""
+        slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing) if outward else 0.0
+        return Taper(edge, self.rays.spread(slowest, self.near), self.epsilon)
+
+    def limits(self, axis: int, tangents: tuple[float, float], across: float) -> AxisBand:
+        """Along an axis, for waves of up to a frequency across it; mirrored for a way back."""
+        low, high = tangents
+        above = self._beyond(high, across)
+        below = self._beyond(-low, across)
+        backwards = self.span.numeric.distance < 0
+        band = AxisBand(-below.end, above.end, (-below.passes, above.passes), below, above)
+        return self._limited(band.mirrored if backwards else band, axis)
+
+    def _beyond(self, tangent: float, across: float) -> Taper:
+        """Of rays that go farther than a tangent; on the near side of an axis that the rays
+        don't cross, waves that go sideways as well need less to get there."""
+        if tangent > 0:
+            return self.taper(self.rays.frequency(tangent), outward=True)
+        return self.taper(self.rays.frequency(tangent, across), outward=False)
+
+    def _limited(self, band: AxisBand, axis: int) -> AxisBand:
+        """What of a band is in the field as well."""
+        span = self.span
+        least = span.carrier[axis] - span.bands[axis]
+        most = span.carrier[axis] + span.bands[axis]
+        if band.low >= most or band.high <= least:
+            raise ToleranceError(
+                f"tol {span.tol:g} can't be kept: none of the field's light goes towards the "
+                f"target in {'yx'[axis]}; move the target, or give the band= that the light has"
+            )
+        passes = (max(band.passes[0], least), min(band.passes[1], most))
+        return replace(band, low=max(band.low, least), high=min(band.high, most), passes=passes)
+
+
+def _rays(span: Span) -> Rays:
+    return Rays(span.numeric.wavelength, span.paraxial)
+
+
+def _tangents(span: Span, axis: int) -> tuple[float, float]:
+    """The least and the largest way sideways, a metre of distance, from source to target."""
+    low, high = span.extent(axis)
+    places = [(corner[axis], abs(corner[2])) for corner in span.numeric.corners]
+    return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
+
+
+def _spaced(
+    span: Span, axes: tuple[AxisBand, AxisBand], radial: Taper | None, epsilon: float
+) -> Band:
+    """A band with the period at which no copy's light lands on the target."""
+    band = Band(axes, radial, (math.inf, math.inf), epsilon)
+    rays = _rays(span)
+    if not band.farthest < rays.grazing * (1 - 1e-9):
+        n = span.numeric
+        raise ToleranceError(
+            f"tol {span.tol:g} can't be kept by a spectrum {n.distance:g} m away: rays to the "
+            "target's edge graze the source. Use direct quadrature, a smaller target, a finer "
+            "band= of a smooth field, or a larger distance"
+        )
+    period = (_period(span, band, rays, 0), _period(span, band, rays, 1))
+    return replace(band, period=period)
+
+
+def _period(span: Span, band: Band, rays: Rays, axis: int) -> float:
+    """A copy's light goes as far as that of the source, and must miss every corner."""
+    n = span.numeric
+    low, high = band.axes[axis].passes
+    if n.distance < 0:
+        low, high = -high, -low
+    left, right = -_steepest(band, rays, axis, -low), _steepest(band, rays, axis, high)
+    first, last = span.extent(axis)
+    ways = [0.0]
+    for corner in n.corners:
+        place, z = corner[axis], abs(corner[2])
+        ways += [last + right * z - place, place - first - left * z]
+    return max(ways)
+
+
+def _steepest(band: Band, rays: Rays, axis: int, frequency: float) -> float:
+    """The largest tangent along an axis of light up to a frequency, whatever it does across."""
+    if frequency <= 0:
+        return rays.tangent(frequency)
+    left = math.sqrt(max(band.farthest**2 - frequency**2, 0.0))
+    return rays.tangent(frequency, min(band.axes[1 - axis].largest, left))

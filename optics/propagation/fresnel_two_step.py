@@ -1,0 +1,301 @@
+"""Fresnel's integral by two Fourier transforms, with a plane between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import scipy.fft
+import torch
+
+from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError, unkeepable
+from optics.fourier.chirp import chirp_length
+from optics.fourier.fft import fft_operations
+from optics.plane import Plane
+from optics.propagation.chirped import Cells, ChirpedTransform
+from optics.propagation.fresnel_single import (
+    COPY_SHARE,
+    SAMPLING_SHARE,
+    interpolated_cells,
+)
+from optics.propagation.paraxial import as_paraxial
+from optics.propagation.precision import rounding, working_precision
+from optics.propagation.propagator import Propagator
+from optics.propagation.replicas import (
+    Interval,
+    copies_miss,
+    field_band,
+    shadow,
+    step_widths,
+)
+from optics.propagation.span import Span
+from optics.propagation.spectral import shared_error
+
+_PARTS = tuple(
+    sign * 2.0 ** (k / 2) for k in range(-6, 25) for sign in (1.0, -1.0) if (sign, k) != (1.0, 0)
+)
+"""Where the plane between may lie, in distances from source to target. Beyond the target, or
+behind the source, a chirp is flatter: that is where near targets need it."""
+
+_FARTHEST = 8.0
+"""Of these, where derivatives are wanted: those of both steps nearly cancel, and the farther
+the plane, the more digits that costs."""
+
+_PHASE_SHARE = 0.2
+"""Of the tolerance that the rounding of long chirps may use."""
+
+_PART_OF_SAMPLE = 1e-12
+
+
+@dataclass(frozen=True)
+class Between:
+    """The samples of the plane between, along one axis, and the light that passes there.
+
+    low, high: metres. pitch: metres between samples. below, above: the smooth steps down at
+    either end, (centre, sigma), None where the field has died away by itself.
+    """
+
+    low: float
+    high: float
+    pitch: float
+    below: tuple[float, float] | None
+    above: tuple[float, float] | None
+
+    @property
+    def count(self) -> int:
+        return math.ceil((self.high - self.low) / self.pitch * (1 - _PART_OF_SAMPLE)) + 1
+
+    def taper(self, x: torch.Tensor) -> torch.Tensor:
+        value = torch.ones_like(x)
+        for sign, step in ((1.0, self.above), (-1.0, self.below)):
+            if step is not None:
+                centre, sigma = step
+                value = value * torch.erfc(sign * (x - centre) / (math.sqrt(2) * sigma)) / 2
+        return value
+
+
+class TwoStepFresnel(Propagator):
+    """One transform to a plane between, another one on to the target (Rydberg and Bengtsson
+    2006; Voelz 2011, Computational Fourier Optics).
+
+    A near target breaks the sampling criterion of a single transform. A plane that is farther
+    away, beyond the target or behind the source, keeps it: from there the light is taken back.
+    With t the plane's distance over the target's,
+
+    * a point x_s sends its light to x_t through x_s + t (x_t - x_s), and nowhere else but for
+      diffraction: a step down of width sigma removes from it, at a distance delta, what it
+      removes in the spectrum (optics.propagation.replicas), with 1 / |scale t (1 - t)| in place
+      of dX/df. So the plane ends, smoothly, a little beyond all such points, or beyond all
+      of a smooth field's light if that is less;
+    * samples of it, p apart, repeat the target's light every |scale (1 - t)| / p: the copies
+      must miss the target (multiplied by fringes 1 / p, a field arrives that far aside).
+
+    Where that holds, the sums are the integrals. The cheapest such plane is taken.
+    """
+
+    name = "two-step Fresnel"
+
+    def __init__(self, span: Span) -> None:
+        super().__init__(span)
+        self._asked, model = as_paraxial(self.name, span)
+        n = self._asked.numeric
+        self._epsilon = COPY_SHARE * n.tol
+        part, axes, cells = self._cheapest()
+        self._tapers = axes
+        self._between = _plane(axes)
+        turns = self._turns(part, axes)
+        self.dtype, self.arithmetic = working_precision(n.tol - model, turns)
+        scale, error = span.scale, shared_error(n)
+        self._first = ChirpedTransform(
+            n.source, self._between, part * scale, self.dtype, n.budget, error=error, cells=cells
+        )
+        self._second = ChirpedTransform(
+            self._between, span.target, (1 - part) * scale, self.dtype, n.budget, error=error
+        )
+        sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (self._first.error + self._second.error)
+        self.error = ErrorEstimate(model + sampling, "bound")
+        if not self.error.value + self.arithmetic <= n.tol:
+            raise unkeepable(n.tol, self.error.value + self.arithmetic)
+        rows, columns = self._between.shape
+        self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
+
+    def _cheapest(self) -> tuple[float, tuple[Between, Between], Cells | None]:
+        """Where the plane lies, its samples, and how cells are sent there."""
+        n, best = self._asked.numeric, math.inf
+        found: tuple[float, tuple[Between, Between], Cells | None] | None = None
+        farthest = _FARTHEST if self._asked.differentiable else math.inf
+        for part in (part for part in _PARTS if abs(part) <= farthest):
+            offer = self._offer(part)
+            if offer is None:
+                continue
+            axes, cells = offer
+            if rounding(self._turns(part, axes)) > _PHASE_SHARE * n.tol:
+                continue
+            terms = cells.nodes[0] * cells.nodes[1] if cells else 1
+            shape = (axes[0].count, axes[1].count)
+            work = terms * _work(n.source.shape, shape) + _work(shape, n.target.shape)
+            if work < best:
+                best, found = work, (part, axes, cells)
+        if found is None:
+            raise ToleranceError(
+                f"tol {n.tol:g} can't be kept by {self.name} transforms: from no plane between do "
+                "samples of this pitch send all copies past the target; sample finer, give the "
+                "field's band= if it is narrower, or use the Fresnel matrices"
+            )
+        return found
+
+    def _offer(self, part: float) -> tuple[tuple[Between, Between], Cells | None] | None:
+        """The plane between and the cells' nodes at a part of the way; None where none serves."""
+        n, cells = self._asked.numeric, None
+        if n.cells is not None:
+            try:
+                cells, _ = interpolated_cells(n, part * n.scale, SAMPLING_SHARE * n.tol)
+            except ToleranceError:
+                return None
+        y, x = self._axis(0, part), self._axis(1, part)
+        return ((y, x), cells) if y and x else None
+
+    def _axis(self, axis: int, part: float) -> Between | None:
+        light = _Light(self._asked.numeric, axis, part, self._epsilon)
+        if light.ends is None:
+            return None
+        low, high, below, above = light.ends
+        first, last = _places(self._asked, axis)
+        left, right = light.arriving
+        farthest = max(right - first, last - left)
+        pitch = abs((1 - part) * self._asked.numeric.scale) / farthest
+        return Between(low, high, pitch, below, above)
+
+    def _turns(self, part: float, axes: tuple[Between, Between]) -> float:
+        """Of the fastest chirp."""
+        n = self._asked.numeric
+        most = 0.0
+        for axis, between in enumerate(axes):
+            wide = (between.high - between.low) / 2
+            first, last = n.extent(axis)
+            way = max(abs(between.high - first), abs(last - between.low))
+            places = _places(n, axis)
+            on = max(abs(p - (between.low + between.high) / 2) for p in places)
+            most = max(most, way**2 / abs(part), (wide**2 + on**2) / abs(1 - part))
+        return most / (2 * abs(n.scale))
+
+    @property
+    def bytes(self) -> int:
+        rows, columns = self._between.shape
+        between = 2 * self.dtype.itemsize * rows * columns
+        return max(self._first.bytes, self._second.bytes) + between
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        return self._first.cpu_seconds(speed) + self._second.cpu_seconds(speed)
+
+    def prepare(self) -> None:
+        self._first.prepare()
+        self._second.prepare()
+
+    def _tapered(self, field: torch.Tensor) -> torch.Tensor:
+        for axis, between in enumerate(self._tapers):
+            taper = between.taper(self._between.coordinates(axis)).to(
+                field.device, field.real.dtype
+            )
+            field = field * (taper if axis else taper[:, None])
+        return field
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        return self._second.forward(self._tapered(self._first.forward(field)))
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        return self._first.adjoint(self._tapered(self._second.adjoint(field)))
+
+
+class _Light:
+    """Where light is in the plane between and in the target's, along an axis."""
+
+    def __init__(self, span: Span, axis: int, part: float, epsilon: float) -> None:
+        self._span, self._axis, self._part, self._epsilon = span, axis, part, epsilon
+        self._source, self._target = span.extent(axis), _places(span, axis)
+        scale = abs(span.scale)
+        # A step in this plane meets chirps of 1 / (t (1 - t) scale), as one in the spectrum
+        # meets those of dX/df.
+        kappa = 1 / (scale * abs(part * (1 - part)))
+        self._over, self._nothing = step_widths(kappa, math.inf, epsilon)
+        self._sigma = self._over / math.sqrt(2 * math.log(1 / epsilon))
+        self.ends = self._ends()
+
+    def _reached(self, part: float) -> Interval | None:
+        """Where all of a smooth field's light is, at a part of the way; None of cells'."""
+        span, axis = self._span, self._axis
+        if span.cells is not None:
+            return None
+        scale, band = part * span.scale, field_band(span, axis)
+        spread = abs(scale) * shadow(abs(scale), band, span.source.pitch[axis], self._epsilon)
+        rays = sorted(scale * frequency for frequency in band)
+        return self._source[0] + rays[0] - spread, self._source[1] + rays[1] + spread
+
+    def _ends(
+        self,
+    ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
+        """Of the plane between, with the steps there; None where it can't be."""
+        part = self._part
+        through = [a + part * (b - a) for a in self._source for b in self._target]
+        low = min(through) - self._nothing - self._over
+        high = max(through) + self._nothing + self._over
+        below = (min(through) - self._nothing, self._sigma)
+        above = (max(through) + self._nothing, self._sigma)
+        whole = self._reached(part)
+        if whole is None:
+            return low, high, below, above
+        left, right = max(low, whole[0]), min(high, whole[1])
+        if not left < right or not self._copies_miss(left, right):
+            return None
+        return left, right, below if left == low else None, above if right == high else None
+
+    def _copies_miss(self, low: float, high: float) -> bool:
+        """Whether the source's own samples send copies to the plane between."""
+        span, axis = self._span, self._axis
+        scale = self._part * span.scale
+        ways = (low - self._source[1], high - self._source[0])
+        reach = sorted(way / scale for way in ways)
+        return copies_miss(
+            field_band(span, axis),
+            span.source.pitch[axis],
+            (reach[0], reach[1]),
+            abs(scale),
+            self._epsilon,
+        )
+
+    @property
+    def arriving(self) -> Interval:
+        """Where all light that has passed the plane between arrives in the target's plane."""
+        assert self.ends is not None
+        part = self._part
+        low, high, below, above = self.ends
+        low -= self._nothing - self._over if below else 0.0
+        high += self._nothing - self._over if above else 0.0
+        ways = [a + (b - a) / part for a in self._source for b in (low, high)]
+        first, last = min(ways), max(ways)
+        whole = self._reached(1.0)
+        return (max(first, whole[0]), min(last, whole[1])) if whole else (first, last)
+
+
+def _places(span: Span, axis: int) -> Interval:
+    """The target's first and last sample along an axis, metres."""
+    places = [corner[axis] for corner in span.corners]
+    return min(places), max(places)
+
+
+def _plane(axes: tuple[Between, Between]) -> Plane:
+    """The samples of both axes, as many as an FFT likes."""
+    shape, pitch, centre = [], [], []
+    for axis in axes:
+        count = scipy.fft.next_fast_len(axis.count)
+        step = (axis.high - axis.low) / (count - 1) if count > 1 else axis.pitch
+        shape.append(count)
+        pitch.append(step)
+        centre.append(axis.low + (count // 2) * step)
+    return Plane((shape[0], shape[1]), (pitch[0], pitch[1]), (centre[0], centre[1]))
+
+
+def _work(source: tuple[int, int], target: tuple[int, int]) -> float:
+    """Operations of a chirp-Z transform, for a comparison."""
+    rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
+    return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

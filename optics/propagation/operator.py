@@ -1,0 +1,298 @@
+"""A field on one plane, wanted on another: planned once, called many times."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+
+from optics.accuracy import (
+    Account,
+    Budget,
+    ErrorEstimate,
+    MachineSpeed,
+    Result,
+    ToleranceError,
+)
+from optics.edge import require_finite, rounded_up, tensors_inside
+from optics.plane import Plane
+from optics.propagation.choice import METHODS as METHODS
+from optics.propagation.choice import Choice
+from optics.propagation.propagator import Propagator
+from optics.propagation.smooth import (
+    light_spectrum,
+    paraxial_deviation,
+    paraxial_shortfall,
+    require_smooth,
+)
+from optics.propagation.span import Scalar, Span
+from optics.propagation.transfer import paraxial_error
+from optics.threads import in_full_precision
+
+_MARGIN = 0.03
+"""Of the tolerance, that a first plan keeps for all the light there is: it then holds for
+targets that a thousandth of the light reaches."""
+
+_SPARE = 0.7
+"""Of the tolerance that is left when the light on the target is known."""
+
+
+_DEAR = 100
+"""Function calls that a plan may cost before a cheaper one is looked for: planning is as dear."""
+
+
+class FreeSpace:
+    """Light from one plane to another, planned once and called many times.
+
+    The models and the meaning of all arguments are those of optics.propagation.span.Span:
+    source and target planes, distance and wavelength in metres, cells, carrier, band, tilt,
+    paraxial. tol: relative L2 error of the complex field on the target, from sampling and
+    arithmetic. method: one of METHODS; the cheapest that keeps tol if None. budget: memory
+    allowed, and the machine's speed.
+
+    Call with a field (..., *source.shape), tensor or array; the answer is (..., *target.shape),
+    complex64 or complex128 as tol needs it, without the factor exp(i k distance). adjoint() is
+    its conjugate transpose. Differentiable in the field, in distance, wavelength and the
+    target's centre where these are 0-d tensors. Mixed precision (autocast) is kept out.
+
+    account is that of the plan, and of the last call where that told more: of a smooth field in
+    the paraxial model, what the model leaves out; of a dim target, the tighter plan.
+
+    Raises ValueError for a smooth field that its samples don't resolve, or that hasn't died
+    away at their edges; ToleranceError if tol can't be kept, with the floor and the remedy.
+    """
+
+    def __init__(
+        self,
+        source: Plane,
+        target: Plane,
+        distance: Scalar,
+        wavelength: Scalar,
+        *,
+        cells: tuple[float, float] | None = None,
+        carrier: tuple[float, float] = (0.0, 0.0),
+        band: tuple[float, float] | None = None,
+        tilt: tuple[float, float] = (0.0, 0.0),
+        paraxial: bool = False,
+        tol: float = 1e-3,
+        method: str | None = None,
+        budget: Budget | None = None,
+    ) -> None:
+        if not 0 < tol < math.inf:
+            raise ValueError(f"tol is {tol:g}; it must be positive, as 1e-3")
+        if method is not None and method not in METHODS:
+            raise ValueError(f"method is {method!r}; choose one of {', '.join(METHODS)}")
+        self.span = Span(
+            source,
+            target,
+            distance,
+            wavelength,
+            cells=cells,
+            carrier=carrier,
+            band=band,
+            tilt=tilt,
+            paraxial=paraxial,
+            tol=tol,
+            budget=budget or Budget(),
+        )
+        self._method = method
+        self._model = _model_error(self.span)
+        self._deviation: torch.Tensor | None = None
+        self._propagator = self._first_plan()
+        self._twin: Propagator | None = None
+        self.account = self._accounted(self._propagator)
+
+    @property
+    def method(self) -> str:
+        """The name of the method in use."""
+        return self._propagator.name
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predicted processor time of one call, on a machine of such a speed."""
+        return self._propagator.cpu_seconds(speed)
+
+    def _first_plan(self) -> Propagator:
+        """With a margin for a target that gets a small share of the light; without, if only
+        that can be kept, or if it is so much cheaper that it is worth a try."""
+        speed = self.span.budget.speed
+        plan = Choice(replace(self.span, tol=_MARGIN * self.span.tol), self._method)
+        if plan.seconds > _DEAR * speed.call:
+            loose = Choice(self.span, self._method)
+            cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
+            plan = loose if cheaper else plan
+        return plan.prepared()
+
+    def _accounted(self, propagator: Propagator) -> Account:
+        span = self.span
+        (rows, columns), pitch = span.target.shape, span.target.pitch
+        return Account(
+            method=propagator.name,
+            sampling=f"{propagator.sampling} to {columns}x{rows} samples of "
+            f"{pitch[1] * 1e6:.3g} µm",
+            precision=propagator.precision,
+            tol=span.tol,
+            model=self._model,
+            sampling_error=propagator.error,
+            arithmetic=ErrorEstimate(propagator.arithmetic, "bound, from tests"),
+            cpu_predicted=propagator.cpu_seconds(span.budget.speed),
+            bytes=propagator.bytes,
+        )
+
+    @tensors_inside
+    @in_full_precision
+    def __call__(self, field: torch.Tensor) -> torch.Tensor:
+        field = self._checked(field, self.span.source, "field")
+        self._require_unchanged()
+        light = float_light(field) * self.span.area
+        if self.span.cells is None:
+            self._look_at(field, light)
+        answer = self._in_chunks(self._propagator, self._propagator.forward, field)
+        share = self._share(answer, light)
+        if self._kept_by(self._propagator, share):
+            return answer
+        twin = self._tighter(share)
+        return self._in_chunks(twin, twin.forward, field)
+
+    def _look_at(self, field: torch.Tensor, light: torch.Tensor) -> None:
+        """Refuse a field that isn't smooth; tell what the model leaves out of one that is."""
+        spectrum = light_spectrum(field)
+        require_smooth(self.span, field, light, spectrum)
+        if self.span.paraxial:
+            if self._deviation is None:
+                self._deviation = paraxial_deviation(self.span)
+            how = "estimate: paraxial, over the field's spectrum; a scalar wave"
+            self._model = ErrorEstimate(paraxial_shortfall(self._deviation, spectrum), how)
+            self.account = replace(self.account, model=self._model)
+
+    @tensors_inside
+    @in_full_precision
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        """The conjugate transpose of the call: from the target's samples to the source's."""
+        field = self._checked(field, self.span.target, "field")
+        self._require_unchanged()
+        return self._in_chunks(self._propagator, self._propagator.adjoint, field)
+
+    def _checked(self, field: torch.Tensor, plane: Plane, name: str) -> torch.Tensor:
+        if tuple(field.shape[-2:]) != plane.shape:
+            raise ValueError(f"{name} is {tuple(field.shape)}; its plane has {plane.shape} samples")
+        require_finite(name, field.detach())
+        return field if field.is_complex() else field.to(torch.complex128)
+
+    def _in_chunks(
+        self,
+        propagator: Propagator,
+        function: Callable[[torch.Tensor], torch.Tensor],
+        field: torch.Tensor,
+    ) -> torch.Tensor:
+        """As many fields at a time as the memory holds."""
+        together = max(self.span.budget.memory // propagator.bytes, 1)
+        batch = field.shape[:-2]
+        if math.prod(batch) <= together:
+            return function(field).resolve_conj()
+        flat = field.reshape(-1, *field.shape[-2:])
+        parts = [function(part) for part in torch.split(flat, together)]
+        done = torch.cat(parts).resolve_conj()
+        return done.reshape(*batch, *done.shape[-2:])
+
+    def _share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
+        """The least share of its light that any field brings to the target; 1 if all are dark."""
+        y, x = self.span.target.pitch
+        arrived = float_light(answer) * (y * x)
+        lit = light > 0
+        if not bool(lit.any()):
+            return 1.0
+        return float((arrived[lit] / light[lit]).min())
+
+    def _kept_by(self, propagator: Propagator, share: float) -> bool:
+        error = propagator.error.value + propagator.arithmetic
+        return error <= self.span.tol * math.sqrt(min(share, 1.0))
+
+    def _tighter(self, share: float) -> Propagator:
+        """A plan that keeps the tolerance for the little light that reaches the target."""
+        if self._twin is not None and self._kept_by(self._twin, share):
+            return self._twin
+        tol = self.span.tol * math.sqrt(share) * _SPARE
+        try:
+            if not tol > 0:
+                raise ToleranceError("no light at all")
+            self._twin = Choice(replace(self.span, tol=tol), self._method).prepared()
+        except ToleranceError as error:
+            raise ToleranceError(
+                f"tol {self.span.tol:g} can't be kept: hardly any light reaches the target, a "
+                f"share of {share:.2g}; ask for a larger target, one nearer to the light, or "
+                f"tol {self._floor(share)} or more"
+            ) from error
+        self.account = self._accounted(self._twin)
+        return self._twin
+
+    def _floor(self, share: float) -> str:
+        """The tolerance that the first plan keeps for such a share of the light."""
+        error = self._propagator.error.value + self._propagator.arithmetic
+        return rounded_up(error / math.sqrt(share)) if share else "inf"
+
+    def _require_unchanged(self) -> None:
+        """Raise ValueError if a tensor has got another value since the plan was made."""
+        before, now = self.span.numeric, replace(self.span).numeric
+        for name in ("distance", "wavelength", "target"):
+            was, is_ = getattr(before, name), getattr(now, name)
+            if was != is_:
+                raise ValueError(
+                    f"{name} has changed since this way was planned, from {was} to {is_}; plan "
+                    "another FreeSpace for it"
+                )
+
+
+def float_light(field: torch.Tensor) -> torch.Tensor:
+    """Sum of |u|² of each field, float64."""
+    field = field.detach()
+    return (field.real**2 + field.imag**2).sum(dim=(-2, -1), dtype=torch.float64)
+
+
+def _model_error(span: Span) -> ErrorEstimate:
+    if not span.paraxial:
+        return ErrorEstimate(0.0, "none beyond that of a scalar wave")
+    n = span.numeric
+    reach = math.hypot(*(max(map(abs, n.lateral(axis))) / n.distance for axis in (0, 1)))
+    bands = (abs(c) + b for c, b in zip(n.carrier, n.bands, strict=True))
+    frequency = min(reach / n.wavelength, math.hypot(*bands))
+    error = paraxial_error(n.wavelength, n.distance, frequency)
+    return ErrorEstimate(min(1.0, error), "estimate: paraxial, the steepest rays; a scalar wave")
+
+
+def propagate(
+    field: torch.Tensor,
+    source: Plane,
+    target: Plane,
+    distance: Scalar,
+    wavelength: Scalar,
+    *,
+    cells: tuple[float, float] | None = None,
+    carrier: tuple[float, float] = (0.0, 0.0),
+    band: tuple[float, float] | None = None,
+    tilt: tuple[float, float] = (0.0, 0.0),
+    paraxial: bool = False,
+    tol: float = 1e-3,
+    method: str | None = None,
+    budget: Budget | None = None,
+) -> Result[torch.Tensor]:
+    """The field on the target, with its account; plans a FreeSpace and calls it once."""
+    started = time.process_time()
+    operator = FreeSpace(
+        source,
+        target,
+        distance,
+        wavelength,
+        cells=cells,
+        carrier=carrier,
+        band=band,
+        tilt=tilt,
+        paraxial=paraxial,
+        tol=tol,
+        method=method,
+        budget=budget,
+    )
+    value = operator(field)
+    return Result(value, operator.account.spent(time.process_time() - started))

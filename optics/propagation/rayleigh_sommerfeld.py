@@ -1,0 +1,285 @@
+"""The diffraction integral as the sum that it is: slow, and right."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch.utils.checkpoint import checkpoint
+
+from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
+from optics.fourier import unit_phasor
+from optics.propagation.finer import finer, finer_adjoint
+from optics.propagation.gauss import gauss_nodes
+from optics.propagation.precision import working_precision
+from optics.propagation.propagator import Propagator
+from optics.propagation.replicas import finer_samples, reaching
+from optics.propagation.span import Scalar, Span
+
+_SHARE = 0.05
+"""Of the tolerance: what one of a smooth field's nearest copies may send, and what Gauss and
+Legendre may leave along an axis."""
+
+_MOST = 1000
+"""Nodes in a cell, or samples in place of one, along an axis."""
+
+_PAIRS = 1 << 16
+"""Pairs of points of both planes that are taken together, so that they stay in the caches."""
+
+_SUMMED = 1 << 11
+"""Source points of a tile, unless a single row has more."""
+
+_PAIR_BYTES = 120
+_PAIR_TOUCHES = 170
+"""Processor time of a pair, in passes of a complex number: one phase, made in float64, and a
+square root. Single precision would hardly be faster."""
+
+
+def impulse_response(
+    across: torch.Tensor,
+    depth: torch.Tensor,
+    distance: torch.Tensor,
+    wavelength: torch.Tensor,
+    *,
+    paraxial: bool = False,
+) -> torch.Tensor:
+    """What a point sends to another, without the factor exp(i k distance).
+
+        h = depth / (2 pi r²) (1 / r - i k) exp(i k (r - distance)), r² = depth² + across²
+
+    (Rayleigh and Sommerfeld's first integral, Goodman 3.5), or, paraxial,
+    exp(i k (across² / (2 depth) + depth - distance)) / (i wavelength depth) (thesis Eq. 2.12).
+
+    across: squared, m². depth: metres along the axis, positive; distance: of the plane, whose
+    phase is left out. All float64; differences of long ways are never taken:
+    r - distance = (across² + (depth - distance) (depth + distance)) / (r + distance).
+    """
+    beyond = depth - distance
+    if paraxial:
+        turns = across / (2 * wavelength * depth) + beyond / wavelength
+        return unit_phasor(turns - 0.25, torch.complex128) / (wavelength * depth)
+    square = across + depth**2
+    r = torch.sqrt(square)
+    way = (across + beyond * (depth + distance)) / (r + distance)
+    strength = depth / square
+    amplitude = torch.complex(strength / (2 * math.pi * r), -strength / wavelength)
+    return amplitude * unit_phasor(way / wavelength, torch.complex128)
+
+
+class DirectQuadrature(Propagator):
+    """Every source point's spherical wave at every target sample: the judge of the others.
+
+    Cells are summed over Gauss-Legendre nodes inside each. A smooth field is summed over its
+    samples: exact where no copy of its spectrum has a ray to the target, that is while
+    carrier + band + the steepest ray's frequency stay below 1 / pitch by a margin (optics.
+    propagation.replicas); nearer by, over finer samples, by zero-padded FFTs. It serves both
+    models, and tilted targets. Memory is bounded: tiles of pairs are made, used and forgotten,
+    and made again for derivatives. The time is that of all pairs.
+    """
+
+    name = "direct quadrature"
+
+    def __init__(self, span: Span) -> None:
+        super().__init__(span)
+        n = span.numeric
+        self._near = self._depths()
+        self._sign = math.copysign(1.0, n.distance)
+        factors = [self._factor(axis) for axis in (0, 1)]
+        self._factors = (factors[0], factors[1])
+        self.dtype = torch.complex128
+        self.arithmetic = working_precision(n.tol, self._turns(), double=True)[1]
+        self.error = ErrorEstimate(4 * _SHARE * n.tol, "bound")
+        rows, columns = self._points
+        self.sampling = f"{columns}x{rows} source points"
+
+    def _depths(self) -> float:
+        """The least distance of a target's sample from the source's plane.
+
+        Raises ValueError where a tilt brings some through it.
+        """
+        n = self.span.numeric
+        depths = [corner[2] * math.copysign(1.0, n.distance) for corner in n.corners]
+        if not min(depths) > 0:
+            raise ValueError(
+                f"tilt is {n.tilt} rad; it turns the target through the source's plane, "
+                f"{n.distance:g} m away: tilt it less, or move it away"
+            )
+        return min(depths)
+
+    def _factor(self, axis: int) -> int:
+        """Nodes in a cell, or finer samples in place of one."""
+        n, error = self.span.numeric, _SHARE * self.span.tol
+        if n.cells is None:
+            factor = finer_samples(n, axis, error, _MOST)
+        else:
+            half = n.cells[axis] / 2
+            steepest = max(map(abs, reaching(n, axis)))
+            bend = half**2 / (2 * n.wavelength * self._near)
+            half_turn = 2 * math.pi * (steepest * half + bend)
+            depth = math.inf if n.paraxial else self._near / half
+            factor = gauss_nodes(half_turn, depth, error, _MOST)
+        if not factor:
+            raise ToleranceError(
+                f"tol {n.tol:g} can't be kept by {self.name}: {n.distance:g} m away more than "
+                f"{_MOST} points are needed for each sample in {'yx'[axis]}; sample finer, or "
+                "give the field's band= if it is narrower"
+            )
+        return factor
+
+    def _turns(self) -> float:
+        """Of the kernel between the points that are farthest from each other."""
+        n = self.span.numeric
+        ways = [max(map(abs, n.lateral(axis))) for axis in (0, 1)]
+        deepest = max(abs(corner[2]) for corner in n.corners)
+        tilted = deepest - abs(n.distance)
+        return (sum(way**2 for way in ways) / (2 * self._near) + tilted) / n.wavelength
+
+    @property
+    def _points(self) -> tuple[int, int]:
+        (ny, nx), (fy, fx) = self.span.source.shape, self._factors
+        return ny * fy, nx * fx
+
+    @property
+    def bytes(self) -> int:
+        points, (my, mx) = math.prod(self._points), self.span.target.shape
+        extra = 4 if self.span.cells is None else 2
+        kept = self.dtype.itemsize * (extra * points + 2 * my * mx) + 16 * points
+        return kept + _PAIR_BYTES * max(_PAIRS, self._points[1])
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        my, mx = self.span.target.shape
+        pairs = math.prod(self._points) * my * mx
+        return speed.call + pairs * _PAIR_TOUCHES * speed.touch
+
+    def prepare(self) -> None:
+        """Nothing is kept."""
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        points = self._spread(field.to(self.dtype))
+        flat = points.reshape(-1, math.prod(self._points)).mT
+        sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=False)
+        sent = sent.conj().resolve_conj() if self._sign < 0 else sent
+        return sent.mT.reshape(*field.shape[:-2], *self.span.target.shape)
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        flat = field.to(self.dtype).reshape(-1, math.prod(self.span.target.shape)).mT
+        sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=True)
+        sent = (sent.conj().resolve_conj() if self._sign < 0 else sent).mT
+        points = sent.reshape(*field.shape[:-2], *self._points)
+        return self._gathered(points)
+
+    def _spread(self, field: torch.Tensor) -> torch.Tensor:
+        """The field on the points, times the area of each."""
+        for axis in (0, 1):
+            lines = field.movedim(-2 + axis, -1)
+            field = self._along(axis, lines).movedim(-1, -2 + axis)
+        return field
+
+    def _gathered(self, points: torch.Tensor) -> torch.Tensor:
+        """The adjoint of _spread()."""
+        for axis in (0, 1):
+            lines = points.movedim(-2 + axis, -1)
+            points = self._back(axis, lines).movedim(-1, -2 + axis)
+        return points
+
+    def _along(self, axis: int, field: torch.Tensor) -> torch.Tensor:
+        span, factor = self.span, self._factors[axis]
+        pitch = span.source.pitch[axis]
+        if span.cells is None:
+            return finer(field, factor, span.carrier[axis] * pitch) * (pitch / factor)
+        return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
+
+    def _back(self, axis: int, points: torch.Tensor) -> torch.Tensor:
+        span, factor = self.span, self._factors[axis]
+        pitch = span.source.pitch[axis]
+        if span.cells is None:
+            return finer_adjoint(points, factor, span.carrier[axis] * pitch) * (pitch / factor)
+        parts = points.reshape(*points.shape[:-1], -1, factor)
+        return (parts * self._weights(axis, points.device)).sum(-1)
+
+    def _weights(self, axis: int, device: torch.device) -> torch.Tensor:
+        """Gauss's and Legendre's, metres of a cell's side."""
+        assert self.span.cells is not None
+        weights = np.polynomial.legendre.leggauss(self._factors[axis])[1] / 2
+        return torch.from_numpy(weights * self.span.cells[axis]).to(device)
+
+    def _place(self, axis: int) -> torch.Tensor:
+        """Metres of the points along an axis."""
+        source, factor = self.span.source, self._factors[axis]
+        x = source.coordinates(axis)
+        if self.span.cells is not None:
+            nodes = torch.from_numpy(np.polynomial.legendre.leggauss(factor)[0])
+            inside = nodes * self.span.cells[axis] / 2
+        else:
+            inside = torch.arange(factor, dtype=torch.float64) * (source.pitch[axis] / factor)
+        return (x[:, None] + inside).flatten()
+
+    def _target(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(y, x, depth) of the target's samples, flat."""
+        target = self.span.target
+        y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
+        x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
+        places = self.span.place(y, x)
+        y, x, z = (torch.as_tensor(p, dtype=torch.float64).expand(target.shape) for p in places)
+        return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
+
+    def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
+        """h · values, or its conjugate transpose: (points of one plane, fields)."""
+        device = values.device
+        target = [p.to(device) for p in self._target()]
+        source_y, source_x = (self._place(axis).to(device) for axis in (0, 1))
+        lengths = [_tensor(v, device) for v in (self.span.distance, self.span.wavelength)]
+        lengths[0] = lengths[0] * self._sign
+        lines = source_x.numel()
+        (outer, inner), sums = _tiles(target[0].numel(), source_y.numel(), lines, adjoint), []
+        for there in outer:
+            total: torch.Tensor | None = None
+            for here in inner:
+                targets, rows = (here, there) if adjoint else (there, here)
+                geometry = [*(p[targets] for p in target), source_y[rows], source_x, *lengths]
+                used = targets if adjoint else slice(rows.start * lines, rows.stop * lines)
+                part = self._tile(values[used], adjoint, *geometry)
+                total = part if total is None else total + part
+            assert total is not None
+            sums.append(total)
+        return torch.cat(sums)
+
+    def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
+        """One tile's part; for derivatives it's made again, not kept."""
+        if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
+            part: torch.Tensor = checkpoint(
+                self._product, values, adjoint, *geometry, use_reentrant=False
+            )
+            return part
+        return self._product(values, adjoint, *geometry)
+
+    def _product(
+        self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor
+    ) -> torch.Tensor:
+        y, x, depth, source_y, source_x, distance, wavelength = geometry
+        across = (y[:, None] - source_y)[:, :, None] ** 2 + (x[:, None] - source_x)[:, None, :] ** 2
+        kernel = impulse_response(
+            across.flatten(1),
+            depth[:, None],
+            distance,
+            wavelength,
+            paraxial=self.span.paraxial,
+        )
+        return (kernel.mH if adjoint else kernel) @ values
+
+
+def _tensor(value: Scalar, device: torch.device) -> torch.Tensor:
+    return torch.as_tensor(value, dtype=torch.float64, device=device)
+
+
+def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
+    """Which parts of the answer's points are made at a time, and of which of the others' they
+    are summed: target samples from source rows, or the other way round."""
+    some = min(max(_SUMMED // lines, 1), rows)
+    many = max(_PAIRS // (some * lines), 1)
+    parts = [
+        [slice(first, min(first + step, count)) for first in range(0, count, step)]
+        for count, step in ((targets, many), (rows, some))
+    ]
+    return (parts[1], parts[0]) if adjoint else (parts[0], parts[1])

@@ -1,0 +1,159 @@
+"""The angular spectrum on a plane that is turned."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.edge import as_number, recorded
+from optics.fourier import Geometry, NonuniformTransform, unit_phasor
+from optics.fourier.nonuniform import FINEST_NUFFT, nonuniform_bytes, nonuniform_seconds
+from optics.plane import Plane
+from optics.propagation.band import Band, reaching_band
+from optics.propagation.spectral import SpectralPropagator, any_transform, shared_error
+from optics.propagation.transfer import Rays, axial
+
+_POINT_BYTES = 120
+"""A frequency's place on the turned plane, while it is made."""
+
+
+class TiltedAngularSpectrum(SpectralPropagator):
+    """Every wave reaches a turned plane as a wave again, of another frequency there.
+
+    A wave (f_y, f_x) goes with w = sqrt(1 / wavelength² - f²) cycles per metre along z, so on
+    the plane that Span describes, turned by a and b, its frequencies are
+
+        f'_y = f_y cos a + f_x sin a sin b + w sin a cos b,
+        f'_x = f_x cos b - w sin b.
+
+    Matsushima, Schimmel and Wyrowski (2003, 10.1364/JOSAA.20.001755) interpolate the spectrum
+    at regular f'. Here it stays where it was computed, at regular f, and the sum over its
+    waves is a non-uniform Fourier transform: nothing is interpolated, and no Jacobian needed.
+    In the paraxial model w is 1 / wavelength - wavelength f² / 2.
+
+    Raises ValueError for a target that cuts the source's plane; ToleranceError where rays
+    graze.
+    """
+
+    name = "tilted angular spectrum"
+
+    def _require_served(self) -> None:
+        corners = self.span.numeric.corners
+        nearest = min(z * math.copysign(1, self.span.numeric.distance) for _, _, z in corners)
+        if nearest <= 0:
+            raise ValueError(
+                f"tilt {self.span.tilt} turns a corner of the target to {-nearest:g} m on the "
+                "other side of the source's plane; turn it less, or move it away"
+            )
+        self.paraxial = self.span.paraxial
+
+    def _made_band(self) -> Band:
+        return reaching_band(self.span, self._epsilon())
+
+    def _plan(self) -> None:
+        n = self._declared
+        self.frequencies = self._frequencies(n.source.pitch)
+        rows, columns = self.frequencies.shape
+        self._require_memory(float(rows) * columns)
+        self._there = any_transform(Geometry(n.source, self.frequencies, 1.0), self.dtype, n)
+        self._nufft_error = max(shared_error(n), FINEST_NUFFT)
+        # Its centre is where the waves' phases are counted from.
+        self._image = Plane(n.target.shape, n.target.pitch)
+        self._points: NonuniformTransform | None = None
+        self._stages = []
+
+    def _transform_error(self) -> float:
+        return self._there.error + self._nufft_error
+
+    def _travelling(self) -> torch.Tensor:
+        """Which frequencies are waves, flat indices; those beyond the taper may not be. In the
+        paraxial model all are."""
+        y, x = self.frequencies.mesh()
+        grazing = Rays(self._declared.wavelength, self.paraxial).grazing
+        return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
+
+    def _places(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """(f'_y, f'_x) of the waves, modulo what the target's samples tell apart."""
+        a, b = self._declared.tilt
+        y, x = self._waves()
+        w = axial(y, x, self._declared.wavelength, paraxial=self.paraxial)
+        turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
+        turned_y = turned_y + w * (math.sin(a) * math.cos(b))
+        turned_x = x * math.cos(b) - w * math.sin(b)
+        q = self._image.pitch
+        return _folded(turned_y, 1 / q[0]), _folded(turned_x, 1 / q[1])
+
+    def _waves(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """(f_y, f_x) of the waves that are summed."""
+        y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
+        return y[self._kept_waves], x[self._kept_waves]
+
+    def prepare(self) -> None:
+        super().prepare()
+        self._kept_waves = self._travelling()
+        y, x = self._places()
+        self._points = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
+
+    def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+        """To the target's centre, which may be off the axis."""
+        centre = self._declared.target.centre
+        way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
+        return super()._transfer(y, x) * way
+
+    @property
+    def bytes(self) -> int:
+        points = math.prod(self.frequencies.shape)
+        return (
+            self._filter_bytes(self.frequencies)
+            + max(self._there.bytes, _POINT_BYTES * points)
+            + nonuniform_bytes(points, self._image)
+        )
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        points = math.prod(self.frequencies.shape)
+        sums = 2 if recorded(self.span.wavelength) else 1
+        back = nonuniform_seconds(points, self._image, self._nufft_error, speed)
+        return self._there.cpu_seconds(speed) + self._filter_seconds(speed) + sums * back
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        spectrum = self._filtered(self._there(field), self.frequencies)
+        points = self._sum()
+        waves = spectrum.flatten(-2)[..., self._kept_waves.to(field.device)]
+        answer = points(waves.conj()).conj()
+        if recorded(self.span.wavelength):
+            answer = answer + self._turned(waves)
+        return answer.to(self.dtype).resolve_conj()
+
+    def _sum(self) -> NonuniformTransform:
+        if self._points is None:
+            self.prepare()
+        assert self._points is not None
+        return self._points
+
+    def _turned(self, waves: torch.Tensor) -> torch.Tensor:
+        """Nothing, whose derivative is what a wavelength changes through the waves' places:
+        the phase at depth Z behind the target's centre is 2 pi w Z."""
+        n, wavelength = self._declared, self.span.wavelength
+        y, x = self._waves()
+        if self.paraxial:
+            rate = -1 / n.wavelength**2 - (y**2 + x**2) / 2
+        else:
+            rate = -1 / (n.wavelength**3 * axial(y, x, n.wavelength))
+        moved = self._sum()((waves.detach() * (2j * math.pi * rate).to(waves.device)).conj()).conj()
+        depth = (n.place(*self._image.mesh())[2] - n.distance).to(waves.device)
+        return (wavelength - as_number(wavelength)) * (depth * moved)
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        points = self._sum()
+        waves = points.adjoint(field.to(torch.complex128).conj()).conj()
+        rows, columns = self.frequencies.shape
+        spectrum = waves.new_zeros((*field.shape[:-2], rows * columns))
+        spectrum = spectrum.index_copy(-1, self._kept_waves.to(field.device), waves)
+        spectrum = spectrum.reshape(*field.shape[:-2], rows, columns)
+        return self._there.adjoint(self._filtered(spectrum, self.frequencies, back=True))
+
+
+def _folded(frequency: torch.Tensor, period: float) -> torch.Tensor:
+    return frequency - torch.round(frequency / period) * period

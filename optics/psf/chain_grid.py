@@ -1,0 +1,172 @@
+"""The chain of panel, space, stop, space and sensor on grids, by FFTs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from optics.accuracy import (
+    FLOAT32_ARITHMETIC,
+    FLOAT64_ARITHMETIC,
+    ErrorEstimate,
+    MachineSpeed,
+    unkeepable,
+)
+from optics.camera import Camera
+from optics.fourier import unit_phasor
+from optics.fourier.gridded import FINEST_GRIDDING
+from optics.psf.chain import ChainEngine, require_open
+from optics.psf.engine import within_a_turn
+from optics.psf.lens_grid import Search, lens_grid
+from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
+from optics.psf.openings import Openings
+from optics.psf.question import Question
+from optics.psf.relay import Relay, RelayAxis, relayed
+from optics.psf.relay_axes import lens_plane, relay_axes
+from optics.pupil import defocus_curvature, wave_phase
+from optics.stop.coverage import coverage
+
+_GRID_SHARE, _TRANSFORM_SHARE = 0.92, 0.02
+"""Of the tolerance: what the grid may leave out, and what a transform may add in the field."""
+
+
+class GridEngine(ChainEngine):
+    """The lens' plane on a grid: FFTs from the panel, the stop's covered area, FFTs onward.
+
+    Light of frequencies that reach no more than the stop's edge is left out as far as the
+    tolerance allows; see `lens_grid`.
+    """
+
+    name = "chain"
+
+    def __init__(
+        self,
+        question: Question,
+        camera: Camera,
+        search: Search | None = None,
+        promised: float | None = None,
+    ) -> None:
+        super().__init__(question, camera, search, promised)
+        n = question.numeric
+        double = 0.1 * n.tol < FLOAT32_ARITHMETIC
+        self._dtype = torch.complex128 if double else torch.complex64
+        self.precision = "float64" if double else "float32"
+        self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
+        rough = self._sphere_error()
+        allowed = _GRID_SHARE * n.tol - rough
+        if not allowed > 0:
+            raise unkeepable(n.tol, 1.1 * (rough + 0.2 * n.tol))
+        self._grid = lens_grid(n, self._camera, self._search, allowed)
+        self._settle(relay_axes(n, self._camera, self._grid))
+        left_out = self._grid.error + rough + 2 * self._pass.onward.error
+        self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
+
+    def _settle(self, axes: list[RelayAxis]) -> None:
+        self.relay = Relay(axes[0], axes[1], self._dtype)
+        self._plane = lens_plane(self._question.numeric, axes)
+        self._pass = self._planned_pass()
+        rows, columns = self._plane.shape
+        self.sampling = f"{columns}x{rows} samples at the lens"
+
+    @property
+    def takes_spectra(self) -> bool:
+        """Whether a spectrum of the panel's modulation is all it needs."""
+        return not self._question.differentiable and self._question.sphere is None
+
+    def settle(self, lengths: Sequence[int], held: Sequence[tuple[float, float]]) -> None:
+        """Take spectra that other engines take as well, of FFTs so long that hold frequencies
+        (first, last) in cycles per metre along each axis; before prepare()."""
+        axes = relay_axes(self._question.numeric, self._camera, self._grid, lengths)
+        self._settle(
+            [
+                replace(axis, shared=(math.ceil(a * axis.period), math.floor(b * axis.period)))
+                for axis, (a, b) in zip(axes, held, strict=True)
+            ]
+        )
+
+    def _planned_pass(self) -> LensPass:
+        n, lens = self._question.numeric, self._camera.lens
+        real = torch.zeros((), dtype=self._dtype).real.dtype
+        openings = Openings(lens.stop, n.radius, self._plane, real)
+        error = max(_TRANSFORM_SHARE * n.tol, FINEST_GRIDDING)
+        return LensPass(self.relay, openings, self._plane, n.samples, n.scale, error, n.budget)
+
+    @property
+    def bytes(self) -> int:
+        rows, columns = self._plane.shape
+        dense = self._question.differentiable or not self._question.lens.quadratic
+        wave = 6 * self._dtype.itemsize * rows * columns if dense else 0
+        panel = self._camera.panel.shape
+        return self._pass.bytes + wave + 40 * panel[0] * panel[1]
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        return self._pass.cpu_seconds(speed) * (3 if self._question.sphere else 1)
+
+    def prepare(self) -> None:
+        require_open(self._camera)
+        if not self.error.value + self.arithmetic <= self._question.tol:
+            raise unkeepable(self._question.tol, self.error.value + self.arithmetic)
+        if not self._question.differentiable:
+            self._pass.light_up(*self._waves())
+
+    def _waves(self) -> tuple[tuple[torch.Tensor, torch.Tensor], torch.Tensor | None]:
+        """The lens' wave along y and x, and what isn't their product."""
+        n = self._question.numeric
+        if n.lens.quadratic:
+            curvature = defocus_curvature(n.lens, n.from_lens, n.wavelength) / (2 * math.pi)
+            y, x = (
+                unit_phasor(curvature * self._plane.coordinates(axis) ** 2, torch.complex128)
+                for axis in (0, 1)
+            )
+            return (y, x), None
+        y, x = (torch.ones(count, dtype=torch.complex128) for count in self._plane.shape)
+        return (y, x), self._wave_of(n)
+
+    def _wave_of(self, q: Question) -> torch.Tensor:
+        """The lens' wave on its samples."""
+        y, x = (p / q.numeric.radius for p in self._plane.mesh())
+        phase = within_a_turn(wave_phase(q.lens, q.from_lens, q.wavelength, y, x))
+        return torch.polar(torch.ones_like(phase), phase).to(self._dtype)
+
+    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        modulated = self.modulated(phase, amplitude)
+        field = self._at_sensor(self.relay, modulated)
+        for axis, part in self.leaning(modulated):
+            field = field + self._at_sensor(self._leaning_relay(axis), part)
+        return self._light(field, phase, amplitude)
+
+    def _leaning_relay(self, axis: int) -> Relay:
+        axes = [replace(one, leaning=k == axis) for k, one in enumerate(self.relay.axes)]
+        return Relay(axes[0], axes[1], self._dtype)
+
+    def _at_sensor(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
+        """The sum over the lens' samples, of a panel's field by one of the relays."""
+        if self._question.differentiable:
+            return self._moving(relay, field)
+        return passed_through(self._pass.behind(relay), spectrum_of(relay, field))
+
+    def of_spectrum(
+        self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor:
+        """intensity() of a panel whose spectrum is known already."""
+        return self._light(passed_through(self._pass, spectrum), phase, amplitude)
+
+    def _moving(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
+        """_at_sensor() with derivatives in all lengths."""
+        q = self._question
+        wave = self._wave_of(q)
+        wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
+        field = relayed(relay, field, self._moved()) * wave.to(self._dtype).to(field.device)
+        moved = q.derivatives
+        return self._pass.onward(field, moved.stretch, moved.shift)
+
+    def _light(
+        self, field: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor:
+        cell = self._plane.pitch[0] * self._plane.pitch[1] / self._question.numeric.radius**2
+        light = (field.real**2 + field.imag**2) * (self.strength() * cell**2)
+        double = self._dtype == torch.complex128
+        return self._kept(light.to(torch.float64 if double else torch.float32), phase, amplitude)

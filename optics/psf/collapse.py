@@ -1,0 +1,82 @@
+"""A panel before a lens as one panel in a lens: where the stop cuts nothing that matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from optics.camera import Camera, Lens
+from optics.pupil import Scalar
+from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
+
+
+def collapsed(
+    camera: Camera, distance: Scalar, field: tuple[Scalar, Scalar] = (0.0, 0.0)
+) -> Camera:
+    """The camera with a thin lens in the panel's plane that has the same ray matrix.
+
+    distance: metres from the object to the panel. field: metres (y, x) on the sensor from the
+    axis to its image.
+
+    From panel to sensor the ray matrix is
+
+        (1 z2; 0 1) (1 0; -1/f 1) (1 z1; 0 1) = (A B; C D),
+        A = 1 - z2/f,    B = z1 + z2 - z1 z2 / f,
+
+    and Fresnel's integral of the whole is one from the panel (Collins 1970,
+    10.1364/JOSA.60.001168),
+
+        U(u) = 1 / (i lambda B) integral of U0(s) exp(i pi (A s² - 2 s u + D u²) / (lambda B)) ds.
+
+    A thin lens at the panel with the image distance B has A' = 1 - B/f'; it does the same to
+    the intensity if A' = A, so 1/f' = (1 - A) / B. With the thin-lens equation
+    z2/f = 1 + z2/F, for the focus distance F from the lens,
+
+        B = z2 (1 - z1/F),    F' = -B/A = F - z1:
+
+    the plane in focus stays where it is. The stop becomes its geometric shadow on the panel, as
+    the object throws it: narrower by 1 + z1/distance, and moved by -field z1 / z2.
+
+    The thesis' equations have slips: the modulations in Eq. 5.3 and 5.5 are exp(i phase), the
+    lens' phase in Eq. 5.5 is -pi (x'² + y'²) / (lambda f), and the distance in Eq. 5.6 is z2.
+
+    Raises ValueError for a lens with aberrations or a stigmatic one, whose wave isn't a
+    parabola, and for a panel in the plane in focus or beyond it.
+    """
+    lens, z1 = camera.lens, camera.separation
+    if not lens.quadratic:
+        raise ValueError(
+            f"the lens is {lens.kind} with {len(lens.aberrations)} aberrations; only a thin lens "
+            "without any collapses with the space before it"
+        )
+    if not camera.lever > 0:
+        raise ValueError(
+            f"separation is {float(z1):g} m and the lens is focused {float(lens.focus_distance):g} "
+            "m before it; a panel in the plane in focus or beyond it has no thin lens' place"
+        )
+    if not z1:
+        return camera
+    image, focus = camera.lever, lens.focus_distance - z1
+    focal_length = 1 / (1 / image + 1 / focus)
+    radius = lens.stop_diameter / 2 / (1 + z1 / distance)
+    shift = tuple(float(-f * z1 / lens.image_distance / radius) for f in field)
+    reach, stop = _shifted(lens.stop, (shift[0], shift[1]))
+    thin = Lens(focal_length, focal_length / (2 * radius * reach), focus, stop)
+    return replace(camera, lens=thin, separation=0.0)
+
+
+def _shifted(stop: Stop, shift: Point) -> tuple[float, Stop]:
+    """How far a moved stop reaches, in its radii, and the same in units of that."""
+    reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
+    if reach == 1:
+        return 1.0, stop
+    opening = _moved(stop.opening, shift, reach)
+    return reach, Stop(opening, tuple(_moved(shape, shift, reach) for shape in stop.obscurations))
+
+
+def _moved(shape: Shape, shift: Point, scale: float) -> Shape:
+    if isinstance(shape, Circle):
+        centre = tuple((c + s) / scale for c, s in zip(shape.centre, shift, strict=True))
+        return Circle(shape.radius / scale, (centre[0], centre[1]))
+    return Polygon(
+        tuple(((y + shift[0]) / scale, (x + shift[1]) / scale) for y, x in shape.corners)
+    )

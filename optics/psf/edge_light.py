@@ -1,0 +1,294 @@
+"""How much light a stop's edge scatters into a window: what a cheaper method may leave out.
+
+Seen from far away, an edge of length l under the irradiance I and a plane wave scatters the
+spectral density I l / (4 pi² D²) per cycle along its normal, at the normal distance D in
+frequency (the Fourier integral of a half plane; Keller's edge rays, 10.1364/JOSA.52.000116).
+Light of all frequencies that the panel's pixels send, and that gets to a piece of the edge at
+all, is so scattered into the few that the window receives. What a method does wrong with it is
+summed over the edge, the window and D, and compared with the light that goes straight into the
+window.
+
+No pattern is known beforehand: the panel counts as evenly lit at all of its frequencies, under
+the envelope sinc² of one pixel, as behind a random pattern. There the relative error of the
+intensity is that of the field.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.camera import Camera
+from optics.fourier import unit_phasor
+from optics.psf.question import Question
+from optics.pupil import open_area, wave_phase
+
+Array = NDArray[np.float64]
+
+_RIM, _STEPS, _SIDE = 96, 48, 40
+"""Pieces of the stop's edge, distances in frequency to either side, and places across the stop."""
+
+_FARTHEST = 40.0
+"""Cycles per pixel beyond which its envelope leaves no light that counts."""
+
+_SAFE, _FEW = 0.95, 2.5
+"""What an estimate for an evenly lit panel is multiplied by: for many speckles in the window,
+where it was measured to be too large by a quarter to a half, since rays light the ends of the
+panel's shadow fully; and for a single one, as the square root of their number falls."""
+
+_LIT = 0.02
+"""Of the brightest light, what counts as light at all."""
+
+_CLEAR = 1 / 3
+"""Of a window's sides from its middle: where it is looked at, to stand for all of it."""
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Light at places in the lens' plane, (..., 2) for y and x.
+
+    frequency: cycles per metre at the panel. start: metres on the panel that it comes from.
+    light: its density, 0 where the panel sends none.
+    """
+
+    frequency: Array
+    start: Array
+    light: Array
+
+
+class EdgeLight:
+    """The edge of a camera's stop, and what goes from the panel by way of it into a window."""
+
+    def __init__(self, question: Question, camera: Camera) -> None:
+        self._q, self._camera = question.numeric, camera
+        self._spread, self._shift = self._q.spread, self._footprint()
+        self._bend = self._q.wavelength * camera.separation / self._spread
+        places = _rim(camera, self._q.radius)
+        self._at, self._normal, self._length = places
+        q = self._q
+        low = 1 / (4 * q.radius)
+        high = _FARTHEST / camera.panel.active_side
+        edges = np.geomspace(low, max(high, 4 * low), _STEPS + 1)
+        away, step = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        self._away = np.concatenate([-away[::-1], away])
+        density = np.concatenate([step[::-1], step]) / (4 * math.pi**2 * self._away**2)
+        self._density = self._length[:, None] * density / len(self._window)
+
+    def _footprint(self) -> Array:
+        q = self._q
+        return np.array([sine * q.separation for sine in q.sines])
+
+    @cached_property
+    def _window(self) -> Array:
+        """Frequencies (y, x) behind the lens that go to places in the window."""
+        q = self._q
+        rows, columns = q.inner
+        lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
+        (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
+        middle = np.array([y0 + y1, x0 + x1]) / 2
+        half = np.array([y1 - y0, x1 - x0]) / 2
+        corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
+        return np.asarray((middle + 2 * _CLEAR * half * np.array(corners)) / q.scale)
+
+    @property
+    def spread(self) -> float:
+        return float(self._spread)
+
+    @property
+    def zone(self) -> float:
+        """Cycles per metre that light takes to spread over a Fresnel zone on its way."""
+        return 1 / math.sqrt(self._bend)
+
+    @cached_property
+    def reach(self) -> Array:
+        """The largest frequency behind the lens that goes to the samples, along y and x."""
+        q = self._q
+        far = [float(q.samples.coordinates(axis).abs().max()) for axis in (0, 1)]
+        return np.array(far) / q.scale
+
+    def slope(self, at: Array) -> Array:
+        """Cycles per metre by which the lens turns light at places (..., 2) in its plane."""
+        q = self._q
+        place = torch.from_numpy(at / q.radius).requires_grad_()
+        phase = wave_phase(q.lens, q.from_lens, q.wavelength, place[..., 0], place[..., 1])
+        if not phase.requires_grad:
+            return np.zeros_like(at)
+        (found,) = torch.autograd.grad(phase.sum(), place)
+        return np.asarray(found.numpy() / (2 * math.pi * q.radius))
+
+    def rays(self, at: Array, behind: Array) -> Rays:
+        """Light that has the frequencies `behind` the lens, before the lens turns it there."""
+        frequency = self._spread * behind
+        start = at / self._spread - self._shift - self._bend * frequency
+        return Rays(frequency, start, self._sent(frequency) * self._lit(start))
+
+    def _sent(self, frequency: Array) -> Array:
+        """A pixel's envelope sinc², and beyond its first zero the mean over its lobes."""
+        turns = np.abs(frequency) * self._camera.panel.active_side
+        lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
+        return np.asarray(np.prod(np.where(turns < 1, np.sinc(turns) ** 2, lobes), axis=-1))
+
+    def _lit(self, start: Array) -> Array:
+        """1 on the panel, and beside it what its own edges bend: at the distance x in the shadow
+        of an edge, bend / (2 pi x)² (Fresnel's integrals, far from the edge)."""
+        light = np.ones(start.shape[:-1])
+        for axis in (0, 1):
+            beside = self._beside(start[..., axis], axis)
+            light *= np.minimum(1.0, self._bend / np.maximum((2 * math.pi * beside) ** 2, 1e-300))
+        return light
+
+    def _beside(self, place: Array, axis: int) -> Array:
+        """Metres from the panel's nearest edge along an axis, 0 on the panel."""
+        line = self._camera.panel.plane.coordinates(axis)
+        half = self._camera.panel.pitch / 2
+        below, above = float(line[0]) - half - place, place - float(line[-1]) - half
+        return np.maximum(np.maximum(below, above), 0.0)
+
+    def _on_panel(self, place: Array) -> NDArray[np.bool_]:
+        return (self._beside(place[..., 0], 0) == 0) & (self._beside(place[..., 1], 1) == 0)
+
+    @cached_property
+    def _open(self) -> Rays:
+        """Light that goes straight through the stop into the window, (places, window, 2)."""
+        q = self._q
+        line = (np.arange(_SIDE) + 0.5) / _SIDE * 2 - 1
+        y, x = np.meshgrid(line, line, indexing="ij")
+        shapes = q.lens.stop
+        inside = shapes.opening.contains(y, x)
+        for shape in shapes.obscurations:
+            inside &= ~shape.contains(y, x)
+        at = np.stack([y[inside], x[inside]], axis=-1) * q.radius
+        return self.rays(at[:, None], self._window - self.slope(at)[:, None])
+
+    @cached_property
+    def straight(self) -> float:
+        """Square metres of the stop from which the window is lit, each weighed by the light."""
+        light = self._open.light
+        return float(light.mean(axis=1).sum()) * (2 * self._q.radius / _SIDE) ** 2
+
+    @cached_property
+    def passing(self) -> tuple[Array, Array]:
+        """The lowest and highest frequencies (y, x) that go straight into the window's samples,
+        from wherever the panel is lit; with room for a Fresnel zone."""
+        rays = self._open
+        lit = rays.light > _LIT * rays.light.max()
+        room = self._spread * self.reach / 2 + self.zone
+        if not lit.any():
+            return -room, room
+        f = rays.frequency[lit]
+        return np.asarray(f.min(axis=0) - room), np.asarray(f.max(axis=0) + room)
+
+    @cached_property
+    def speckles(self) -> float:
+        """About how many of them a window has, behind an evenly lit panel."""
+        q = self._q
+        rows, columns = (k - 2 * q.margin for k in q.samples.shape)
+        area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
+        return max(1.0, area * self.straight / q.scale**2)
+
+    @property
+    def share(self) -> float:
+        """Of the point's light, what an evenly lit panel sends to a unit of frequency area."""
+        return self.straight * self._camera.panel.active_side**2 / open_area(self._camera)
+
+    @property
+    def window_share(self) -> float:
+        """Of an evenly lit panel's light, what goes into the window."""
+        q = self._q
+        rows, columns = (k - 2 * q.margin for k in q.samples.shape)
+        area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
+        return self.share * area / q.scale**2
+
+    def rest(self, field: torch.Tensor) -> float:
+        """Of a panel's light, what doesn't go straight to the window, over an even panel's.
+
+        The most in a batch; field: (..., rows, columns) of the panel.
+        """
+        panel = self._camera.panel
+        power = field.real**2 + field.imag**2
+        total = power.sum(dim=(-2, -1), dtype=torch.float64)
+        inward, even = [], 1.0
+        for axis in (0, 1):
+            low, high = (float(end[axis]) for end in self.passing)
+            f = torch.linspace(low, high, 4 * panel.shape[axis], dtype=torch.float64)
+            step = (high - low) / (f.numel() - 1)
+            strength = torch.sinc(f * panel.active_side) * math.sqrt(step * panel.active_side)
+            even *= float((strength**2).sum())
+            turns = -torch.outer(f, panel.plane.coordinates(axis))
+            kernel = unit_phasor(turns, torch.complex128) * strength[:, None]
+            inward.append(kernel.to(field))
+        straight = inward[0] @ field @ inward[1].mT
+        light = (straight.real**2 + straight.imag**2).sum(dim=(-2, -1), dtype=torch.float64)
+        beside = (1 - light / total.clamp(min=1e-300)).clamp(0, 1) / max(1 - even, 1e-3)
+        return float(beside.max()) if beside.numel() else 1.0
+
+    @cached_property
+    def _accepted(self) -> Array:
+        """Frequencies before the lens that the window accepts at the edge: (edge, window, 1, 2)."""
+        return np.asarray(self._window - self.slope(self._at)[:, None])[:, :, None]
+
+    def scattered(self, turned: tuple[float, float] = (0.0, 0.0), *, middle: bool = False) -> Rays:
+        """The light that the edge scatters into the window, (edge, window, distance, 2).
+
+        turned: cycles per metre by which it arrives beside the window. middle: whether the
+        window's middle stands for all of it.
+        """
+        accepted = self._accepted[:, :1] if middle else self._accepted
+        rays = self.rays(self._at[:, None, None], accepted + np.array(turned) - self.across)
+        weight = self._density[:, None] * (len(self._window) / accepted.shape[1])
+        return Rays(rays.frequency, rays.start, rays.light * weight)
+
+    @cached_property
+    def across(self) -> Array:
+        """By which frequency the edge turns the light: (edge, 1, distance, 2)."""
+        return np.asarray(self._normal[:, None, None] * self._away[:, None])
+
+    def relative(self, lost: float) -> float:
+        """Relative L2 error of an intensity whose field lacks that much."""
+        if not self.straight > 0:
+            return math.inf
+        return self._safe * math.sqrt(lost / self.straight)
+
+    def allowed(self, error: float) -> float:
+        """The light that may be lost for a relative L2 error of the intensity."""
+        return (error / self._safe) ** 2 * self.straight
+
+    @property
+    def _safe(self) -> float:
+        return _SAFE + _FEW / math.sqrt(self.speckles)
+
+    def of_collapse(self) -> float:
+        """What it costs to put the stop's shadow on the panel in place of the stop.
+
+        Light of the frequency f that the edge turns to g has run on by the phase
+        pi bend (g² - f²) where the panel stands apart.
+        """
+        rays = self.scattered()
+        goes = self._spread * self._accepted
+        turn = math.pi * self._bend * ((goes**2).sum(-1) - (rays.frequency**2).sum(-1))
+        shadow = self._on_panel(self._at / self._spread - self._shift)[:, None, None]
+        dark = self._sent(rays.frequency) * self._density[:, None]
+        lit = (rays.light + np.where(shadow, dark, 0.0)) / 2
+        return self.relative(float((lit * (2 - 2 * np.cos(turn))).sum()))
+
+
+def _rim(camera: Camera, radius: float) -> tuple[Array, Array, Array]:
+    """Places along the stop's boundary, its normals there, and lengths; metres."""
+    pieces = [piece for loop in camera.lens.stop.loops for piece in loop.pieces]
+    count = max(4, _RIM // len(pieces))
+    t = (np.arange(count) + 0.5) / count
+    at, along = (
+        np.concatenate([np.stack(np.broadcast_arrays(*part), axis=-1) for part in parts])
+        for parts in (
+            [piece.points(t) for piece in pieces],
+            [piece.velocity(t) for piece in pieces],
+        )
+    )
+    speed = np.hypot(along[:, 0], along[:, 1])
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=-1) / speed[:, None]
+    return at * radius, normal, speed / count * radius

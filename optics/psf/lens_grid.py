@@ -1,0 +1,150 @@
+"""Which frequencies of the panel's light have to be followed to the lens, and how fine a grid
+there has to be."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.accuracy import unkeepable
+from optics.camera import Camera
+from optics.psf.edge_light import EdgeLight
+from optics.psf.question import Question
+from optics.psf.relay_axes import End, LensGrid
+
+Array = NDArray[np.float64]
+
+_LEFT_OUT = (0.3, 0.5, 0.7)
+"""Shares of the tolerance that frequencies left out may take; the cheapest is chosen."""
+
+_FINER = (1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+"""Of the grid, over the band's half: the coarsest that keeps its part is taken."""
+
+_SPLITS = np.linspace(0.05, 0.95, 13)
+
+
+def lens_grid(question: Question, camera: Camera, search: Search, tol: float) -> LensGrid:
+    """The cheapest band and grid that leave a relative error of `tol`.
+
+    Light of the frequencies left out, of which the window gets what the stop's edge scatters,
+    is the first part of the error (see EdgeLight). The second is that of the stop's gray edge:
+    a cell of the grid that the edge cuts passes light by its open area, so the edge scatters
+    sinc of its turn in frequency over the rate, which is too little, and also what one and two
+    directions of the grid's own frequencies turn back.
+
+    Raises ToleranceError if no grid does.
+    """
+    soft = np.array([End.of(question, camera, axis).width for axis in (0, 1)])
+    chosen: LensGrid | None = None
+    for share in _LEFT_OUT:
+        found = search.coarsest(share * tol, tol, soft)
+        if found is not None and (chosen is None or _size(found) < _size(chosen)):
+            chosen = found
+    if chosen is None:
+        raise unkeepable(tol, 2 * tol)
+    return chosen
+
+
+def _size(grid: LensGrid) -> float:
+    return grid.rate[0] * grid.rate[1]
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _passed(across: Array, rate: Array) -> Array:
+    """What a gray edge leaves of the edge's scattering, by its turn in frequency."""
+    return np.asarray(np.sinc(across[..., 0] / rate[0]) * np.sinc(across[..., 1] / rate[1]))
+
+
+class Search:
+    """What bands and grids leave out, of one edge's light."""
+
+    def __init__(self, edge: EdgeLight) -> None:
+        self.edge = edge
+
+    @cached_property
+    def _seen(self) -> tuple[Array, Array, Array]:
+        """Light that there is: how much, its frequency at the panel, and by what it is turned."""
+        rays = self.edge.scattered()
+        seen = rays.light > 0
+        across = np.broadcast_to(self.edge.across, rays.frequency.shape)
+        return rays.light[seen], rays.frequency[seen], across[seen]
+
+    @cached_property
+    def _sorted(self) -> list[tuple[Array, Array]]:
+        return [self._ordered(axis, sign) for axis in (0, 1) for sign in (-1, 1)]
+
+    def _ordered(self, axis: int, sign: int) -> tuple[Array, Array]:
+        """Frequencies to one side, the farthest first, and the light from there on outwards."""
+        light, frequency, _ = self._seen
+        f = sign * frequency[:, axis]
+        order = np.argsort(-f)
+        return f[order], np.cumsum(light[order])
+
+    def coarsest(self, allowed: float, tol: float, soft: Array) -> LensGrid | None:
+        """The coarsest grid for the narrowest band that leaves out no more than is allowed.
+
+        soft: cycles per metre (y, x) that the band's smooth ends take at either side.
+        """
+        edge = self.edge
+        low, high = self.band(allowed, soft)
+        light, _, across = self._seen
+        out = float(light[~self._between(low, high)].sum())
+        # Rays don't know that light spreads over a Fresnel zone.
+        low, high = low - edge.zone, high + edge.zone
+        inside = self._between(low, high)
+        light, across = light[inside], across[inside]
+        base = np.maximum(np.abs(low), np.abs(high)) / edge.spread + edge.reach
+        for finer in _FINER:
+            rate = finer * base
+            lost = out + float((light * (1 - _passed(across, rate)) ** 2).sum())
+            if edge.relative(lost) > tol:
+                continue
+            error = edge.relative(lost + _turned_back(edge, low, high, rate))
+            if error <= tol:
+                return LensGrid(_pair(low), _pair(high), _pair(rate), error)
+        return None
+
+    def _between(self, low: Array, high: Array) -> NDArray[np.bool_]:
+        frequency = self._seen[1]
+        inside = (frequency >= low) & (frequency <= high)
+        return np.asarray(inside.all(-1))
+
+    def band(self, error: float, soft: Array) -> tuple[Array, Array]:
+        """The smallest (low, high), each (y, x), that leaves out no more than an error."""
+        lost = self.edge.allowed(error)
+        least_low, least_high = self.edge.passing
+        best: tuple[Array, Array] | None = None
+        for split in _SPLITS:
+            parts = (split, split, 1 - split, 1 - split)
+            sides = [
+                _beyond(*one, lost * share / 2)
+                for one, share in zip(self._sorted, parts, strict=True)
+            ]
+            low = np.minimum([-sides[0], -sides[2]], least_low - soft)
+            high = np.maximum([sides[1], sides[3]], least_high + soft)
+            if best is None or np.prod(high - low) < np.prod(best[1] - best[0]):
+                best = low, high
+        assert best is not None
+        return best
+
+
+def _beyond(frequency: Array, light: Array, lost: float) -> float:
+    """Beyond which frequency no more light than that is scattered."""
+    place = int(np.searchsorted(light, lost))
+    return float(frequency[place]) if place < frequency.size else 0.0
+
+
+def _turned_back(edge: EdgeLight, low: Array, high: Array, rate: Array) -> float:
+    """Light that gets into the window's middle by the grid's own frequencies."""
+    total = 0.0
+    gray = _passed(edge.across, rate) ** 2
+    for down, along in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        rays = edge.scattered((down * rate[0], along * rate[1]), middle=True)
+        inside = ((rays.frequency >= low) & (rays.frequency <= high)).all(-1)
+        total += float((rays.light * inside * gray).sum())
+    return total

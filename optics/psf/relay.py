@@ -1,0 +1,356 @@
+"""From a panel's pixels through Fresnel's space to a grid in the lens' plane, by FFTs.
+
+The spectrum of square pixels of one modulation is known in closed form at every frequency, the
+space beyond multiplies it by a phase, and both factor into y and x. So each axis takes one FFT
+over the pixels, its product with what the space does to every frequency of a band, and one FFT
+back to the grid wanted. Frequencies beyond the panel's Nyquist rate are those below it again,
+under another part of the pixel's envelope; those beyond the grid's are folded into it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import scipy.fft
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.fourier import fft, unit_phasor
+from optics.fourier.fft import fft_operations
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies along an axis, cycles per metre, and how smoothly they end.
+
+    low, high: where the light has fallen to one half. soft: standard deviation of the Gaussian
+    that smooths the ends. ends: standard deviations beyond low and high where nothing is left.
+    """
+
+    low: float
+    high: float
+    soft: float
+    ends: float
+
+    @property
+    def outer(self) -> tuple[float, float]:
+        return self.low - self.ends * self.soft, self.high + self.ends * self.soft
+
+    def taper(self, frequency: torch.Tensor) -> torch.Tensor:
+        """Between 0 and 1, float64."""
+        width = math.sqrt(2) * self.soft
+        above = torch.erfc((self.low - frequency) / width)
+        below = torch.erfc((frequency - self.high) / width)
+        return above * below / 4
+
+
+@dataclass(frozen=True)
+class RelayAxis:
+    """One axis of a relay: n pixels of a pitch, `length` FFT points that make one period; `count`
+    samples at the lens, `fold` of which make the same period; SI.
+
+    side: of a pixel's active square. bend: wavelength times the distance in free space, over the
+    beam's spread. first: where the first sample lies, in the panel's coordinates. band: of the
+    frequencies that go on. shared: numbers (first, last) of the frequencies that a spectrum
+    holds, which other relays want as well; the band's own if None. leaning: whether a pixel's
+    wave rises by one cycle a metre, to the first order, instead of being flat.
+    """
+
+    n: int
+    pitch: float
+    side: float
+    length: int
+    count: int
+    fold: int
+    bend: float
+    first: float
+    band: Band
+    shared: tuple[int, int] | None = None
+    leaning: bool = False
+
+    @property
+    def period(self) -> float:
+        return self.length * self.pitch
+
+    @property
+    def step(self) -> float:
+        """Metres between the samples at the lens, in the panel's coordinates."""
+        return self.period / self.fold
+
+    @property
+    def lowest(self) -> int:
+        """Number of the band's first frequency."""
+        return math.ceil(self.band.outer[0] * self.period)
+
+    @property
+    def frequencies(self) -> int:
+        return math.floor(self.band.outer[1] * self.period) - self.lowest + 1
+
+    @property
+    def held(self) -> tuple[int, int]:
+        """Numbers of the first and the last frequency that a spectrum holds."""
+        return self.shared or (self.lowest, self.lowest + self.frequencies - 1)
+
+    @property
+    def kept(self) -> int:
+        """Values in a spectrum: what it holds, or one whole turn of the panel's."""
+        first, last = self.held
+        return min(last - first + 1, self.length)
+
+    @cached_property
+    def frequency(self) -> torch.Tensor:
+        """Cycles per metre, float64."""
+        number = torch.arange(self.frequencies, dtype=torch.float64) + self.lowest
+        return number / self.period
+
+    def transfer(self, dtype: torch.dtype) -> torch.Tensor:
+        """What becomes of every frequency from the panel's first pixel to the first sample."""
+        f = self.frequency
+        strength = self._envelope(f * self.side) * self.band.taper(f) * (self.side / self.period)
+        # Turns are reduced in float64.
+        turns = f * (self.first + self.n // 2 * self.pitch) - self.bend * f**2 / 2
+        return (unit_phasor(turns, torch.complex128) * strength).to(dtype)
+
+    def _envelope(self, turns: torch.Tensor) -> torch.Tensor:
+        """What a pixel sends to frequencies, in cycles across it.
+
+        A wave that rises by g cycles a metre moves it: sinc(side (f - g)) is about
+        sinc(side f) - side g sinc'(side f).
+        """
+        if not self.leaning:
+            return torch.sinc(turns)
+        near = turns.abs() < 1e-3
+        safe = torch.where(near, torch.ones_like(turns), turns)
+        slope = (torch.cos(math.pi * safe) - torch.sinc(safe)) / safe
+        return -self.side * torch.where(near, -(math.pi**2) / 3 * turns, slope)
+
+    def spectrum(self, field: torch.Tensor, dim: int) -> torch.Tensor:
+        whole = fft(field, self.length, dim)
+        if self.kept == self.length:
+            return whole
+        parts = [whole.narrow(dim, start, size) for start, size in self._pieces()]
+        return parts[0] if len(parts) == 1 else torch.cat(parts, dim)
+
+    def spectrum_adjoint(self, spectrum: torch.Tensor, dim: int) -> torch.Tensor:
+        if self.kept == self.length:
+            whole = spectrum
+        else:
+            shape = list(spectrum.shape)
+            shape[dim] = self.length
+            whole, at = spectrum.new_zeros(shape), 0
+            for start, size in self._pieces():
+                whole.narrow(dim, start, size).add_(spectrum.narrow(dim, at, size))
+                at += size
+        return fft(whole, self.length, dim, inverse=True, scaled=False).narrow(dim, 0, self.n)
+
+    def to_lens(self, spectrum: torch.Tensor, transfer: torch.Tensor, dim: int) -> torch.Tensor:
+        shape = list(spectrum.shape)
+        shape[dim] = self.fold
+        covered = self.frequencies >= self.fold
+        folded = spectrum.new_empty(shape) if covered else spectrum.new_zeros(shape)
+        for source, target, at, size in self._runs():
+            weight = _along(transfer[at : at + size], dim)
+            part, into = spectrum.narrow(dim, source, size), folded.narrow(dim, target, size)
+            if at < self.fold:
+                torch.mul(part, weight, out=into)
+            else:
+                into.addcmul_(part, weight)
+        grid = fft(folded, self.fold, dim, inverse=True, scaled=False, overwrite=True)
+        return grid.narrow(dim, 0, self.count)
+
+    def to_lens_adjoint(self, grid: torch.Tensor, transfer: torch.Tensor, dim: int) -> torch.Tensor:
+        folded = fft(grid, self.fold, dim)
+        shape = list(grid.shape)
+        shape[dim] = self.kept
+        spectrum = grid.new_zeros(shape)
+        for source, target, at, size in self._runs():
+            weight = _along(transfer[at : at + size].conj(), dim)
+            spectrum.narrow(dim, source, size).addcmul_(folded.narrow(dim, target, size), weight)
+        return spectrum
+
+    def _pieces(self) -> Iterator[tuple[int, int]]:
+        """Start and size of the stretches of the panel's spectrum that are held."""
+        first, last = self.held
+        at = first
+        while at <= last:
+            start = at % self.length
+            size = min(self.length - start, last + 1 - at)
+            yield start, size
+            at += size
+
+    def _runs(self) -> Iterator[tuple[int, int, int, int]]:
+        """Stretches of the band that are whole in the kept spectrum and in the folded one: where
+        they begin in each and in the band, and their size."""
+        at, whole = 0, self.kept == self.length
+        while at < self.frequencies:
+            number = self.lowest + at
+            source = number % self.length if whole else number - self.held[0]
+            target = number % self.fold
+            # The first turn of the folded spectrum ends where the second begins.
+            end = self.frequencies if at >= self.fold else min(self.frequencies, self.fold)
+            size = min(self.kept - source, self.fold - target, end - at)
+            yield source, target, at, size
+            at += size
+
+
+def _along(values: torch.Tensor, dim: int) -> torch.Tensor:
+    return values[:, None] if dim == -2 else values
+
+
+class Relay:
+    """The field on the lens' grid, (..., y, x), of a modulation (..., rows, columns).
+
+    Both ways, and in two steps: the spectrum depends on the panel and the bands alone, and
+    serves several distances. Differentiable in the modulation and in what `Moved` names.
+    """
+
+    def __init__(self, y: RelayAxis, x: RelayAxis, dtype: torch.dtype) -> None:
+        self.axes, self.dtype = (y, x), dtype
+        self._transfers: tuple[torch.Tensor, torch.Tensor] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.axes[0].count, self.axes[1].count
+
+    def transfers(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+        if self._transfers is None or self._transfers[0].device != device:
+            y, x = (axis.transfer(self.dtype).to(device) for axis in self.axes)
+            self._transfers = (y, x)
+        return self._transfers
+
+    def spectrum(self, field: torch.Tensor) -> torch.Tensor:
+        y, x = self.axes
+        return y.spectrum(x.spectrum(field.to(self.dtype), -1), -2)
+
+    def spectrum_adjoint(self, spectrum: torch.Tensor) -> torch.Tensor:
+        y, x = self.axes
+        return x.spectrum_adjoint(y.spectrum_adjoint(spectrum, -2), -1)
+
+    def to_lens(
+        self, spectrum: torch.Tensor, also: tuple[torch.Tensor | None, torch.Tensor | None]
+    ) -> torch.Tensor:
+        """also: factors on the frequencies along y and x, besides what space does."""
+        y, x = self._weighed(spectrum.device, also)
+        return self.axes[1].to_lens(self.axes[0].to_lens(spectrum, y, -2), x, -1)
+
+    def arriving(
+        self, spectrum: torch.Tensor, blocks: Sequence[slice]
+    ) -> Iterator[tuple[slice, torch.Tensor]]:
+        """Some rows of the field at the lens after the others, (rows, columns)."""
+        y, x = self.transfers(spectrum.device)
+        lines = self.axes[0].to_lens(spectrum, y, -2)
+        for rows in blocks:
+            yield rows, self.axes[1].to_lens(lines[rows], x, -1)
+
+    def to_lens_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
+        y, x = self._weighed(grid.device, (None, None))
+        return self.axes[0].to_lens_adjoint(self.axes[1].to_lens_adjoint(grid, x, -1), y, -2)
+
+    def _weighed(
+        self, device: torch.device, also: tuple[torch.Tensor | None, torch.Tensor | None]
+    ) -> tuple[torch.Tensor, ...]:
+        pairs = zip(self.transfers(device), also, strict=True)
+        return tuple(t if a is None else (t * a.to(device)).to(self.dtype) for t, a in pairs)
+
+    @property
+    def bytes(self) -> int:
+        y, x = self.axes
+        spectrum = y.kept * x.kept
+        between = y.fold * x.kept
+        return self.dtype.itemsize * (spectrum + 2 * between + 2 * y.count * x.fold)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        y, x = self.axes
+        first = y.n * fft_operations(x.length) + x.kept * fft_operations(y.length)
+        second = x.kept * fft_operations(y.fold) + y.count * fft_operations(x.fold)
+        touched = y.n * x.length + x.kept * (y.length + 3 * y.fold) + 3 * y.count * x.fold
+        slow = speed.double if self.dtype == torch.complex128 else 1.0
+        seconds = (first + second) * speed.fft + touched * speed.touch
+        return speed.call + seconds * slow + self.bytes * speed.fresh
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Numbers that stand for what a relay was planned with, and carry derivatives.
+
+    bend: square metres; both axes'. stretch: 1, of the samples' places about the panel's middle
+    less the shift. shift: metres (y, x) by which all places move.
+    """
+
+    bend: torch.Tensor
+    stretch: torch.Tensor
+    shift: tuple[torch.Tensor, torch.Tensor]
+
+
+def relayed(relay: Relay, field: torch.Tensor, moved: Moved | None = None) -> torch.Tensor:
+    """The field on the lens' grid, with all derivatives that are asked for."""
+    wanted = field.requires_grad or moved is not None
+    if not (wanted and torch.is_grad_enabled()):
+        return relay.to_lens(relay.spectrum(field), (None, None))
+    if moved is None:
+        return _applied(relay, field, None, None, None, None)
+    return _applied(relay, field, moved.bend, moved.stretch, *moved.shift)
+
+
+def _applied(*arguments: Any) -> torch.Tensor:
+    answer: torch.Tensor = _Relayed.apply(*arguments)  # type: ignore[no-untyped-call]
+    return answer
+
+
+class _Relayed(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, relay: Relay, field: torch.Tensor, *numbers: Any) -> torch.Tensor:
+        ctx.relay, ctx.dtype = relay, field.dtype
+        spectrum = relay.spectrum(field)
+        ctx.numbers = numbers
+        ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
+        return relay.to_lens(spectrum, (None, None))
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        relay: Relay = ctx.relay
+        gradient = gradient.resolve_conj()
+        answers: list[Any] = [None] * 5
+        if ctx.needs_input_grad[1]:
+            back = relay.spectrum_adjoint(relay.to_lens_adjoint(gradient))
+            answers[0] = back.to(ctx.dtype)
+        if any(ctx.needs_input_grad[2:]):
+            (spectrum,) = ctx.saved_tensors
+            found = _changes(relay, spectrum, gradient)
+            for place, (number, value) in enumerate(zip(ctx.numbers, found, strict=True), start=1):
+                answers[place] = value.to(number) if number is not None else None
+        return (None, *answers)
+
+
+def _changes(
+    relay: Relay, spectrum: torch.Tensor, gradient: torch.Tensor
+) -> tuple[torch.Tensor, ...]:
+    """What bend, stretch and shift change, weighed by the gradient."""
+    fy, fx = (axis.frequency for axis in relay.axes)
+    turned = 2j * math.pi
+
+    def weighed(also: tuple[torch.Tensor | None, torch.Tensor | None]) -> torch.Tensor:
+        change = relay.to_lens(spectrum, also)
+        # Sums of many samples are kept in double precision.
+        product = gradient.to(torch.complex128).conj() * change
+        return product.real.reshape(-1, *relay.shape).sum(0)
+
+    along_y, along_x = weighed((turned * fy, None)), weighed((None, turned * fx))
+    bend = weighed((-0.5 * turned * fy**2, None)) + weighed((None, -0.5 * turned * fx**2))
+    y, x = (
+        axis.first
+        + axis.step * torch.arange(axis.count, dtype=torch.float64, device=along_y.device)
+        for axis in relay.axes
+    )
+    stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
+    return bend.sum(), stretch, along_y.sum(), along_x.sum()
+
+
+def fast_length(least: float) -> int:
+    """The shortest FFT that is at least so long, and fast."""
+    return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

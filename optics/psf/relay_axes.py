@@ -1,0 +1,126 @@
+"""The axes of a relay: how long its FFTs are, and where its samples lie at the lens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optics.accuracy import ToleranceError
+from optics.camera import Camera
+from optics.plane import Plane
+from optics.psf.question import Question
+from optics.psf.relay import Band, RelayAxis, fast_length
+
+_TAPER = 1e-2
+"""What a band's smooth ends leave of its light outside the light's geometric reach, in shares
+of the tolerance."""
+
+_MARGIN, _ZONES = 0.05, 2.0
+"""For the light of a band's ends to die away: of the panel and the stop together, and in
+Fresnel zones. A larger margin costs longer FFTs, a smaller one wider ends."""
+
+
+@dataclass(frozen=True)
+class LensGrid:
+    """Frequencies at the panel and samples in the lens' plane, along y and x.
+
+    low, high: cycles per metre. rate: samples per metre at the lens, at least. error: relative
+    L2 of the intensity behind an evenly lit panel, an estimate.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    rate: tuple[float, float]
+    error: float
+
+
+@dataclass(frozen=True)
+class End:
+    """How a band ends along an axis.
+
+    margin: metres at the panel in which the light of its ends dies away. soft: the Gaussian's
+    standard deviation, cycles per metre; its impulse response falls as
+    exp(-2 (pi soft margin)²). steps: of soft until nothing is left.
+    """
+
+    margin: float
+    soft: float
+    steps: float
+
+    @staticmethod
+    def of(q: Question, camera: Camera, axis: int) -> End:
+        low, high = extent(camera, axis)
+        wide = (high - low) * q.radius + camera.panel.shape[axis] * camera.panel.pitch
+        margin = _MARGIN * wide + _ZONES * math.sqrt(bend_of(q))
+        steps = math.sqrt(2 * math.log(1 / min(_TAPER * q.tol, 1e-3)))
+        return End(margin, steps / (2 * math.pi * margin), steps)
+
+    @property
+    def width(self) -> float:
+        return self.steps * self.soft
+
+
+def bend_of(q: Question) -> float:
+    """Square metres by which a frequency moves light from panel to lens, at the panel."""
+    return float(q.wavelength * q.separation / q.spread)
+
+
+def relay_axes(
+    question: Question, camera: Camera, grid: LensGrid, lengths: Sequence[int] = (0, 0)
+) -> list[RelayAxis]:
+    """The relay's axes to a grid that covers what is lit of the stop.
+
+    lengths: FFT points along each axis, at least.
+    """
+    return [_axis(question, camera, grid, axis, lengths[axis]) for axis in (0, 1)]
+
+
+def _axis(q: Question, camera: Camera, grid: LensGrid, axis: int, shortest: int) -> RelayAxis:
+    panel, spread, bend = camera.panel, float(q.spread), bend_of(q)
+    line = panel.plane.coordinates(axis)
+    ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
+    end = End.of(q, camera, axis)
+    band = Band(grid.low[axis], grid.high[axis], end.soft, end.steps)
+    # Where light of the band gets to, and where the stop is open, in the panel's coordinates.
+    reach = ends[0] + bend * band.outer[0], ends[1] + bend * band.outer[1]
+    shift = float(q.sines[axis]) * q.separation
+    low, high = (edge * q.radius / spread - shift for edge in extent(camera, axis))
+    low, high = max(low, reach[0] - end.margin), min(high, reach[1] + end.margin)
+    if not high > low:
+        raise ToleranceError(
+            "no light of the panel gets to the stop by geometric optics; ask for a field nearer "
+            "to the axis, or a panel nearer to the lens"
+        )
+    least = max(reach[1] - low, high - reach[0], ends[1] - ends[0]) + end.margin
+    length = fast_length(max(least / panel.pitch, shortest))
+    period = length * panel.pitch
+    fold = fast_length(period * grid.rate[axis] * spread)
+    step = period / fold
+    # A cell to spare at either end, for a gray edge.
+    count = min(math.ceil((high - low) / step) + 2, fold)
+    first = (low + high) / 2 - count // 2 * step
+    return RelayAxis(
+        panel.shape[axis], panel.pitch, panel.active_side, length, count, fold, bend, first, band
+    )
+
+
+def extent(camera: Camera, axis: int) -> tuple[float, float]:
+    """Lowest and highest place of the stop's opening along an axis, in stop radii."""
+    t = np.linspace(0, 1, 257)
+    opening = camera.lens.stop.loops[0]
+    places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
+    return float(places.min()), float(places.max())
+
+
+def lens_plane(question: Question, axes: list[RelayAxis]) -> Plane:
+    """The relay's samples as a plane at the lens, metres."""
+    spread = float(question.spread)
+    pitch = [axis.step * spread for axis in axes]
+    centre = [
+        (axis.first + axis.count // 2 * axis.step + float(sine) * question.separation) * spread
+        for axis, sine in zip(axes, question.sines, strict=True)
+    ]
+    return Plane((axes[0].count, axes[1].count), (pitch[0], pitch[1]), (centre[0], centre[1]))

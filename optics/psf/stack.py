@@ -1,0 +1,177 @@
+"""PSFs of one pattern at many distances, wavelengths and fields, planned and computed together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch.utils.checkpoint import checkpoint
+
+from optics.accuracy import Account, Budget
+from optics.camera import Camera
+from optics.edge import tensors_inside
+from optics.plane import Plane
+from optics.psf.chain_grid import GridEngine
+from optics.psf.lens_pass import spectrum_of
+from optics.psf.operator import PSFOperator, normalised
+from optics.threads import in_full_precision
+
+_KEPT = 0.25
+"""Of the memory allowed, what fields at the sensor may take that a derivative needs again."""
+
+
+class PSFStack:
+    """A camera's PSFs at every distance, wavelength and field asked for.
+
+    camera, pixels, tol and all other settings: as for PSFOperator, whose tolerance each of the
+    PSFs keeps. distances: metres. wavelengths: metres. fields: places (y, x) of the image on the
+    sensor, metres from the axis.
+
+    Call with phase (rows, columns) of the panel for all wavelengths, or (bands, rows, columns),
+    and amplitude alike. The answer is (distances, bands, fields, *pixels.shape).
+
+    The spectrum of a pattern is computed once for all distances and fields of a band that are
+    computed on grids; it is the same for all of them, but for where it is cut off. One PSF is
+    computed after the other, so that the memory is that of one; with derivatives, fields at the
+    sensor are kept as far as `budget` allows, and computed once more beyond that.
+
+    operators: of every PSF, [distance][band][field]. Raises what PSFOperator raises.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        distances: Sequence[Any],
+        wavelengths: Sequence[Any],
+        pixels: Plane,
+        *,
+        fields: Sequence[tuple[Any, Any]] = ((0.0, 0.0),),
+        budget: Budget | None = None,
+        **settings: Any,
+    ) -> None:
+        for name, given in (
+            ("distances", distances),
+            ("wavelengths", wavelengths),
+            ("fields", fields),
+        ):
+            if not len(given):
+                raise ValueError(f"{name} is empty; give one at least")
+        self._budget = budget or Budget()
+        self.pixels = pixels
+        self.operators = [
+            [
+                [
+                    PSFOperator(
+                        camera,
+                        distance,
+                        wavelength,
+                        pixels,
+                        field=field,
+                        budget=self._budget,
+                        **settings,
+                    )
+                    for field in fields
+                ]
+                for wavelength in wavelengths
+            ]
+            for distance in distances
+        ]
+        self._sharing = [_Shared(self._of_band(band)) for band in range(len(wavelengths))]
+
+    def _of_band(self, band: int) -> list[PSFOperator]:
+        return [operator for row in self.operators for operator in row[band]]
+
+    @property
+    def accounts(self) -> list[Account]:
+        """Of all PSFs, in the order of the answer."""
+        return [one.account for row in self.operators for band in row for one in band]
+
+    @tensors_inside
+    @in_full_precision
+    def __call__(
+        self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        phases, amplitudes = self._per_band("phase", phase), self._per_band("amplitude", amplitude)
+        found = [
+            self._band(band, *given)
+            for band, given in enumerate(zip(phases, amplitudes, strict=True))
+        ]
+        shape = (len(self.operators), len(self.operators[0][0]), *self.pixels.shape)
+        return torch.stack([torch.stack(one).reshape(shape) for one in found], dim=1)
+
+    def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
+        """What belongs to every band, of what may be the same for all."""
+        bands = len(self._sharing)
+        if value is None or value.ndim == 2:
+            return [value] * bands
+        if value.ndim != 3 or value.shape[0] != bands:
+            raise ValueError(
+                f"{name} is {tuple(value.shape)}; give (rows, columns) for all bands, or one for "
+                f"each of the {bands}"
+            )
+        return list(value)
+
+    def _band(
+        self, band: int, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> list[torch.Tensor]:
+        operators, shared = self._of_band(band), self._sharing[band]
+        spectrum = shared.spectrum(phase, amplitude)
+        straight = None
+        if phase is not None and any(one.wants_straight(amplitude) for one in operators):
+            straight = shared.spectrum(None, amplitude)
+        again = self._again(spectrum)
+        found = []
+        for one in operators:
+            known = (spectrum, straight) if shared.serves(one) else (None, None)
+            if again and known[0] is not None:
+                light = checkpoint(one.answer, phase, amplitude, *known, use_reentrant=False)
+            else:
+                light = one.answer(phase, amplitude, *known)
+            found.append(light)
+        return found
+
+    def _again(self, spectrum: torch.Tensor | None) -> bool:
+        """Whether to compute fields at the sensor a second time, rather than keep them."""
+        if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
+            return False
+        kept = sum(
+            2 * spectrum.element_size() * one.engine.samples
+            for band in range(len(self._sharing))
+            for one in self._of_band(band)
+        )
+        return kept > _KEPT * self._budget.memory
+
+
+class _Shared:
+    """One spectrum of the panel for all operators that can take it."""
+
+    def __init__(self, operators: Sequence[PSFOperator]) -> None:
+        engines = [one.engine for one in operators]
+        self._engines = [
+            one for one in engines if isinstance(one, GridEngine) and one.takes_spectra
+        ]
+        if len(self._engines) < 2 or len({one.relay.dtype for one in self._engines}) > 1:
+            self._engines = []
+            return
+        lengths, held = [], []
+        for axis in (0, 1):
+            axes = [one.relay.axes[axis] for one in self._engines]
+            lengths.append(max(one.length for one in axes))
+            held.append(
+                (min(one.band.outer[0] for one in axes), max(one.band.outer[1] for one in axes))
+            )
+        for one in self._engines:
+            one.settle(lengths, held)
+            one.prepare()
+
+    def serves(self, operator: PSFOperator) -> bool:
+        return any(operator.engine is one for one in self._engines)
+
+    def spectrum(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor | None:
+        if not self._engines:
+            return None
+        first = self._engines[0]
+        return spectrum_of(first.relay, first.modulated(phase, normalised(amplitude)[0]))

@@ -1,0 +1,86 @@
+"""Random cameras whose panel stands apart from the lens, against a judge that shares no code.
+
+The judge is tested in tests/labapp/test_chain_accuracy.py, against sums that are written out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from labapp.figures.chains import ChainProblem, chains, tally, unreal
+from optics.accuracy import Budget, ToleranceError
+from optics.camera import Camera, Lens, Panel
+from optics.plane import Plane
+
+TERMS = 4e8
+"""Products that the judge may sum for one problem."""
+
+BUDGET = Budget(1 << 30)
+
+
+def small(seed: int, tol: float = 0.0) -> Iterator[ChainProblem]:
+    """Random chains that the judge is soon done with; tol: for all, where it isn't 0."""
+    for problem in chains(seed, most=60):
+        quick = problem.judge(np.ones(problem.pixels.shape)).terms < TERMS
+        if quick and problem.camera.separation and max(problem.pixels.shape) < 120:
+            yield replace(problem, tol=tol or problem.tol)
+
+
+def test_random_chains_keep_their_tolerance():
+    found = tally(small(11), 12, BUDGET, most=TERMS)
+    assert found.wrong == ()
+    assert found.unreal == ()
+    assert found.accepted >= 11
+    assert found.judged == found.accepted
+
+
+@pytest.mark.parametrize(
+    ("method", "tol"), [("chain", 3e-2), ("chain", 1e-3), ("chain, quadrature", 1e-3)]
+)
+def test_each_method_keeps_what_it_promises(method, tol):
+    for problem in islice(small(12, tol), 4):
+        operator = problem.operator(tol, method=method, budget=BUDGET)
+        light = problem.light(operator)
+        assert problem.judge(light).error(light) <= tol, problem.words
+
+
+@pytest.mark.parametrize("field", [(0.0, 0.0), (2e-4, -3e-4)])
+@pytest.mark.parametrize("distance", [0.5, math.inf])
+def test_a_stop_that_cuts_nothing_collapses(field, distance):
+    """A wide stop, and a pattern that sends no light to its edge."""
+    panel = Panel((48, 56), 12e-6, unmodulated=0.0)
+    camera = Camera(panel, Lens(0.05, 50.0 / 4, 2.0), separation=0.02)
+    y, x = (np.linspace(-1, 1, n) for n in panel.shape)
+    phase = 6 * (y[:, None] ** 3 + x**3)
+    pixels = Plane((24, 20), (4e-6, 4e-6))
+    problem = ChainProblem(camera, distance, 520e-9, pixels, False, 5e-2, phase, field)
+    light = problem.light(problem.operator(5e-2, method="collapsed"))
+    assert problem.judge(light).error(light) <= 5e-2
+
+
+def test_a_panel_at_the_lens_is_judged_as_before():
+    """Fields off the axis move nothing there, and the chain's arguments are taken all the same."""
+    found = 0
+    for problem in islice((one for one in chains(13, most=60) if any(one.off_axis)), 3):
+        near = replace(problem.camera, separation=0.0)
+        problem = replace(problem, optics=near, tol=1e-3, sphere=False)
+        light = problem.light(problem.operator(1e-3))
+        judge = problem.judge(light)
+        if judge.terms < 3e8:
+            found += 1
+            assert judge.error(light) <= 1e-3, problem.words
+    assert found
+
+
+def test_less_memory_than_is_needed_is_refused_with_what_is_needed():
+    problem = replace(next(small(14)), tol=1e-3)
+    little = Budget(1 << 21)
+    with pytest.raises(ToleranceError, match="MB at least") as refused:
+        problem.operator(1e-3, budget=little)
+    assert unreal(problem, refused.value, little, TERMS) == ""

@@ -1,0 +1,169 @@
+"""A panel before a lens as one panel in a lens: ray matrices, shadows, and what is left out."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from chain_judges import direct_chain
+from judges import positions, relative
+
+from optics.accuracy import Budget, ToleranceError
+from optics.camera import Camera, Lens, Panel
+from optics.plane import Plane
+from optics.psf import PSFOperator
+from optics.psf.collapse import collapsed
+from optics.psf.edge_light import EdgeLight
+from optics.psf.question import Question
+from optics.pupil import open_area, pupil_amplitude
+
+WAVELENGTH = 550e-9
+
+
+def ray_matrix(camera: Camera) -> np.ndarray:
+    """From the panel to the sensor, for (height, slope)."""
+    lens = camera.lens
+    space = [np.array([[1, z], [0, 1]]) for z in (camera.separation, lens.image_distance)]
+    return space[1] @ np.array([[1, 0], [-1 / lens.focal_length, 1]]) @ space[0]
+
+
+@pytest.mark.parametrize("focus", [0.6, 3.0, math.inf])
+@pytest.mark.parametrize("separation", [0.0, 0.01, 0.2])
+def test_the_collapsed_lens_has_the_ray_matrix_of_the_chain(focus, separation):
+    """Intensities depend on A and B alone: the sensor's own curvature is a phase."""
+    camera = Camera(Panel(), Lens(0.1, 5.6, focus), separation=separation)
+    thin = collapsed(camera, 1.2)
+    (a, b), _ = ray_matrix(camera)
+    (a_thin, b_thin), _ = ray_matrix(thin)
+    assert camera.lever == pytest.approx(b, rel=1e-12)
+    assert b_thin == pytest.approx(b, rel=1e-12)
+    assert a_thin == pytest.approx(a, rel=1e-9, abs=1e-12)
+    assert thin.separation == 0
+    assert thin.lens.focus_distance == pytest.approx(focus - separation)
+
+
+def test_the_chief_ray_goes_through_the_middle_of_the_lens():
+    camera = Camera(Panel(), Lens(0.1, 5.6, 2.0), separation=0.05)
+    z2 = camera.lens.image_distance
+    assert camera.magnification(1.95) == pytest.approx(z2 / 2.0)
+    assert camera.magnification(math.inf) == 0
+
+
+@pytest.mark.parametrize(("distance", "spread"), [(0.4, 1.125), (math.inf, 1.0)])
+def test_the_shadow_is_where_rays_from_the_object_meet_the_panel(distance, spread):
+    """A pixel is open if the ray to it from the object goes on through the stop."""
+    camera = Camera(Panel((60, 70), 20e-6), Lens(0.1, 0.1 / 1e-3, 2.0), separation=0.05)
+    field = (0.3e-3, -0.5e-3)
+    thin = collapsed(camera, distance, field)
+    y, x = (positions(n, 20e-6) for n in (60, 70))
+    z2 = camera.lens.image_distance
+    # A ray through the panel at s meets the lens at s + z1 (s - object) / d.
+    tilt = [-f / z2 * spread for f in field]
+    at_y, at_x = y * spread - 0.05 * tilt[0], x * spread - 0.05 * tilt[1]
+    away = np.hypot(at_y[:, None], at_x[None, :])
+    share = pupil_amplitude(thin).numpy()
+    assert np.all(share[away < 0.5e-3 - 20e-6 * spread] == 1)
+    assert np.all(share[away > 0.5e-3 + 20e-6 * spread] == 0)
+    assert open_area(thin) == pytest.approx(float(share.sum()) * 20e-6**2, rel=1e-9)
+
+
+def test_only_a_parabola_collapses():
+    lens = Lens(0.1, 5.6, 2.0, aberrations=((4, 0, 50e-9),))
+    with pytest.raises(ValueError, match="aberrations"):
+        collapsed(Camera(Panel(), lens, separation=0.05), 2.0)
+    with pytest.raises(ValueError, match="stigmatic"):
+        collapsed(Camera(Panel(), Lens(0.1, 5.6, 2.0, kind="stigmatic"), separation=0.05), 2.0)
+
+
+def test_a_panel_beyond_the_plane_in_focus_has_no_place_for_a_lens():
+    camera = Camera(Panel(), Lens(0.1, 5.6, 0.3), separation=0.4)
+    assert camera.lever < 0
+    with pytest.raises(ValueError, match="plane in focus"):
+        collapsed(camera, 2.0)
+
+
+def small_camera(stop: float, **changes) -> Camera:
+    panel = Panel((12, 16), 20e-6, fill_factor=0.8, unmodulated=0.0)
+    camera = Camera(panel, Lens(0.03, 0.03 / stop, 0.8), separation=1e-2)
+    return replace(camera, **changes)
+
+
+@pytest.mark.parametrize(("distance", "field"), [(0.5, (0.0, 0.0)), (math.inf, (4e-5, -6e-5))])
+def test_it_keeps_its_tolerance_where_the_stop_is_wide(distance, field, rng):
+    """Against a double sum over panel and stop; light is out of focus, and off the axis."""
+    camera = small_camera(0.7e-3)
+    modulation = np.exp(1j * rng.uniform(0, 2 * np.pi, (12, 16)))
+    plane = Plane((9, 10), (8e-6, 8e-6))
+    y, x = positions(9, 8e-6), positions(10, 8e-6)
+    nodes = {"across_pixel": 10, "rings": 120}
+    truth = direct_chain(camera, modulation, distance, WAVELENGTH, y, x, field=field, **nodes)
+    operator = PSFOperator(
+        camera,
+        distance,
+        WAVELENGTH,
+        plane,
+        field=field,
+        integrate=False,
+        tol=0.2,
+        method="collapsed",
+    )
+    value = operator(np.angle(modulation))
+    assert operator.account.method == "collapsed"
+    assert relative(value, truth * 64e-12) <= 0.2
+    assert operator.account.sampling_error.value <= 0.2
+
+
+def test_it_refuses_where_the_stop_cuts_what_the_window_sees():
+    with pytest.raises(ToleranceError, match='take method="chain"'):
+        PSFOperator(
+            small_camera(0.2e-3),
+            0.5,
+            WAVELENGTH,
+            Plane((9, 10), (8e-6, 8e-6)),
+            tol=1e-3,
+            method="collapsed",
+        )
+
+
+def test_a_window_in_the_dark_gets_the_whole_chain(rng):
+    """What a collapsed camera leaves out is little of all the light, and much of that there."""
+    camera, phase = small_camera(0.7e-3), np.zeros((12, 16))
+    plane = Plane((9, 10), (8e-6, 8e-6), (0.0, 2.5e-4))
+    settings = {"integrate": False, "tol": 0.3, "method": "collapsed"}
+    operator = PSFOperator(camera, 0.8, WAVELENGTH, plane, **settings)
+    value = operator(phase)
+    y, x = positions(9, 8e-6), positions(10, 8e-6, 2.5e-4)
+    nodes = {"across_pixel": 10, "rings": 120}
+    truth = direct_chain(camera, np.ones((12, 16)), 0.8, WAVELENGTH, y, x, **nodes) * 64e-12
+    assert relative(value, truth) <= 0.3
+
+
+def test_derivatives_of_a_cut_panel_are_refused():
+    distance = torch.tensor(0.5, dtype=torch.float64, requires_grad=True)
+    with pytest.raises(ToleranceError, match="derivatives"):
+        PSFOperator(
+            small_camera(0.2e-3),
+            distance,
+            WAVELENGTH,
+            Plane((9, 10), (8e-6, 8e-6)),
+            tol=0.5,
+            method="collapsed",
+        )
+
+
+def test_a_fully_lit_disc_scatters_what_bessels_function_says():
+    """Of even light, a disc of radius R turns 1 / (pi² R K) into a window from beyond K: the
+    square of R J1(2 pi R K) / K is R / (2 pi² K³) on average."""
+    panel = Panel((8000, 8000), 0.4e-6, fill_factor=1.0)
+    camera = Camera(panel, Lens(0.1, 0.1 / 0.4e-3, 0.4), separation=1e-3)
+    window = Plane((2, 2), (1e-7, 1e-7))
+    # In focus, and near enough for light of 1e5 cycles a metre to come from the panel.
+    question = Question(camera.lens, 0.399, WAVELENGTH, window, 1e-3, Budget(), separation=1e-3)
+    edge = EdgeLight(question, camera)
+    rays = edge.scattered()
+    far = np.hypot(rays.frequency[..., 0], rays.frequency[..., 1]) / edge.spread > 2e4
+    lost = float(rays.light[far].sum()) / edge.straight
+    # A pixel's envelope takes a little of it, at high frequencies.
+    # Frequencies are looked at in steps of a fifth.
+    assert lost == pytest.approx(1 / (np.pi**2 * 0.2e-3 * 2e4), rel=0.12)
