@@ -60,9 +60,9 @@ def beam(
     unmodulated: share of light that ignores the phase; the panel's own if None.
 
     Values are irradiances relative to that on the panel. For pictures: behind a stop that
-    stands apart from the panel, the light is made of squares of about a panel pixel, and the
-    orders of the panel's own grating are left out; the model is the paraxial one of
-    PSFOperator. Raises ValueError for bad input, Cancelled through `progress`.
+    stands apart from the panel, the light is sampled about once a panel pixel, and the orders
+    of the panel's own grating are left out; the model is the paraxial one of PSFOperator.
+    Raises ValueError for bad input, Cancelled through `progress`.
     """
     require_light(distance, wavelength)
     share = camera.panel.unmodulated if unmodulated is None else unmodulated
@@ -164,7 +164,8 @@ class _Rays:
             stretch = _IN_FOCUS
         moved = [slope * way for slope in self._chief]
         side = self._camera.panel.active_side
-        cells = self.stop.pitch if self._camera.separation else (side, side)
+        # Squares as wide as their pitch would show orders that no panel makes.
+        cells = None if self._camera.separation else (side, side)
         place = _Way(way, stretch, (moved[0], moved[1]))
         return _spread(wave, self.stop, cells, self._row(across, depth), place, wavelength)
 

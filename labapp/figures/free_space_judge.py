@@ -160,6 +160,7 @@ class Cells:
         for axis, where in ((0, points.y), (1, points.x)):
             middle = self.plane.coordinates(axis).numpy()
             far = max(abs(where.max() - middle.min()), abs(where.min() - middle.max()))
+            far += self.sides[axis] / 2
             sine = far / math.hypot(far, float(np.abs(points.z).min()))
             found.append(_enough(math.pi * self.sides[axis] * sine / points.wavelength))
         return found[0], found[1]
@@ -194,11 +195,11 @@ def sum_of(parts: list[Complex]) -> Complex:
 
 def _enough(turn: float) -> int:
     """Gauss-Legendre nodes for exp(i turn t), t from -1 to 1, to 1e-10: the remainder is about
-    (e turn / 4 n)^(2 n)."""
+    (e turn / 4 n)^(2 n), and one more for the kernel's fall."""
     count = 2
     while (math.e * turn / (4 * count)) ** (2 * count) > 1e-10 or 4 * count < math.e * turn:
         count += 1
-    return count
+    return count + 1
 
 
 def slit(low: Real, high: Real, scale: Real) -> Complex:

@@ -399,31 +399,35 @@ def _times(problem: Problem, budget: Budget) -> Iterator[tuple[str, float]]:
     yield from times_of(problem, budget)
 
 
-def times_of(problem: Problem, budget: Budget, longest: float = 0.2) -> Iterator[tuple[str, float]]:
+def times_of(
+    problem: Problem, budget: Budget, predicted: tuple[float, float] = (0.003, 0.2)
+) -> Iterator[tuple[str, float]]:
     """Seconds of every way that meets tol, the one that is chosen by itself first.
 
-    None where the chosen one is predicted to take less than a few milliseconds, or more than
-    `longest`.
+    None where the chosen one is predicted to take less or more seconds than that.
     """
     try:
         chosen = problem.operator(problem.tol, budget=budget)
+        if not predicted[0] <= chosen.account.cpu_predicted <= predicted[1]:
+            return
+        started = time.process_time()
+        problem.light(chosen)
     except ToleranceError:
         return
-    if not 0.003 < chosen.account.cpu_predicted < longest:
-        return
     found = {chosen.account.method: chosen}
+    longest = 4 * max(chosen.account.cpu_predicted, time.process_time() - started)
     for method in problem.methods:
         try:
             other = problem.operator(problem.tol, budget=budget, method=method)
+            if method not in found and other.account.cpu_predicted < longest:
+                problem.light(other)
+                found.setdefault(other.account.method, other)
         except ValueError:
             continue
-        if other.account.cpu_predicted < 4 * chosen.account.cpu_predicted:
-            found.setdefault(other.account.method, other)
     spent: dict[str, list[float]] = {name: [] for name in found}
-    for repeat in range(4):
+    for _ in range(3):
         for name, operator in found.items():
             started = time.process_time()
             problem.light(operator)
-            if repeat:
-                spent[name].append(time.process_time() - started)
+            spent[name].append(time.process_time() - started)
     yield from ((name, statistics.median(values)) for name, values in spent.items())

@@ -149,12 +149,14 @@ class FreeSpace:
         light = float_light(field) * self.span.area
         if self.span.cells is None:
             self._look_at(field, light)
-        answer = self._in_chunks(self._propagator, self._propagator.forward, field)
-        share = self._share(answer, light)
-        if self._kept_by(self._propagator, share):
-            return answer
-        twin = self._tighter(share)
-        return self._in_chunks(twin, twin.forward, field)
+        propagator = self._propagator
+        while True:
+            answer = self._in_chunks(propagator, propagator.forward, field)
+            # Of a dark target the first share is rounding: it is looked at until it holds.
+            share = self._share(answer, light)
+            if self._kept_by(propagator, share):
+                return answer
+            propagator = self._tighter(share)
 
     def _look_at(self, field: torch.Tensor, light: torch.Tensor) -> None:
         """Refuse a field that isn't smooth; tell what the model leaves out of one that is."""

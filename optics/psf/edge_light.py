@@ -6,7 +6,11 @@ frequency (the Fourier integral of a half plane; Keller's edge rays, 10.1364/JOS
 Light of all frequencies that the panel's pixels send, and that gets to a piece of the edge at
 all, is so scattered into the few that the window receives. What a method does wrong with it is
 summed over the edge, the window and D, and compared with the light that goes straight into the
-window.
+window. Nearer than D = 1 / (4 radius) the edges are no more told apart, and the whole opening,
+of the area S, sends S² a unit of frequency area at the most: pi |D| S² per cycle, shared out
+among the pieces of the edge. For a round stop both together give 1.2 times its light, and so
+little below D = 1 / (4 radius) is what a method does wrong there, unless the stop is so small
+that its light is bent farther than that of the panel's whole width.
 
 No pattern is known beforehand: the panel counts as evenly lit at all of its frequencies, under
 the envelope sinc² of one pixel, as behind a random pattern. There the relative error of the
@@ -26,12 +30,14 @@ from numpy.typing import NDArray
 from optics.camera import Camera
 from optics.fourier import unit_phasor
 from optics.psf.question import Question
+from optics.psf.relay_axes import extent
 from optics.pupil import open_area, wave_phase
 
 Array = NDArray[np.float64]
 
-_RIM, _STEPS, _SIDE = 96, 48, 40
-"""Pieces of the stop's edge, distances in frequency to either side, and places across the stop."""
+_RIM, _STEPS, _NEAR, _SIDE = 96, 48, 6, 40
+"""Pieces of the stop's edge, distances in frequency to either side, those at which the edges are
+not told apart, and places across the stop."""
 
 _FARTHEST = 40.0
 """Cycles per pixel beyond which its envelope leaves no light that counts."""
@@ -73,10 +79,14 @@ class EdgeLight:
         q = self._q
         low = 1 / (4 * q.radius)
         high = _FARTHEST / camera.panel.active_side
-        edges = np.geomspace(low, max(high, 4 * low), _STEPS + 1)
+        far = np.geomspace(low, max(high, 4 * low), _STEPS + 1)
+        edges = np.concatenate([np.linspace(0, low, _NEAR, endpoint=False), far])
         away, step = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        area, rim = q.lens.stop.area * q.radius**2, self._length.sum()
+        whole = math.pi * away * area**2 / rim
+        each = np.where(away < low, whole, 1 / (4 * math.pi**2 * away**2)) * step
         self._away = np.concatenate([-away[::-1], away])
-        density = np.concatenate([step[::-1], step]) / (4 * math.pi**2 * self._away**2)
+        density = np.concatenate([each[::-1], each])
         self._density = self._length[:, None] * density / len(self._window)
 
     def _footprint(self) -> Array:
@@ -85,15 +95,7 @@ class EdgeLight:
 
     @cached_property
     def _window(self) -> Array:
-        """Frequencies (y, x) behind the lens that go to places in the window."""
-        q = self._q
-        rows, columns = q.inner
-        lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
-        (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
-        middle = np.array([y0 + y1, x0 + x1]) / 2
-        half = np.array([y1 - y0, x1 - x0]) / 2
-        corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
-        return np.asarray((middle + 2 * _CLEAR * half * np.array(corners)) / q.scale)
+        return window_frequencies(self._q)
 
     @property
     def spread(self) -> float:
@@ -153,11 +155,18 @@ class EdgeLight:
         return (self._beside(place[..., 0], 0) == 0) & (self._beside(place[..., 1], 1) == 0)
 
     @cached_property
+    def _box(self) -> tuple[Array, Array]:
+        """Lowest and highest place (y, x) of the stop's opening, in radii: a hole may be small."""
+        low, high = zip(*(extent(self._camera, axis) for axis in (0, 1)), strict=True)
+        return np.array(low), np.array(high)
+
+    @cached_property
     def _open(self) -> Rays:
         """Light that goes straight through the stop into the window, (places, window, 2)."""
         q = self._q
-        line = (np.arange(_SIDE) + 0.5) / _SIDE * 2 - 1
-        y, x = np.meshgrid(line, line, indexing="ij")
+        line = (np.arange(_SIDE) + 0.5) / _SIDE
+        low, high = self._box
+        y, x = np.meshgrid(*(low + np.outer(line, high - low)).T, indexing="ij")
         shapes = q.lens.stop
         inside = shapes.opening.contains(y, x)
         for shape in shapes.obscurations:
@@ -168,15 +177,16 @@ class EdgeLight:
     @cached_property
     def straight(self) -> float:
         """Square metres of the stop from which the window is lit, each weighed by the light."""
-        light = self._open.light
-        return float(light.mean(axis=1).sum()) * (2 * self._q.radius / _SIDE) ** 2
+        low, high = self._box
+        each = float(np.prod(high - low)) * (self._q.radius / _SIDE) ** 2
+        return float(self._open.light.mean(axis=1).sum()) * each
 
     @cached_property
     def passing(self) -> tuple[Array, Array]:
         """The lowest and highest frequencies (y, x) that go straight into the window's samples,
         from wherever the panel is lit; with room for a Fresnel zone."""
         rays = self._open
-        lit = rays.light > _LIT * rays.light.max()
+        lit = rays.light > _LIT * rays.light.max(initial=0.0)
         room = self._spread * self.reach / 2 + self.zone
         if not lit.any():
             return -room, room
@@ -262,6 +272,10 @@ class EdgeLight:
     def _safe(self) -> float:
         return _SAFE + _FEW / math.sqrt(self.speckles)
 
+    def of_share(self, share: float) -> float:
+        """Relative L2 error of an intensity of whose light so large a share is wrong."""
+        return self._safe * math.sqrt(share)
+
     def of_collapse(self) -> float:
         """What it costs to put the stop's shadow on the panel in place of the stop.
 
@@ -275,6 +289,17 @@ class EdgeLight:
         dark = self._sent(rays.frequency) * self._density[:, None]
         lit = (rays.light + np.where(shadow, dark, 0.0)) / 2
         return self.relative(float((lit * (2 - 2 * np.cos(turn))).sum()))
+
+
+def window_frequencies(q: Question) -> Array:
+    """Frequencies (y, x) behind the lens that go to places in the window, (places, 2)."""
+    rows, columns = q.inner
+    lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
+    (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
+    middle = np.array([y0 + y1, x0 + x1]) / 2
+    half = np.array([y1 - y0, x1 - x0]) / 2
+    corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
+    return np.asarray((middle + 2 * _CLEAR * half * np.array(corners)) / q.scale)
 
 
 def _rim(camera: Camera, radius: float) -> tuple[Array, Array, Array]:

@@ -24,6 +24,7 @@ from optics.camera import Camera, Lens
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
+from optics.psf.chain import require_open
 from optics.psf.chain_grid import GridEngine
 from optics.psf.chain_nodes import NodesEngine
 from optics.psf.edge_light import EdgeLight
@@ -378,6 +379,7 @@ def _panel_offers(
 ) -> list[Callable[[], Engine]]:
     if not camera.separation:
         return [lambda: PanelEngine(question, camera, transform=method)]
+    require_open(numeric_camera(camera))
     # What the stop's edge scatters is looked at once for all of them.
     edge = EdgeLight(question, numeric_camera(camera))
     search = functools.cache(lambda: Search(edge))

@@ -12,6 +12,7 @@ from optics.edge import as_number, rounded_up
 from optics.plane import Plane
 from optics.psf.chain_grid import GridEngine
 from optics.psf.collapse import collapsed
+from optics.psf.cut_pixels import gray_share
 from optics.psf.dim import shortfall
 from optics.psf.engine import Engine
 from optics.psf.lens_grid import Search
@@ -23,10 +24,11 @@ from optics.pupil import LEAST_LEVER, numeric_camera, open_area, pupil_amplitude
 class CollapsedEngine(Engine):
     """One Fourier integral from the panel, with the stop's shadow on it (see `collapsed`).
 
-    Exact but for what the stop's edge does to light on its way to it. That is estimated (see
-    `EdgeLight`), and the offer is refused where it takes more than its part of the tolerance. A
-    pixel that the shadow covers in part passes light by its open area, as behind a panel in the
-    lens.
+    Exact but for what the stop's edge does to light on its way to it, and for pixels that the
+    shadow cuts: one covered in part passes light by its open area, as behind a panel in the
+    lens, while the chain cuts it. Both are estimated (see `EdgeLight` and `gray_share`), and the
+    offer is refused where they take more than their part of the tolerance. As cut pixels and the
+    edge's light may be off in the same direction, their errors are added.
     """
 
     name = "collapsed"
@@ -39,7 +41,7 @@ class CollapsedEngine(Engine):
         plain = numeric_camera(camera)
         thin = collapsed(plain, n.distance, n.field)
         self._require_still(question, thin)
-        self._neglected = search.edge.of_collapse()
+        self._neglected = search.edge.of_collapse() + self._of_cut_pixels(thin)
         left = n.tol - self._neglected
         if not left > 0:
             raise ToleranceError(
@@ -52,6 +54,12 @@ class CollapsedEngine(Engine):
         self.precision, self.arithmetic = self._panel.precision, self._panel.arithmetic
         self.sampling = self._panel.sampling
         self._chain: GridEngine | None = None
+
+    def _of_cut_pixels(self, thin: Camera) -> float:
+        """What it costs that pixels in part are gray, whole ones."""
+        inner = _collapsed_question(self._question, self._camera, self._question.tol)
+        edge = self._search.edge
+        return edge.of_share(gray_share(inner, thin, edge.straight / edge.spread**2))
 
     @staticmethod
     def _require_still(question: Question, thin: Camera) -> None:

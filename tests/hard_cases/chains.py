@@ -84,6 +84,14 @@ def light(view: Apart, tol: float) -> NDArray[Any]:
     return np.asarray(view.light(view.operator(tol)).detach(), dtype=float)
 
 
+def attempt(view: Apart, tol: float) -> tuple[NDArray[Any], str]:
+    """The light, or zeros and what the refusal says."""
+    try:
+        return light(view, tol), ""
+    except ValueError as error:
+        return np.zeros(view.pixels.shape), str(error)
+
+
 def continuous_from_zero(tol: float) -> None:
     """A panel that nearly touches the lens is one that does; where a stop cuts pixels, but for
     their edges, which are their covered share of light as long as both stand together."""
@@ -92,7 +100,7 @@ def continuous_from_zero(tol: float) -> None:
         together = by_panel(View(view.optics, POINTS, 1.5, integrate=False, phase=view.phase))
         require_close(light(view, tol), together, tol)
         for z1, allowed in ((1e-12, 0.0), (1e-9, 1e-4)):
-            near = light(replace(view, optics=replace(view.optics, separation=z1)), tol)
+            near = light(replace(view, optics=apart(z1, stop=stop)), tol)
             allowed = allowed if stop > 1e-3 else 0.1
             assert np.linalg.norm(near - together) <= (tol + allowed) * np.linalg.norm(together)
 
@@ -121,12 +129,9 @@ def vignetted(tol: float) -> None:
     totals = []
     for share in (0.0, 0.7, 1.0, 1.3, 2.0, 5.0, 30.0):
         view = at(pattern=neutral, off_axis=off(share), pixels=PIXELS)
-        try:
-            totals.append(float(light(view, tol).sum()))
-        except ValueError as error:
-            assert share >= 2
-            assert "light" in str(error)
-            totals.append(0.0)
+        found, words = attempt(view, tol)
+        assert not words or (share >= 2 and "light" in words)
+        totals.append(float(found.sum()))
     assert all(map(math.isfinite, totals))
     assert min(totals) >= 0
     assert all(later <= earlier for earlier, later in pairwise(totals))
@@ -136,11 +141,8 @@ def vignetted(tol: float) -> None:
 def shifted_stop(tol: float) -> None:
     """A stop whose only hole is beside the panel's shadow: next to nothing, and finite."""
     view = at(apart(lens={"stop": Stop(Circle(0.02, (0.0, 0.97)))}, stop=20e-3), pattern=neutral)
-    try:
-        found = light(view, tol)
-    except ValueError as error:
-        assert "light" in str(error)
-        return
+    found, words = attempt(view, tol)
+    assert not words or "light" in words
     assert np.isfinite(found).all()
     assert found.min() >= 0
 
@@ -167,7 +169,7 @@ def mirrored(tol: float) -> None:
 def all_ways(tol: float) -> None:
     """Every method that accepts a chain."""
     small = apart(0.01, stop=1.2e-3, shape=(3, 2), pitch=20e-6)
-    for view in (at(), at(small), at(apart(1.0))):
+    for view in (at(small), at(apart(1.0))):
         truth, accepted = by_chain(view), 0
         for method in ("collapsed", "chain", "chain, quadrature"):
             one = replace(view, method=method)
@@ -239,7 +241,7 @@ def two_steps(tol: float) -> None:
     separation = torch.tensor(0.05, dtype=torch.float64, requires_grad=True)
     operator = quietly(lambda: at(apart(separation)).operator(tol))
     phase = torch.from_numpy(random(apart())).requires_grad_()
-    found = []
+    found: list[tuple[float, float]] = []
     for _ in range(2):
         separation.grad = phase.grad = None
         quietly(lambda: operator(phase))[1, 2].backward()
@@ -253,7 +255,7 @@ def two_steps(tol: float) -> None:
 def descends(tol: float) -> None:
     """Five steps down the gradient put more light on a pixel each time."""
     phase = torch.from_numpy(random(apart(), seed=3)).requires_grad_()
-    operator = at().operator(tol)
+    operator = at(apart(stop=SMALL_STOP)).operator(tol)
     scale = float(operator(phase).detach().max())
     optimiser = torch.optim.SGD([phase], lr=1.0)
     losses = []
@@ -325,7 +327,12 @@ ABERRATED = {"aberrations": ((3, 1, 200e-9), (4, 0, 150e-9))}
 
 
 def in_chain(
-    name: str, hard_because: str, view_of: Callable[[Any], Apart], at: float, unit: float, **row: Any
+    name: str,
+    hard_because: str,
+    view_of: Callable[[Any], Apart],
+    at: float,
+    unit: float,
+    **row: Any,
 ) -> Slope:
     return Slope(name, hard_because, view_of, at, unit, by_chain, **row)
 
@@ -397,7 +404,8 @@ CASES: list[Case] = [
          at(apart(shape=(3, 2), pitch=20e-6, stop=1.6e-3))),
     seen("a chain's panel of one pixel", "one square's diffraction, and nothing else",
          at(apart(shape=(1, 1)))),
-    seen("a chain's row of pixels", "an axis of length 1", at(apart(shape=(1, 20))), tols=(DOUBLE,)),
+    seen("a chain's row of pixels", "an axis of length 1", at(apart(shape=(1, 20))),
+         tols=(DOUBLE,)),
     seen("a chain's panel, nearly all gap", "hundreds of orders of equal strength",
          at(apart(fill_factor=1e-2))),
     seen("a chain's stop of ten micrometres", "smaller than a pixel: a pinhole in Fresnel's field",
@@ -439,7 +447,7 @@ CASES: list[Case] = [
          at(pattern=neutral, off_axis=off(3.0)), tols=(SINGLE, 1e-6)),
     seen("a point off the axis, at infinity", "tilt times distance is inf x 0",
          at(distance=math.inf, off_axis=off(0.6))),
-    seen("a point off the axis in the front focal plane", "its image lies at infinity, not at field",
+    seen("a point off the axis in the front focal plane", "its image isn't where its chief ray is",
          at(distance=0.075, off_axis=off(0.6))),
     Holds("from the axis to the dark", "0 / 0 beyond complete vignetting",
           "0 to 30 stop radii", vignetted, "less and less light, and no NaN", tols=(1e-2,)),

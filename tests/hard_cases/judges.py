@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, pairwise, product
 from typing import Any
@@ -523,7 +523,9 @@ class Apart(View):
         assert isinstance(self.optics, Camera)
         words = f"{super().__str__()}, panel {float(self.optics.separation):.3g} m before the lens"
         if any(float(place) for place in self.off_axis):
-            words += ", image at ({:.3g}, {:.3g}) mm".format(*(1e3 * float(p) for p in self.off_axis))
+            words += ", image at ({:.3g}, {:.3g}) mm".format(
+                *(1e3 * float(p) for p in self.off_axis)
+            )
         return words + (", exact sphere" if self.sphere else "")
 
 
@@ -601,7 +603,9 @@ class _Panel:
     def _tilt(self, axis: int) -> float:
         """-o / d, of the object whose image lies at the view's place: it is inverted."""
         z1, near, _ = self._lengths
-        return float(self.view.off_axis[axis]) / float(self.view.lens.image_distance) * (1 + z1 * near)
+        return (
+            float(self.view.off_axis[axis]) / float(self.view.lens.image_distance) * (1 + z1 * near)
+        )
 
     def towards(self, axis: int, x: Array) -> NDArray[np.complex128]:
         """From each node to places x at the lens, without what left_over() has."""
@@ -622,13 +626,13 @@ class _Panel:
 
     def left_over(self, y: Array, x: Array) -> Any:
         """Waves of path at places in the lens: its own phase, and the way to the sensor."""
-        lens, (z1, near, wavelength) = self.view.lens, self._lengths
-        y, x = (np.asarray(a, np.longdouble) for a in (y, x))
+        lens, (z1, _, wavelength) = self.view.lens, self._lengths
+        r2 = np.asarray(y, np.longdouble) ** 2 + np.asarray(x, np.longdouble) ** 2
         # 1 / z2 - 1 / f is -1 / focus, by the thin-lens equation.
         focus = np.longdouble(float(lens.focus_distance))
-        waves = -(y**2 + x**2) / (2 * focus * np.longdouble(wavelength))
+        waves = -r2 / (2 * focus * np.longdouble(wavelength))
         whole = float(self.view.distance) + z1
-        parabola = (1 / np.longdouble(whole) - 1 / focus) * (y**2 + x**2) / 2 / wavelength
+        parabola = (1 / np.longdouble(whole) - 1 / focus) * r2 / 2 / wavelength
         return waves + turns(lens, whole, wavelength, y, x) - parabola
 
     def slope(self, seen: tuple[Array, Array]) -> float:
@@ -734,7 +738,10 @@ class Edges(Cells):
             return super().field(points, paraxial=True)
         k, value = 2 * np.pi / points.wavelength, np.zeros(points.y.size, dtype=complex)
         rows, columns = (self.values.any(axis=axis) for axis in (1, 0))
-        middles = self.plane.coordinates(0).numpy()[rows], self.plane.coordinates(1).numpy()[columns]
+        middles = (
+            self.plane.coordinates(0).numpy()[rows],
+            self.plane.coordinates(1).numpy()[columns],
+        )
         lit = self.values[np.ix_(rows, columns)]
         for number, (y, x, z) in enumerate(zip(points.y, points.x, points.z, strict=True)):
             (low_y, high_y), (low_x, high_x) = (

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from judges import quadrature_psf, relative
 
+from hard_cases.chains import PIXELS as CHAIN_PIXELS
+from hard_cases.chains import apart, at
 from hard_cases.judges import (
+    Beam,
+    Edges,
     Judge,
     by_airy,
+    by_chain,
     by_edges,
     by_fresnel,
     by_lines,
@@ -19,12 +24,14 @@ from hard_cases.judges import (
     by_panel,
     by_rings,
     covered,
+    direct_field,
     open_area,
     richardson,
 )
 from hard_cases.lenses import HEXAGON, LENS, SQUARE, behind, defocused
-from hard_cases.panels import CAMERA, camera, stop_of
+from hard_cases.panels import CAMERA, camera, random, stop_of
 from hard_cases.view import WAVELENGTH, View
+from labapp.figures.free_space_judge import Cells, Points, Pulse, by_space, by_spectrum
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle
 
@@ -75,3 +82,68 @@ def test_areas_are_those_of_circles_and_their_parts() -> None:
 
 def test_differences_find_derivatives() -> None:
     assert richardson(math.exp, 0.3, 0.1) == pytest.approx(math.exp(0.3), rel=1e-12)
+
+
+# Free space
+
+
+def points(distance: float, reach: float) -> Points:
+    """Seven places, none like another."""
+    y, x = reach * np.cos(3 * np.arange(7.0)), reach * np.sin(2 + 5 * np.arange(7.0) ** 2)
+    return Points(y, x, 0 * y, distance, WAVELENGTH)
+
+
+@pytest.mark.parametrize("distance", [1e-5, -1e-5, 3e-4])
+def test_a_round_beam_is_one_by_all_integrals(distance: float) -> None:
+    """In waves along and around the axis, over the field, and as a sum over samples."""
+    beam, pulse = Beam(3e-6), Pulse(0.0, 0.0, complex(3e-6**-2))
+    where = points(distance, 4e-6 + 0.1 * abs(distance))
+    truth = beam.field(where, paraxial=False)
+    for judge in (by_spectrum, by_space):
+        assert relative(judge(pulse, pulse, where), truth) <= 1e-11
+    plane = Plane((127, 128), (0.25e-6, 0.25e-6))
+    assert relative(direct_field(beam.samples(plane), plane, where), truth) <= 1e-10
+
+
+def test_a_sum_over_samples_knows_fresnels_kernel() -> None:
+    pulse = Pulse(0.0, 0.0, complex(3e-6**-2))
+    where, plane = points(3e-4, 3e-5), Plane((127, 128), (0.25e-6, 0.25e-6))
+    scale = WAVELENGTH * where.z
+    truth = pulse.paraxial(where.y, scale) * pulse.paraxial(where.x, scale)
+    found = direct_field(Beam(3e-6).samples(plane), plane, where, paraxial=True)
+    assert relative(found, truth) <= 1e-10
+
+
+@pytest.mark.parametrize("distance", [1e-4, -1e-4, 2e-3])
+def test_cells_are_their_edges(distance: float) -> None:
+    """Along edges, and over the cells' areas."""
+    plane, sides = Plane((3, 4), (10e-6, 8e-6)), (9e-6, 8e-6)
+    values = np.random.default_rng(1).normal(size=(2, 3, 4))
+    light = values[0] + 1j * values[1]
+    where = points(distance, 4e-5)
+    by_area = Cells(plane, sides, light).field(where, paraxial=False)
+    assert relative(Edges(plane, sides, light).field(where, paraxial=False), by_area) <= 1e-10
+
+
+def test_half_of_a_wave_is_under_an_edge() -> None:
+    """By symmetry; the other edges are a thousand distances away."""
+    wide = Edges(Plane((1, 1), (1.0, 1.0)), (8e-4, 8e-4), np.ones((1, 1), dtype=complex))
+    under = Points(np.zeros(3), np.array([0.0, 4e-4, 5e-4]), np.zeros(3), 2e-7, WAVELENGTH)
+    found = wide.field(under, paraxial=False)
+    assert np.abs(found - [1, 0.5, 0]).max() <= 1e-3
+
+
+# The chain
+
+
+def test_a_chain_that_collapses_is_a_panel_in_a_lens() -> None:
+    """A wide stop passes nearly all light of coarse pixels; the ray matrix knows the rest."""
+    optics = apart(0.4, stop=8e-3, shape=(3, 4), pitch=150e-6, fill_factor=1.0)
+    view = at(optics, 1.5, pixels=CHAIN_PIXELS)
+    lever, focus = optics.lever, optics.lens.focus_distance - 0.4
+    focal_length = 1 / (1 / lever + 1 / focus)
+    thin = replace(optics.lens, focal_length=focal_length, focus_distance=focus,
+                   f_number=focal_length / 8e-3)  # fmt: skip
+    together = replace(optics, separation=0.0, lens=thin)
+    panel = by_panel(View(together, CHAIN_PIXELS, 1.5, phase=random(optics)))
+    assert relative(by_chain(view), panel) <= 5e-3

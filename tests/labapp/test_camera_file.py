@@ -31,7 +31,7 @@ def read(folder: Path, text: str) -> CameraFile:
 
 
 def test_the_thesis_camera_comes_with_labapp():
-    """Section 5.6: 15.36 x 8.64 mm, 100 mm f/5.6 focused 2 m before the panel, 12.3 million 3.45 µm pixels."""
+    """Section 5.6: 15.36 x 8.64 mm, 100 mm f/5.6, 3.45 µm pixels; focused 2 m before the panel."""
     camera = read_camera(bundled("thesis-camera.toml"))
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
     assert [n * panel.pitch for n in panel.shape] == pytest.approx([8.64e-3, 15.36e-3])

@@ -80,6 +80,16 @@ def test_the_judges_cells_are_one_in_both_models_far_away():
     assert relative(both[1], both[0]) < 1e-5
 
 
+def test_the_judges_cells_are_fine_enough_behind_a_single_one():
+    """On the axis of a wide cell, whose only turn is that of its own edges."""
+    plane, one = Plane((1, 1), (40e-6, 40e-6)), np.ones((1, 1), dtype=np.complex128)
+    points = Points(*np.zeros((3, 1)), 1e-3, 500e-9)
+    whole = Cells(plane, plane.pitch, one).field(points, paraxial=False)
+    parts = Plane((8, 8), (5e-6, 5e-6), (2.5e-6, 2.5e-6))
+    cut = Cells(parts, parts.pitch, np.ones((8, 8), dtype=np.complex128))
+    assert relative(whole, cut.field(points, paraxial=False)) < 1e-9
+
+
 def test_the_judge_finds_an_error_as_large_as_it_is():
     problem = next(p for p in problems(7, 80) if p.paraxial and isinstance(p.light, Gaussians))
     answer = np.asarray(problem.operator(1e-6)(problem.field).resolve_conj())
@@ -90,7 +100,7 @@ def test_the_judge_finds_an_error_as_large_as_it_is():
 
 
 def test_random_problems_keep_their_tolerance():
-    found = [outcome(one, Budget(), 3e6) for one in islice(problems(12, 150), 12)]
+    found = [outcome(one, Budget(), 2e6) for one in islice(problems(21, 100), 12)]
     kinds = [one.kind for one in found]
     assert not {"wrong", "unreal"} & set(kinds), found
     assert kinds.count("kept") >= 8

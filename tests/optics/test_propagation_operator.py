@@ -209,6 +209,15 @@ def test_a_target_without_light_is_refused_with_its_share():
         operator(gauss(BEAM, 20e-6, 0.0, BLUE))
 
 
+@pytest.mark.parametrize("paraxial", [False, True])
+def test_rounding_is_not_taken_for_light(paraxial):
+    """A millimetre beside the beam there is a share of 1e-120, and noise of single precision."""
+    source, target = Plane((120, 120), (5e-6, 5e-6)), Plane((20, 20), (5e-6, 5e-6), (1e-3, 0.0))
+    operator = FreeSpace(source, target, 0.02, BLUE, paraxial=paraxial)
+    with pytest.raises(ToleranceError, match="hardly any light reaches the target"):
+        operator(gauss(source, 50e-6, 0.0, BLUE))
+
+
 def test_darkness_stays_dark():
     operator = FreeSpace(PANEL, SENSOR, 0.05, BLUE, cells=CELLS)
     assert not operator(np.zeros((2, *PANEL.shape))).any()
