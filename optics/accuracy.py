@@ -64,7 +64,12 @@ class Result(Generic[T]):
 
 
 class ToleranceError(ValueError):
-    """Nothing at hand keeps the promise; the message names the floor and the remedy."""
+    """Nothing at hand keeps the promise; the message names the floor and the remedy.
+
+    floor: the tolerance that would do, where the refusal is one of tolerance alone.
+    """
+
+    floor: float | None = None
 
 
 def unkeepable(tol: float, floor: float) -> ToleranceError:
@@ -74,7 +79,9 @@ def unkeepable(tol: float, floor: float) -> ToleranceError:
             f"tol {tol:g} can't be kept: hardly any light reaches the window; ask for a larger "
             "one, or one that is nearer to the light"
         )
-    return ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
+    refusal = ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
+    refusal.floor = floor
+    return refusal
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.psf.operator import CHAIN_METHODS
+from optics.psf.choice import CHAIN_METHODS
 from optics.pupil import pupil_amplitude
 from optics.threads import single_threaded
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import torch
 
@@ -35,8 +36,16 @@ class SeparableTransform(PlaneTransform):
     def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
         self._rules: tuple[AxisRule, AxisRule] | None = None
-        self._before = tuple(geometry.pupil_tilt(axis, dtype) for axis in (0, 1))
-        self._after = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
+
+    @cached_property
+    def _before(self) -> tuple[torch.Tensor | None, ...]:
+        """Phases over the pupil, made at the first call; an offer makes nothing."""
+        return tuple(self.geometry.pupil_tilt(axis, self.dtype) for axis in (0, 1))
+
+    @cached_property
+    def _after(self) -> tuple[torch.Tensor | None, ...]:
+        """Phases over the image."""
+        return tuple(self.geometry.image_tilt(axis, self.dtype) for axis in (0, 1))
 
     @abstractmethod
     def rule(self, axis: int) -> AxisRule:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from optics.accuracy import ToleranceError
+from optics.accuracy import ToleranceError, unkeepable
 from optics.propagation.angular_spectrum import AngularSpectrum
 from optics.propagation.band_limited import BandLimitedAngularSpectrum
 from optics.propagation.fresnel_matrix import FresnelMatrices
@@ -96,7 +96,8 @@ class Choice:
         raise self._refusal()
 
     def _refusal(self) -> ValueError:
-        """Why the methods that are made for the question can't keep the tolerance.
+        """Why the methods that are made for the question can't keep the tolerance; the least
+        one that they can, if that is all.
 
         The two angular spectra by FFTs, and the tilted one without a tilt, are special cases
         of the scaled one, and say the same.
@@ -108,6 +109,9 @@ class Choice:
         if not any(self._span.tilt):
             special.add(TiltedAngularSpectrum.name)
         told = {name: error for name, error in strict.items() if name not in special}
+        floors = [error.floor for error in strict.values() if error.floor is not None]
+        if floors:
+            return unkeepable(self._span.tol, min(floors))
         reasons = dict.fromkeys(map(str, (told or strict or self._refusals).values()))
         kind = ToleranceError if strict else ValueError
         return kind("; ".join(reasons))

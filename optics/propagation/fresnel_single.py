@@ -6,14 +6,14 @@ import math
 
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError, unkeepable
+from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.propagation.chirped import Cells, ChirpedTransform, cell_error, cell_nodes
 from optics.propagation.paraxial import as_paraxial, kernel_turns
-from optics.propagation.precision import working_precision
+from optics.propagation.precision import below_floor, working_precision
 from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import copies_miss, field_band, reaching
 from optics.propagation.span import Span
-from optics.propagation.spectral import shared_error
+from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
 
 SAMPLING_SHARE = 0.2
 """Of the tolerance that samples may use: copies that come near, or envelopes between nodes."""
@@ -45,14 +45,15 @@ class SingleFresnel(Propagator):
             require_missed_copies(self.name, asked)
         else:
             cells, sampling = interpolated_cells(asked, n.scale, SAMPLING_SHARE * n.tol)
-        self.dtype, self.arithmetic = working_precision(n.tol - model, kernel_turns(asked))
+        share = SAMPLING_SHARE + 2 * TRANSFORM_SHARE
+        self.dtype, self.arithmetic = working_precision(n.tol - model, kernel_turns(asked), share)
         self._transform = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
             error=shared_error(n), cells=cells,
         )  # fmt: skip
         self.error = ErrorEstimate(model + sampling + 2 * self._transform.error, "bound")
         if not self.error.value + self.arithmetic <= n.tol:
-            raise unkeepable(n.tol, self.error.value + self.arithmetic)
+            raise below_floor(n.tol, share, self.arithmetic + model)
         terms = f", {cells.nodes[1]}x{cells.nodes[0]} nodes" if cells else ""
         rows, columns = n.source.shape
         self.sampling = f"{columns}x{rows} source samples{terms}, {self._transform.name}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import scipy.fft
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError, unkeepable
+from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier.chirp import chirp_length
 from optics.fourier.fft import fft_operations
 from optics.plane import Plane
@@ -19,7 +19,7 @@ from optics.propagation.fresnel_single import (
     interpolated_cells,
 )
 from optics.propagation.paraxial import as_paraxial
-from optics.propagation.precision import rounding, working_precision
+from optics.propagation.precision import below_floor, rounding, working_precision
 from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import (
     Interval,
@@ -29,7 +29,7 @@ from optics.propagation.replicas import (
     step_widths,
 )
 from optics.propagation.span import Span
-from optics.propagation.spectral import shared_error
+from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
 
 _PARTS = tuple(
     sign * 2.0 ** (k / 2) for k in range(-6, 25) for sign in (1.0, -1.0) if (sign, k) != (1.0, 0)
@@ -75,8 +75,9 @@ class Between:
 
 
 class TwoStepFresnel(Propagator):
-    """One transform to a plane between, another one on to the target (Rydberg and Bengtsson
-    2006; Voelz 2011, Computational Fourier Optics).
+    """One transform to a plane between, another one on to the target (Schmidt 2010, Numerical
+    Simulation of Optical Wave Propagation, 10.1117/3.866274, equations 6.24 to 6.29; Voelz
+    2011, Computational Fourier Optics, 10.1117/3.858456, appendix).
 
     A near target breaks the sampling criterion of a single transform. A plane that is farther
     away, beyond the target or behind the source, keeps it: from there the light is taken back.
@@ -104,7 +105,8 @@ class TwoStepFresnel(Propagator):
         self._tapers = axes
         self._between = _plane(axes)
         turns = self._turns(part, axes)
-        self.dtype, self.arithmetic = working_precision(n.tol - model, turns)
+        share = 2 * SAMPLING_SHARE + 4 * TRANSFORM_SHARE
+        self.dtype, self.arithmetic = working_precision(n.tol - model, turns, share)
         scale, error = span.scale, shared_error(n)
         self._first = ChirpedTransform(
             n.source, self._between, part * scale, self.dtype, n.budget, error=error, cells=cells
@@ -115,7 +117,7 @@ class TwoStepFresnel(Propagator):
         sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (self._first.error + self._second.error)
         self.error = ErrorEstimate(model + sampling, "bound")
         if not self.error.value + self.arithmetic <= n.tol:
-            raise unkeepable(n.tol, self.error.value + self.arithmetic)
+            raise below_floor(n.tol, share, self.arithmetic + model)
         rows, columns = self._between.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
 

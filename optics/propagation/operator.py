@@ -16,11 +16,13 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    unkeepable,
 )
 from optics.edge import require_finite, rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.propagation.choice import METHODS as METHODS
 from optics.propagation.choice import Choice
+from optics.propagation.light import evened, float_light
 from optics.propagation.propagator import Propagator
 from optics.propagation.smooth import (
     light_spectrum,
@@ -39,6 +41,15 @@ targets that a thousandth of the light reaches."""
 _SPARE = 0.7
 """Of the tolerance that is left when the light on the target is known."""
 
+_HALF = 0.5
+"""Of the light: a tolerance that is advised before a field is known is kept where as much of
+it reaches the target."""
+
+_DIM = 0.01
+"""Share of the light below which a target is dim."""
+
+_UP = 1.01
+"""Advice is rounded up by so much: the share of another plan's answer may be a little less."""
 
 _DEAR = 100
 """Function calls that a plan may cost before a cheaper one is looked for: planning is as dear."""
@@ -117,13 +128,18 @@ class FreeSpace:
     def _first_plan(self) -> Propagator:
         """With a margin for a target that gets a small share of the light; without, if only
         that can be kept, or if it is so much cheaper that it is worth a try."""
-        speed = self.span.budget.speed
-        plan = Choice(replace(self.span, tol=_MARGIN * self.span.tol), self._method)
+        speed, tol = self.span.budget.speed, self.span.tol
+        plan = Choice(replace(self.span, tol=_MARGIN * tol), self._method)
         if plan.seconds > _DEAR * speed.call:
             loose = Choice(self.span, self._method)
             cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
             plan = loose if cheaper else plan
-        return plan.prepared()
+        try:
+            return plan.prepared()
+        except ToleranceError as error:
+            if error.floor is None:
+                raise
+            raise unkeepable(tol, error.floor / math.sqrt(_HALF)) from error
 
     def _accounted(self, propagator: Propagator) -> Account:
         span = self.span
@@ -146,9 +162,14 @@ class FreeSpace:
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
         field = self._checked(field, self.span.source, "field")
         self._require_unchanged()
-        light = float_light(field) * self.span.area
+        field, light, peak = evened(field, float_light(field))
         if self.span.cells is None:
-            self._look_at(field, light)
+            self._look_at(field, light * self.span.area)
+        answer = self._sent(field, light * self.span.area)
+        return answer if peak is None else answer * peak
+
+    def _sent(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """By the first plan, or by tighter ones until the tolerance is kept."""
         propagator = self._propagator
         while True:
             answer = self._in_chunks(propagator, propagator.forward, field)
@@ -156,7 +177,7 @@ class FreeSpace:
             share = self._share(answer, light)
             if self._kept_by(propagator, share):
                 return answer
-            propagator = self._tighter(share)
+            propagator = self._tighter(propagator, share)
 
     def _look_at(self, field: torch.Tensor, light: torch.Tensor) -> None:
         """Refuse a field that isn't smooth; tell what the model leaves out of one that is."""
@@ -175,7 +196,9 @@ class FreeSpace:
         """The conjugate transpose of the call: from the target's samples to the source's."""
         field = self._checked(field, self.span.target, "field")
         self._require_unchanged()
-        return self._in_chunks(self._propagator, self._propagator.adjoint, field)
+        field, _, peak = evened(field, float_light(field))
+        answer = self._in_chunks(self._propagator, self._propagator.adjoint, field)
+        return answer if peak is None else answer * peak
 
     def _checked(self, field: torch.Tensor, plane: Plane, name: str) -> torch.Tensor:
         if tuple(field.shape[-2:]) != plane.shape:
@@ -212,8 +235,11 @@ class FreeSpace:
         error = propagator.error.value + propagator.arithmetic
         return error <= self.span.tol * math.sqrt(min(share, 1.0))
 
-    def _tighter(self, share: float) -> Propagator:
-        """A plan that keeps the tolerance for the little light that reaches the target."""
+    def _tighter(self, last: Propagator, share: float) -> Propagator:
+        """A plan that keeps the tolerance for the little light that reaches the target.
+
+        last: the plan by which that light was found.
+        """
         if self._twin is not None and self._kept_by(self._twin, share):
             return self._twin
         tol = self.span.tol * math.sqrt(share) * _SPARE
@@ -222,18 +248,31 @@ class FreeSpace:
                 raise ToleranceError("no light at all")
             self._twin = Choice(replace(self.span, tol=tol), self._method).prepared()
         except ToleranceError as error:
-            raise ToleranceError(
-                f"tol {self.span.tol:g} can't be kept: hardly any light reaches the target, a "
-                f"share of {share:.2g}; ask for a larger target, one nearer to the light, or "
-                f"tol {self._floor(share)} or more"
-            ) from error
+            raise self._too_dim(last, share, error) from error
         self.account = self._accounted(self._twin)
         return self._twin
 
-    def _floor(self, share: float) -> str:
-        """The tolerance that the first plan keeps for such a share of the light."""
-        error = self._propagator.error.value + self._propagator.arithmetic
-        return rounded_up(error / math.sqrt(share)) if share else "inf"
+    def _too_dim(self, last: Propagator, share: float, why: ToleranceError) -> ToleranceError:
+        """The refusal for a share of the light, with the tolerance that would do.
+
+        That is one for which a plan can be made: the floor of all plans, or what the last one
+        was made for. It isn't known for an answer that is no more than the plan's error.
+        """
+        planned = last.span.tol if why.floor is None else why.floor
+        found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)
+        least = _UP * planned / (_SPARE * math.sqrt(share)) if found else math.inf
+        kept = f"tol {self.span.tol:g} can't be kept"
+        if share >= _DIM and least < 1:
+            return ToleranceError(
+                f"{kept} on a target that {share:.2g} of the light reaches; ask for tol "
+                f"{rounded_up(least)} or more"
+            )
+        advice = f", or for tol {rounded_up(least)} or more" if least < 1 else ""
+        return ToleranceError(
+            f"{kept}: hardly any light reaches the target, a share of "
+            f"{'' if found else 'at most '}{share:.2g}; ask for a target that is larger or "
+            f"nearer to the light{advice}"
+        )
 
     def _require_unchanged(self) -> None:
         """Raise ValueError if a tensor has got another value since the plan was made."""
@@ -245,12 +284,6 @@ class FreeSpace:
                     f"{name} has changed since this way was planned, from {was} to {is_}; plan "
                     "another FreeSpace for it"
                 )
-
-
-def float_light(field: torch.Tensor) -> torch.Tensor:
-    """Sum of |u|² of each field, float64."""
-    field = field.detach()
-    return (field.real**2 + field.imag**2).sum(dim=(-2, -1), dtype=torch.float64)
 
 
 def _model_error(span: Span) -> ErrorEstimate:

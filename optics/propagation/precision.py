@@ -6,8 +6,11 @@ import math
 
 import torch
 
-from optics.accuracy import FLOAT64_ARITHMETIC, unkeepable
-from optics.propagation.spectral import FIELD32_ARITHMETIC
+from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError, unkeepable
+
+FIELD32_ARITHMETIC = 1e-6
+"""Relative L2 error of a field from two complex64 transforms whose phases were prepared in
+float64; measured against complex128, with a margin of two."""
 
 _ROUNDING = 2.3e-16
 """Of a phase in float64, relative: half a unit in the last place, twice."""
@@ -21,20 +24,29 @@ def rounding(turns: float) -> float:
     return 2 * math.pi * turns * _ROUNDING
 
 
+def below_floor(tol: float, share: float, fixed: float) -> ToleranceError:
+    """The refusal of a tolerance, with the least one that can be kept.
+
+    share: of the tolerance, whatever it is, that sampling may use. fixed: the error that
+    doesn't become less with it: rounding, and what a model leaves out.
+    """
+    return unkeepable(tol, fixed / (1 - share))
+
+
 def working_precision(
-    tol: float, turns: float, *, double: bool = False
+    tol: float, turns: float, share: float = 0.0, *, double: bool = False
 ) -> tuple[torch.dtype, float]:
     """The dtype of the field, and the relative L2 error from rounding.
 
     turns: the largest phase there is, in turns: made in float64, it is off by 2 pi turns
-    times the rounding of a number. double: never complex64. Raises ToleranceError for a
-    tolerance below the error.
+    times the rounding of a number. share: of the tolerance, that sampling may use. double:
+    never complex64. Raises ToleranceError for a tolerance below both.
     """
     phase = rounding(turns)
-    if not double and _SINGLE_SHARE * tol >= FIELD32_ARITHMETIC:
+    if not double and min(_SINGLE_SHARE, 1 - share) * tol > FIELD32_ARITHMETIC:
         dtype, error = torch.complex64, max(FIELD32_ARITHMETIC, phase)
     else:
         dtype, error = torch.complex128, max(FLOAT64_ARITHMETIC, phase)
-    if not error < tol:
-        raise unkeepable(tol, error)
+    if not error < tol * (1 - share):
+        raise below_floor(tol, share, error)
     return dtype, error

@@ -88,7 +88,7 @@ class DirectQuadrature(Propagator):
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
         self.dtype = torch.complex128
-        self.arithmetic = working_precision(n.tol, self._turns(), double=True)[1]
+        self.arithmetic = working_precision(n.tol, self._turns(), 4 * _SHARE, double=True)[1]
         self.error = ErrorEstimate(4 * _SHARE * n.tol, "bound")
         rows, columns = self._points
         self.sampling = f"{columns}x{rows} source points"
@@ -114,11 +114,10 @@ class DirectQuadrature(Propagator):
             factor = finer_samples(n, axis, error, _MOST)
         else:
             half = n.cells[axis] / 2
-            steepest = max(map(abs, reaching(n, axis)))
-            bend = half**2 / (2 * n.wavelength * self._near)
-            half_turn = 2 * math.pi * (steepest * half + bend)
+            turn = 2 * math.pi * half * max(map(abs, reaching(n, axis)))
+            bend = math.pi * half**2 / (n.wavelength * self._near)
             depth = math.inf if n.paraxial else self._near / half
-            factor = gauss_nodes(half_turn, depth, error, _MOST)
+            factor = gauss_nodes(turn, bend, depth, error, _MOST)
         if not factor:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by {self.name}: {n.distance:g} m away more than "

@@ -16,7 +16,6 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     ToleranceError,
-    unkeepable,
 )
 from optics.edge import as_number, recorded
 from optics.fourier import CommensurateTransform, Geometry, plan_transform, unit_phasor
@@ -24,17 +23,16 @@ from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import PlaneTransform
 from optics.plane import Plane
 from optics.propagation.band import Band
+from optics.propagation.precision import FIELD32_ARITHMETIC, below_floor
 from optics.propagation.propagator import Propagator
 from optics.propagation.span import Span
 from optics.propagation.transfer import paraxial_error, transfer
 
-FIELD32_ARITHMETIC = 1e-6
-"""Relative L2 error of a field from two complex64 transforms whose phases were prepared in
-float64; measured against complex128, with a margin of two."""
-
 REACH_SHARE, TRANSFORM_SHARE, MODEL_SHARE = 0.4, 0.05, 0.3
 """Of the tolerance: light that is cut or comes from copies, each of two transforms, and what
 a paraxial method may leave out of a scalar wave."""
+
+_SAMPLING_SHARE = REACH_SHARE + 2 * TRANSFORM_SHARE
 
 _KEPT_BYTES = 32 << 20
 """What allocators keep for the next call, and caches hold."""
@@ -90,7 +88,7 @@ class SpectralPropagator(Propagator):
         n = self._declared = span.numeric
         self.band = self._made_band()
         model = self._model_error()
-        spare = n.tol * (1 - REACH_SHARE - 2 * TRANSFORM_SHARE) - model
+        spare = n.tol * (1 - _SAMPLING_SHARE) - model
         single = spare >= FIELD32_ARITHMETIC
         self.dtype = torch.complex64 if single else torch.complex128
         self.arithmetic = FIELD32_ARITHMETIC if single else self._double_arithmetic()
@@ -98,7 +96,7 @@ class SpectralPropagator(Propagator):
         sampling = self.band.epsilon + model + self._transform_error()
         self.error = ErrorEstimate(sampling, "bound")
         if not sampling + self.arithmetic <= n.tol:
-            raise unkeepable(n.tol, sampling + self.arithmetic)
+            raise below_floor(n.tol, _SAMPLING_SHARE, self.arithmetic + model)
         rows, columns = self.frequencies.shape
         parts = f" in {len(self._stages)} parts" if len(self._stages) > 1 else ""
         self.sampling = f"{columns}x{rows} frequencies{parts}"
@@ -186,30 +184,46 @@ class SpectralPropagator(Propagator):
         return math.floor(steps * (1 - 1e-12)) + 1
 
     def _require_memory(self, samples: float) -> None:
-        n = self._declared
         least = samples * 3 * self.dtype.itemsize
-        if least > n.budget.memory:
-            raise ToleranceError(
-                f"{self.name} needs {least / 1e6:.0f} MB at least and "
-                f"{n.budget.memory / 1e6:.0f} MB are allowed; allow more memory, or ask for a "
-                "smaller target or a larger tol"
-            )
+        if least > self._declared.budget.memory:
+            raise self._too_large(least)
+
+    def _too_large(self, least: float) -> ToleranceError:
+        return ToleranceError(
+            f"{self.name} needs {least / 1e6:.0f} MB at least and "
+            f"{self._declared.budget.memory / 1e6:.0f} MB are allowed; allow more memory, or ask "
+            "for a smaller target or a larger tol"
+        )
 
     def _staged(self, frequencies: Plane) -> list[Stage]:
         """All of them at once if they fit, or so many rows at a time that they do."""
         rows, columns = frequencies.shape
-        parts = 1
-        while True:
-            first = self._stage(_rows_of(frequencies, 0, -(-rows // parts)))
-            if first.bytes + self._filter_bytes(first.frequencies) <= self.span.budget.memory:
-                break
-            parts *= 2
-            if parts > min(_MOST_STAGES, rows) or self.span.differentiable:
-                self._require_memory(float(rows) * columns)
-                break
-        step = -(-rows // parts) if parts <= rows else rows
+        most = 1 if self.span.differentiable else min(_MOST_STAGES, rows)
+        # What can't fit is told before any transform is looked for.
+        self._require_memory(float(rows) * columns / most)
+        parts, first = 1, self._fitting(frequencies, rows, most == 1)
+        while first is None:
+            parts = min(2 * parts, most)
+            first = self._fitting(frequencies, -(-rows // parts), parts == most)
+        step = -(-rows // parts)
         starts = range(step, rows, step)
         return [first] + [self._stage(_rows_of(frequencies, at, at + step)) for at in starts]
+
+    def _fitting(self, frequencies: Plane, rows: int, last: bool) -> Stage | None:
+        """The stage of the first rows; None if it doesn't fit in memory, an error if it's the
+        last try."""
+        try:
+            stage = self._stage(_rows_of(frequencies, 0, rows))
+        except ToleranceError:
+            if last:
+                raise
+            return None
+        needed = stage.bytes + self._filter_bytes(stage.frequencies)
+        if needed <= self.span.budget.memory:
+            return stage
+        if last:
+            raise self._too_large(needed)
+        return None
 
     def _stage(self, frequencies: Plane) -> Stage:
         n = self._declared

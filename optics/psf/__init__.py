@@ -6,9 +6,9 @@ behind a modulator. Where the modulator stands apart from the lens, `shadow` whi
 count as one plane, `chain_grid` with FFTs from plane to plane, and `chain_nodes` for many digits.
 """
 
+from optics.psf.choice import CHAIN_METHODS as CHAIN_METHODS
+from optics.psf.choice import METHODS as METHODS
 from optics.psf.modulated import modulated_psf as modulated_psf
-from optics.psf.operator import CHAIN_METHODS as CHAIN_METHODS
-from optics.psf.operator import METHODS as METHODS
 from optics.psf.operator import PSFOperator as PSFOperator
 from optics.psf.operator import nyquist_samples as nyquist_samples
 from optics.psf.operator import psf as psf

@@ -70,6 +70,11 @@ class ChainEngine(Engine):
             return factor
         return factor * sphere.factor(*self.points()).to(factor)
 
+    def none(self, modulated: torch.Tensor) -> torch.Tensor:
+        """The answers to no fields at all, (..., rows, columns): FFTs take none."""
+        light = modulated.real.sum(dim=(-2, -1))
+        return light[..., None, None].expand(*light.shape, *self._question.samples.shape)
+
     def leaning(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
         """The panel's field times the slope of the sphere's difference from its parabola inside
         every pixel, cycles a metre along each axis; nothing where there is no sphere."""

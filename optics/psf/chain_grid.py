@@ -133,6 +133,8 @@ class GridEngine(ChainEngine):
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         modulated = self.modulated(phase, amplitude)
+        if not modulated.numel():
+            return self.none(modulated)
         field = self._at_sensor(self.relay, modulated)
         for axis, part in self.leaning(modulated):
             field = field + self._at_sensor(self._leaning_relay(axis), part)

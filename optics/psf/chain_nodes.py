@@ -149,6 +149,8 @@ class NodesEngine(ChainEngine):
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         modulated = self.modulated(phase, amplitude)
+        if not modulated.numel():
+            return self.none(modulated)
         if self._whole is None and modulated.requires_grad and torch.is_grad_enabled():
             raise ValueError(
                 f"a stop of {self._count} nodes gives no derivatives; allow more memory, or take "

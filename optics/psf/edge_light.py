@@ -6,11 +6,9 @@ frequency (the Fourier integral of a half plane; Keller's edge rays, 10.1364/JOS
 Light of all frequencies that the panel's pixels send, and that gets to a piece of the edge at
 all, is so scattered into the few that the window receives. What a method does wrong with it is
 summed over the edge, the window and D, and compared with the light that goes straight into the
-window. Nearer than D = 1 / (4 radius) the edges are no more told apart, and the whole opening,
-of the area S, sends S² a unit of frequency area at the most: pi |D| S² per cycle, shared out
-among the pieces of the edge. For a round stop both together give 1.2 times its light, and so
-little below D = 1 / (4 radius) is what a method does wrong there, unless the stop is so small
-that its light is bent farther than that of the panel's whole width.
+window. Nearer than D = 1 / (4 radius) the two sides of a stop aren't told apart: all of it, of
+the area S, sends S² to a unit of frequency area at the most, which is 2 pi D S² per cycle,
+shared out among the pieces of the edge. Of a round stop's light, both parts together are 1.02.
 
 No pattern is known beforehand: the panel counts as evenly lit at all of its frequencies, under
 the envelope sinc² of one pixel, as behind a random pattern. There the relative error of the
@@ -59,12 +57,14 @@ class Rays:
     """Light at places in the lens' plane, (..., 2) for y and x.
 
     frequency: cycles per metre at the panel. start: metres on the panel that it comes from.
-    light: its density, 0 where the panel sends none.
+    light: its density, 0 where the panel sends none. anywhere: what it would be if the panel had
+    no end, so that it wouldn't matter where the light comes from.
     """
 
     frequency: Array
     start: Array
     light: Array
+    anywhere: Array
 
 
 class EdgeLight:
@@ -127,7 +127,8 @@ class EdgeLight:
         """Light that has the frequencies `behind` the lens, before the lens turns it there."""
         frequency = self._spread * behind
         start = at / self._spread - self._shift - self._bend * frequency
-        return Rays(frequency, start, self._sent(frequency) * self._lit(start))
+        sent = self._sent(frequency)
+        return Rays(frequency, start, sent * self._lit(start), sent)
 
     def _sent(self, frequency: Array) -> Array:
         """A pixel's envelope sinc², and beyond its first zero the mean over its lobes."""
@@ -184,14 +185,16 @@ class EdgeLight:
     @cached_property
     def passing(self) -> tuple[Array, Array]:
         """The lowest and highest frequencies (y, x) that go straight into the window's samples,
-        from wherever the panel is lit; with room for a Fresnel zone."""
-        rays = self._open
+        from wherever the panel is lit; with room for a Fresnel zone, but not beyond all that go
+        there from anywhere."""
+        rays, room = self._open, self._spread * self.reach / 2
         lit = rays.light > _LIT * rays.light.max(initial=0.0)
-        room = self._spread * self.reach / 2 + self.zone
         if not lit.any():
-            return -room, room
-        f = rays.frequency[lit]
-        return np.asarray(f.min(axis=0) - room), np.asarray(f.max(axis=0) + room)
+            return -room - self.zone, room + self.zone
+        low, high = (end(rays.frequency[lit], axis=0) for end in (np.min, np.max))
+        least, most = (end(rays.frequency, axis=(0, 1)) for end in (np.min, np.max))
+        low, high = np.maximum(low - self.zone, least), np.minimum(high + self.zone, most)
+        return np.asarray(low - room), np.asarray(high + room)
 
     @cached_property
     def speckles(self) -> float:
@@ -251,7 +254,7 @@ class EdgeLight:
         accepted = self._accepted[:, :1] if middle else self._accepted
         rays = self.rays(self._at[:, None, None], accepted + np.array(turned) - self.across)
         weight = self._density[:, None] * (len(self._window) / accepted.shape[1])
-        return Rays(rays.frequency, rays.start, rays.light * weight)
+        return Rays(rays.frequency, rays.start, rays.light * weight, rays.anywhere * weight)
 
     @cached_property
     def across(self) -> Array:

@@ -55,6 +55,10 @@ def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
+def _between(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    return np.asarray(((frequency >= low) & (frequency <= high)).all(-1))
+
+
 def _passed(across: Array, rate: Array) -> Array:
     """What a gray edge leaves of the edge's scattering, by its turn in frequency."""
     return np.asarray(np.sinc(across[..., 0] / rate[0]) * np.sinc(across[..., 1] / rate[1]))
@@ -76,14 +80,13 @@ class Search:
 
     @cached_property
     def _sorted(self) -> list[tuple[Array, Array]]:
-        return [self._ordered(axis, sign) for axis in (0, 1) for sign in (-1, 1)]
-
-    def _ordered(self, axis: int, sign: int) -> tuple[Array, Array]:
-        """Frequencies to one side, the farthest first, and the light from there on outwards."""
         light, frequency, _ = self._seen
-        f = sign * frequency[:, axis]
-        order = np.argsort(-f)
-        return f[order], np.cumsum(light[order])
+        return _four_ways(frequency, light)
+
+    @cached_property
+    def _sorted_anywhere(self) -> list[tuple[Array, Array]]:
+        rays = self.edge.scattered()
+        return _four_ways(rays.frequency.reshape(-1, 2), rays.anywhere.ravel())
 
     def coarsest(self, allowed: float, tol: float, soft: Array) -> LensGrid | None:
         """The coarsest grid for the narrowest band that leaves out no more than is allowed.
@@ -91,12 +94,9 @@ class Search:
         soft: cycles per metre (y, x) that the band's smooth ends take at either side.
         """
         edge = self.edge
-        low, high = self.band(allowed, soft)
-        light, _, across = self._seen
-        out = float(light[~self._between(low, high)].sum())
-        # Rays don't know that light spreads over a Fresnel zone.
-        low, high = low - edge.zone, high + edge.zone
-        inside = self._between(low, high)
+        low, high, out = self._followed(allowed, soft)
+        light, frequency, across = self._seen
+        inside = _between(frequency, low, high)
         light, across = light[inside], across[inside]
         base = np.maximum(np.abs(low), np.abs(high)) / edge.spread + edge.reach
         for finer in _FINER:
@@ -109,21 +109,37 @@ class Search:
                 return LensGrid(_pair(low), _pair(high), _pair(rate), error)
         return None
 
-    def _between(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        frequency = self._seen[1]
-        inside = (frequency >= low) & (frequency <= high)
-        return np.asarray(inside.all(-1))
+    def _followed(self, allowed: float, soft: Array) -> tuple[Array, Array, float]:
+        """The narrowest band, low and high, and the light that it leaves out.
 
-    def band(self, error: float, soft: Array) -> tuple[Array, Array]:
-        """The smallest (low, high), each (y, x), that leaves out no more than an error."""
+        Rays don't know that light spreads over a Fresnel zone, so a zone is added; but not
+        beyond the band of light from anywhere, for which that makes no difference.
+        """
+        low, high = self.band(allowed, soft)
+        light, frequency, _ = self._seen
+        out = float(light[~_between(frequency, low, high)].sum())
+        least, most = self.band(allowed, soft, anywhere=True)
+        wide = low - self.edge.zone, high + self.edge.zone
+        low = np.maximum(wide[0], np.minimum(low, least))
+        high = np.minimum(wide[1], np.maximum(high, most))
+        if (low > wide[0]).any() or (high < wide[1]).any():
+            rays = self.edge.scattered()
+            out = float(rays.anywhere[~_between(rays.frequency, low, high)].sum())
+        return low, high, out
+
+    def band(self, error: float, soft: Array, *, anywhere: bool = False) -> tuple[Array, Array]:
+        """The smallest (low, high), each (y, x), that leaves out no more than an error.
+
+        anywhere: of light from anywhere, on the panel or beside it.
+        """
+        ordered = self._sorted_anywhere if anywhere else self._sorted
         lost = self.edge.allowed(error)
         least_low, least_high = self.edge.passing
         best: tuple[Array, Array] | None = None
         for split in _SPLITS:
             parts = (split, split, 1 - split, 1 - split)
             sides = [
-                _beyond(*one, lost * share / 2)
-                for one, share in zip(self._sorted, parts, strict=True)
+                _beyond(*one, lost * share / 2) for one, share in zip(ordered, parts, strict=True)
             ]
             low = np.minimum([-sides[0], -sides[2]], least_low - soft)
             high = np.maximum([sides[1], sides[3]], least_high + soft)
@@ -131,6 +147,18 @@ class Search:
                 best = low, high
         assert best is not None
         return best
+
+
+def _four_ways(frequency: Array, light: Array) -> list[tuple[Array, Array]]:
+    """Frequencies to each side along each axis, the farthest first, and the light from there on
+    outwards."""
+    found = []
+    for axis in (0, 1):
+        for sign in (-1, 1):
+            f = sign * frequency[:, axis]
+            order = np.argsort(-f)
+            found.append((f[order], np.cumsum(light[order])))
+    return found
 
 
 def _beyond(frequency: Array, light: Array, lost: float) -> float:
@@ -145,6 +173,6 @@ def _turned_back(edge: EdgeLight, low: Array, high: Array, rate: Array) -> float
     gray = _passed(edge.across, rate) ** 2
     for down, along in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
         rays = edge.scattered((down * rate[0], along * rate[1]), middle=True)
-        inside = ((rays.frequency >= low) & (rays.frequency <= high)).all(-1)
+        inside = _between(rays.frequency, low, high)
         total += float((rays.light * inside * gray).sum())
     return total

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -144,7 +144,7 @@ def spectrum_of(relay: Relay, field: torch.Tensor) -> torch.Tensor:
 def passed_through(lens_pass: LensPass, spectrum: torch.Tensor) -> torch.Tensor:
     """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
     if not (spectrum.requires_grad and torch.is_grad_enabled()):
-        return _each(lens_pass, spectrum.detach(), lens_pass.onward.image.shape)
+        return _each(lens_pass, spectrum.detach())
     return _applied(_Passed, lens_pass, spectrum)
 
 
@@ -153,15 +153,12 @@ def _applied(function: Any, *arguments: Any) -> torch.Tensor:
     return answer
 
 
-def _each(function: Any, fields: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """One picture at a time: a batch takes no more memory than its answers, of (rows, columns)
-    `shape`."""
+def _each(function: Any, fields: torch.Tensor) -> torch.Tensor:
+    """One picture at a time: a batch takes no more memory than its answers."""
     if fields.ndim == 2:
         found: torch.Tensor = function(fields)
         return found
-    if not fields.numel():
-        return fields.new_empty((*fields.shape[:-2], *shape))
-    done = torch.stack([function(one) for one in fields.flatten(0, -3)])
+    done = torch.stack([function(one) for one in fields.reshape(-1, *fields.shape[-2:])])
     return done.reshape(*fields.shape[:-2], *done.shape[-2:])
 
 
@@ -181,12 +178,10 @@ class _Passed(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, lens_pass: LensPass, spectrum: torch.Tensor) -> torch.Tensor:
         ctx.lens_pass = lens_pass
-        ctx.shape = spectrum.shape[-2:]
-        return _each(lens_pass, spectrum, lens_pass.onward.image.shape)
+        return _each(lens_pass, spectrum)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         lens_pass: LensPass = ctx.lens_pass
-        gradient = gradient.to(lens_pass.relay.dtype)
-        return None, _each(lens_pass.adjoint, gradient, ctx.shape)
+        return None, _each(lens_pass.adjoint, gradient.to(lens_pass.relay.dtype))

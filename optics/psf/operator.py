@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -17,27 +15,15 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     Result,
-    ToleranceError,
-    unkeepable,
 )
 from optics.camera import Camera, Lens
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
-from optics.psf.axial import AxialEngine
-from optics.psf.chain import require_open
 from optics.psf.chain_grid import GridEngine
-from optics.psf.chain_nodes import NodesEngine
-from optics.psf.edge_light import EdgeLight
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.panel import TRANSFORMS, PanelEngine
+from optics.psf.choice import advice, prepared, require_method
 from optics.psf.passed import Light, passed_light
 from optics.psf.question import Question
-from optics.psf.sampled import SampledEngine
-from optics.psf.scattered import ScatteredEngine
-from optics.psf.shadow import CollapsedEngine, collapses
 from optics.psf.sphere import Sphere
-from optics.psf.truth import Probe
 from optics.pupil import (
     Scalar,
     cutoff_frequency,
@@ -52,12 +38,6 @@ from optics.threads import in_full_precision
 
 _LEAST = 1e-12
 """Amplitudes whose squares single precision holds, with room for a dim window."""
-
-METHODS = ("axial", "scattered", "sampled")
-"""For a lens; behind a panel the methods are those of the Fourier transform."""
-
-CHAIN_METHODS = ("collapsed", "chain", "chain, quadrature")
-"""Where a panel stands apart from its lens. A transform's name asks for the collapsed camera."""
 
 
 class PSFOperator:
@@ -117,15 +97,13 @@ class PSFOperator:
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _unmodulated(camera, unmodulated)
         require_light(as_number(distance), as_number(wavelength))
-        _require_method(method, camera)
+        require_method(method, camera)
         self.pixels = pixels
         cutoff = cutoff_frequency(_numeric(optics), as_number(wavelength))
         self._integral = PixelIntegration(pixels, cutoff, budget) if integrate else None
         samples = self._integral.plane if self._integral else pixels
         rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
         floor = rest + 20 * FLOAT64_ARITHMETIC
-        if not floor <= tol:
-            raise unkeepable(tol, floor)
         margin = self._integral.margin if self._integral else 0
         question = Question(
             lens,
@@ -140,9 +118,11 @@ class PSFOperator:
             _field(field),
             _sphere(camera, distance, wavelength, field) if sphere else None,
         )
+        if not floor <= tol:
+            raise advice(question, camera, method, rest, floor)
         self._question = question
         self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
-        self.engine = _prepared(question, camera, method)
+        self.engine = prepared(question, camera, method, rest)
         self.account = self._accounted(question, tol, rest)
 
     def _accounted(self, question: Question, tol: float, rest: float) -> Account:
@@ -340,96 +320,9 @@ def _sphere(
     return Sphere(distance, wavelength, sines, (-z1 * sines[0], -z1 * sines[1]))
 
 
-def _require_method(method: str | None, camera: Camera | None) -> None:
-    if method is None:
-        return
-    if camera is None and method not in METHODS:
-        raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
-    if camera is not None and camera.separation and method not in CHAIN_METHODS + TRANSFORMS:
-        raise ValueError(
-            f"method is {method!r}; for a panel apart from its lens choose one of "
-            f"{', '.join(map(repr, CHAIN_METHODS))}, or a transform's name"
-        )
-
-
 def _numeric(optics: Camera | Lens) -> Camera | Lens:
     """The same in plain numbers."""
     return numeric_camera(optics) if isinstance(optics, Camera) else numeric_lens(optics)
-
-
-def _offers(
-    question: Question, camera: Camera | None, method: str | None
-) -> list[Callable[[], Engine]]:
-    """Makers of every engine that serves a question; one that can't serve raises."""
-    if camera is not None:
-        return _panel_offers(question, camera, method)
-    probe = Probe(question)
-    offers: list[Callable[[], Engine]] = []
-    if method in (None, "axial") and AxialEngine.serves(question):
-        offers.append(lambda: AxialEngine(question))
-    if method in (None, "scattered"):
-        offers.append(lambda: ScatteredEngine(question, probe))
-    if method in (None, "sampled") and (method or question.tol >= SampledEngine.FINEST):
-        offers.append(lambda: SampledEngine(question, probe))
-    return offers
-
-
-def _panel_offers(
-    question: Question, camera: Camera, method: str | None
-) -> list[Callable[[], Engine]]:
-    if not camera.separation:
-        return [lambda: PanelEngine(question, camera, transform=method)]
-    require_open(numeric_camera(camera))
-    # What the stop's edge scatters is looked at once for all of them.
-    edge = EdgeLight(question, numeric_camera(camera))
-    search = functools.cache(lambda: Search(edge))
-    offers: list[Callable[[], Engine]] = []
-    if method in (None, "chain"):
-        offers.append(lambda: GridEngine(question, camera, search()))
-    if method in (None, "chain, quadrature"):
-        offers.append(lambda: NodesEngine(question, camera, search()))
-    if method in (None, "collapsed", *TRANSFORMS) and collapses(numeric_camera(camera)):
-        transform = method if method in TRANSFORMS else None
-        offers.append(lambda: CollapsedEngine(question, camera, search(), transform))
-    return offers
-
-
-def _prepared(question: Question, camera: Camera | None, method: str | None) -> Engine:
-    """The cheapest engine that fits the memory and keeps the tolerance, prepared.
-
-    Raises the ToleranceError of the one that came closest.
-    """
-    budget = question.budget
-    offers = _offers(question, camera, method)
-    if not offers:
-        serves = "thin lenses without aberrations" if camera else "round stops and aberrations"
-        raise ValueError(f"method is {method!r}; it serves {serves} only")
-    refusals: list[ToleranceError] = []
-    engines: list[Engine] = []
-    for offer in offers:
-        try:
-            engine = offer()
-            _require_memory(engine, budget)
-            engines.append(engine)
-        except ToleranceError as error:
-            refusals.append(error)
-    for engine in sorted(engines, key=lambda engine: engine.cpu_seconds(budget.speed)):
-        try:
-            engine.prepare()
-        except ToleranceError as error:
-            refusals.insert(0, error)
-            continue
-        return engine
-    raise refusals[0]
-
-
-def _require_memory(engine: Engine, budget: Budget) -> None:
-    if engine.bytes > budget.memory:
-        raise ToleranceError(
-            f"a PSF by {engine.name} needs {engine.bytes / 1e6:.0f} MB at least and "
-            f"{budget.memory / 1e6:.0f} MB are allowed; allow more memory, ask for fewer pixels, "
-            "or bring the object closer to the plane in focus"
-        )
 
 
 def psf(

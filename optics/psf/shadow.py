@@ -40,6 +40,11 @@ class CollapsedEngine(Engine):
         n = question.numeric
         plain = numeric_camera(camera)
         thin = collapsed(plain, n.distance, n.field)
+        if not open_area(thin) > 0:
+            raise ToleranceError(
+                "the shadow of the stop misses the panel, and light that is bent there doesn't go "
+                'through a collapsed camera; take method="chain"'
+            )
         self._require_still(question, thin)
         self._neglected = search.edge.of_collapse() + self._of_cut_pixels(thin)
         left = n.tol - self._neglected
@@ -53,6 +58,11 @@ class CollapsedEngine(Engine):
         self._brightness = open_area(thin) / open_area(plain)
         self.precision, self.arithmetic = self._panel.precision, self._panel.arithmetic
         self.sampling = self._panel.sampling
+        inner_error = self._panel.error
+        self.error = ErrorEstimate(
+            inner_error.value + self._neglected,
+            f"{inner_error.how}, and an estimate of the stop's edge for an evenly lit panel",
+        )
         self._chain: GridEngine | None = None
 
     def _of_cut_pixels(self, thin: Camera) -> float:
@@ -79,11 +89,6 @@ class CollapsedEngine(Engine):
 
     def prepare(self) -> None:
         self._panel.prepare()
-        inner = self._panel.error
-        self.error = ErrorEstimate(
-            inner.value + self._neglected,
-            f"{inner.how}, and an estimate of the stop's edge for an evenly lit panel",
-        )
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._panel.points()

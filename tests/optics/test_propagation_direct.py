@@ -1,10 +1,12 @@
 """The diffraction integral as a sum, against closed forms and dense sums in numpy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from scipy.special import fresnel
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
@@ -242,19 +244,69 @@ def test_too_many_points_are_refused_before_any_is_made():
 
 def test_a_tolerance_below_rounding_is_refused():
     span = Span(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-14)
-    with pytest.raises(ToleranceError, match="ask for tol"):
+    with pytest.raises(ToleranceError, match="ask for tol") as refusal:
         DirectQuadrature(span)
+    # What is asked for leaves room for the quadrature's own error.
+    method = DirectQuadrature(replace(span, tol=1.001 * refusal.value.floor))
+    assert method.error.value + method.arithmetic <= method.span.tol
+    with pytest.raises(ToleranceError, match="ask for tol"):
+        DirectQuadrature(replace(span, tol=1.1e-12))
 
 
-@pytest.mark.parametrize("half_turn", [0.1, 3.0, 40.0])
+@pytest.mark.parametrize("turn", [0.0, 0.1, 3.0, 40.0])
+@pytest.mark.parametrize("bend", [0.0, 0.02, 0.6, 5.0, 30.0])
 @pytest.mark.parametrize("depth", [0.5, 4.0, math.inf])
-def test_gauss_nodes_are_enough(half_turn, depth):
+def test_gauss_nodes_are_enough(turn, bend, depth):
     def integral(nodes):
         x, w = np.polynomial.legendre.leggauss(nodes)
-        return (w * np.exp(1j * half_turn * x) / (1 + (x / depth) ** 2)).sum() / 2
+        wave = np.exp(1j * (turn * x + bend * x**2))
+        return (w * wave / (1 + (x / depth) ** 2)).sum() / 2
 
-    exact = integral(120)
-    for error in (1e-2, 1e-5, 1e-9):
-        nodes = gauss_nodes(half_turn, depth, error, 120)
+    exact = integral(150)
+    for error in (1e-2, 1e-5, 1e-9, 1e-11):
+        nodes = gauss_nodes(turn, bend, depth, error, 200)
         assert abs(integral(nodes) - exact) <= error
-    assert gauss_nodes(half_turn, 1e-4, 1e-9, 120) == 0
+        # Not many more than the half turn, the bend and the poles ask for.
+        poles = 1 + math.log(1 / error) / (2 * math.asinh(depth))
+        assert nodes <= turn + bend + poles + 2 + 0.6 * math.log(1 / error)
+    assert gauss_nodes(turn, bend, 1e-4, 1e-9, 200) == 0
+
+
+def test_a_long_cell_needs_no_fewer_nodes_than_its_chirp_has_turns():
+    assert gauss_nodes(1e5, 0.0, math.inf, 1e-3, 1000) == 0
+    assert gauss_nodes(0.0, 1e5, math.inf, 1e-3, 1000) == 0
+    assert gauss_nodes(0.0, 0.0, math.inf, 1e-3, 1000) == 1
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-5, 1e-8, 1e-10])
+def test_a_paraxial_cell_whose_phase_bends_keeps_every_tolerance(tol):
+    """A cell's field by scipy's Fresnel integrals."""
+    cell, z = Plane((1, 1), (14e-6, 8e-6)), 1e-3
+    target = Plane((4, 3), (5e-6, 6e-6), (3e-6, -2e-6))
+    span = Span(cell, target, z, WAVELENGTH, cells=cell.pitch, paraxial=True, tol=tol)
+    method = DirectQuadrature(span)
+    root = math.sqrt(WAVELENGTH * z / 2)
+    along = []
+    for axis in (0, 1):
+        x, half = target.coordinates(axis).numpy(), cell.pitch[axis] / 2
+        (s1, c1), (s0, c0) = (fresnel((x + side) / root) for side in (half, -half))
+        along.append((c1 - c0 + 1j * (s1 - s0)) / (1 + 1j))
+    light = torch.ones(cell.shape)
+    wrong = error_of(method.forward(light), np.outer(*along), span, light)
+    assert wrong <= method.error.value + method.arithmetic <= tol
+
+
+@pytest.mark.parametrize("distance", [5e-7, -1e-6, 3e-6])
+def test_copies_of_a_paraxial_beam_do_not_die_beyond_the_wavelength(distance):
+    """The paraxial model has no evanescent waves: close by, a copy is missed or shines."""
+    source, target = Plane((64, 61), (0.3e-6, 0.3e-6)), Plane((9, 8), (0.4e-6, 0.3e-6))
+
+    def beam(plane, z):
+        y, x = (p.numpy() for p in plane.mesh())
+        q = 1 + 1j * WAVELENGTH * z / (math.pi * WAIST**2)
+        return np.exp(-(y**2 + x**2) / (WAIST**2 * q)) / q
+
+    span = Span(source, target, distance, WAVELENGTH, paraxial=True, band=(1.2e6, 1.2e6), tol=1e-5)
+    field, method = torch.from_numpy(beam(source, 0.0)), DirectQuadrature(span)
+    wrong = error_of(method.forward(field), beam(target, distance), span, field)
+    assert wrong <= method.error.value + method.arithmetic <= span.tol

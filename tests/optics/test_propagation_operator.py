@@ -1,7 +1,10 @@
 """FreeSpace: the choice of a method, the promise, the refusals, the derivatives."""
 
+import itertools
 import math
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,13 +15,16 @@ from propagation_judges import cell_matrix, exact_gauss, gauss, mesh
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace, propagate
+from optics.propagation.choice import _CLASSES
 from optics.propagation.scaled import ScaledAngularSpectrum
+from optics.propagation.span import Span
 
 BLUE = 0.5e-6
 PANEL = Plane((12, 10), (8e-6, 8e-6))
 CELLS = (7.5e-6, 7.5e-6)
 SENSOR = Plane((9, 8), (10e-6, 12e-6), (20e-6, -30e-6))
 BEAM = Plane((48, 45), (5e-6, 5e-6))
+PROPAGATORS = {propagator.name: propagator for propagator in _CLASSES}
 
 
 def modulation(seed: int = 0, batch: tuple[int, ...] = ()) -> np.ndarray:
@@ -179,6 +185,64 @@ def test_nobody_is_let_wait_for_hours_who_didn_t_ask():
         FreeSpace(panel, wide, 2e-4, BLUE, cells=(8e-6, 8e-6), budget=Budget(memory=1 << 40))
 
 
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.1, 0.2)])
+@pytest.mark.parametrize("method", METHODS)
+def test_answers_of_every_method_are_plain_numbers_both_ways(method, tilt):
+    """torch marks a conjugate, and numpy can't read the mark; a way back is a conjugate."""
+    source, served = Plane((32, 30), (4e-6, 5e-6)), False
+    for z, cells, paraxial in itertools.product((0.05, -0.05), (None, (3e-6, 4e-6)), (False, True)):
+        target = Plane((5, 4), source.pitch)
+        span = Span(source, target, z, BLUE, cells=cells, paraxial=paraxial, tilt=tilt, tol=1e-4)
+        try:
+            propagator = PROPAGATORS[method](span)
+        except ValueError:
+            continue
+        served = True
+        for plane, send in ((source, propagator.forward), (target, propagator.adjoint)):
+            field = torch.ones(2, *plane.shape, dtype=propagator.dtype)
+            answers = send(field), send(field.conj())
+            assert not any(answer.is_conj() or answer.is_neg() for answer in answers)
+    assert served or any(tilt)
+
+
+@pytest.mark.parametrize("strength", [1e-200, 1e-25, 1e-12, 1e12, 1e25, 1e200])
+@pytest.mark.parametrize("tol", [1e-3, 1e-9])
+def test_fields_of_any_strength(strength, tol):
+    """Squares leave single precision below 1e-19 and beyond 1e19, double below 1e-154."""
+    panel = FreeSpace(PANEL, SENSOR, 0.05, BLUE, cells=CELLS, tol=tol)
+    truth = cell_matrix(PANEL, CELLS, SENSOR, 0.05, BLUE) @ modulation().ravel()
+    assert relative(panel(modulation() * strength) / strength, truth.reshape(SENSOR.shape)) <= tol
+    target = Plane((6, 5), (9e-6, 8e-6))
+    beam = FreeSpace(BEAM, target, 5e-3, BLUE, band=(0.75e5,) * 2, tol=tol)
+    field, truth = gauss(BEAM, 20e-6, 0.0, BLUE), exact_gauss(target, 20e-6, 5e-3, BLUE)
+    assert relative(beam(field * strength) / strength, truth) <= tol
+    back = modulation(1)[: SENSOR.shape[0], : SENSOR.shape[1]]
+    assert relative(panel.adjoint(back * strength) / strength, panel.adjoint(back)) <= 1e-6
+    if tol == 1e-3 and 1e-30 < strength < 1e30:
+        single = torch.from_numpy(field).to(torch.complex64)
+        assert relative(beam(single * strength) / strength, truth) <= tol
+
+
+def test_strong_weak_and_dark_fields_together():
+    operator = FreeSpace(PANEL, SENSOR, 0.05, BLUE, cells=CELLS)
+    factors = np.array([1.0, 1e-25, 0.0, 1e20, 1e-300])[:, None, None]
+    answers, alone = operator(modulation() * factors), operator(modulation())
+    assert not answers[2].any()
+    for answer, factor in zip(answers, factors.ravel(), strict=True):
+        if factor:
+            assert relative(answer / factor, alone) < 1e-6
+
+
+@pytest.mark.parametrize("strength", [1e-25, 1.0, 1e25])
+def test_derivatives_of_fields_of_any_strength(strength):
+    operator = FreeSpace(PANEL, SENSOR, 0.05, BLUE, cells=CELLS)
+    field = torch.from_numpy(modulation() * strength).requires_grad_()
+    ((operator(field) / strength).abs() ** 2).sum().backward()
+    plain = torch.from_numpy(modulation()).requires_grad_()
+    (operator(plain).abs() ** 2).sum().backward()
+    assert relative((field.grad * strength).numpy(), plain.grad.numpy()) < 1e-5
+
+
 # The promise about the light on the target.
 
 
@@ -216,6 +280,59 @@ def test_rounding_is_not_taken_for_light(paraxial):
     operator = FreeSpace(source, target, 0.02, BLUE, paraxial=paraxial)
     with pytest.raises(ToleranceError, match="hardly any light reaches the target"):
         operator(gauss(source, 50e-6, 0.0, BLUE))
+
+
+def advised(error) -> float:
+    """The tolerance that a refusal says would do."""
+    found = re.search(r"tol (\S+) or more", str(error.value))
+    assert found
+    return float(found[1])
+
+
+@pytest.mark.parametrize("paraxial", [False, True])
+@pytest.mark.parametrize("method", [None, *METHODS])
+@pytest.mark.parametrize("z", [1e-3, -5e-3])
+def test_advice_before_a_field_is_known_can_be_followed(method, paraxial, z):
+    """Where half of the light reaches the target."""
+    target, truth = Plane((28, 27), (5e-6, 5e-6)), gauss if paraxial else exact_gauss
+    field = gauss(BEAM, 20e-6, 0.0, BLUE)
+    ask = partial(
+        FreeSpace, BEAM, target, z, BLUE, paraxial=paraxial, method=method, band=(0.95e5,) * 2
+    )
+    try:
+        with pytest.raises(ToleranceError, match="tol 1e-15 can't be kept") as refusal:
+            ask(tol=1e-15)
+    except ValueError:
+        return  # Not a method for this question.
+    if "or more" not in str(refusal.value):
+        assert method is not None
+        return
+    tol = advised(refusal)
+    assert 1e-12 < tol < 1e-10
+    assert relative(ask(tol=tol)(field), truth(target, 20e-6, z, BLUE)) < 1e-8
+
+
+@pytest.mark.parametrize("aside", [0.0, 30e-6, 55e-6, 80e-6])
+@pytest.mark.parametrize("paraxial", [False, True])
+def test_advice_for_a_share_of_the_light_can_be_followed(aside, paraxial):
+    """Shares of 0.35, 0.02, 9e-6 and 2e-11."""
+    target = Plane((4, 5), (4e-6, 4e-6), (aside, 0.0))
+    ask = partial(FreeSpace, BEAM, target, 1e-3, BLUE, paraxial=paraxial, band=(0.95e5,) * 2)
+    field = gauss(BEAM, 20e-6, 0.0, BLUE)
+    with pytest.raises(ToleranceError) as refusal:
+        ask(tol=1e-15)
+    with pytest.raises(ToleranceError) as dim:
+        ask(tol=advised(refusal))(field)
+    assert ("hardly any light" in str(dim.value)) == (aside > 40e-6)
+    answer = ask(tol=advised(dim))(field)
+    assert relative(answer, ask(tol=1e-3)(field)) < 1e-3
+
+
+def test_no_tolerance_is_advised_for_a_share_that_isnt_known():
+    target = Plane((6, 6), (4e-6, 4e-6), (140e-6, 120e-6))
+    operator = FreeSpace(BEAM, target, 1e-3, BLUE, tol=1e-4, method="scaled angular spectrum")
+    with pytest.raises(ToleranceError, match=r"a share of at most .* nearer to the light$"):
+        operator(gauss(BEAM, 20e-6, 0.0, BLUE))
 
 
 def test_darkness_stays_dark():

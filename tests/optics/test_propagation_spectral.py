@@ -18,6 +18,7 @@ from propagation_judges import (
 )
 
 from optics.accuracy import Budget, ToleranceError
+from optics.fourier import ChirpTransform, Geometry
 from optics.plane import Plane
 from optics.propagation.angular_spectrum import AngularSpectrum
 from optics.propagation.band import Taper, reaching_band
@@ -412,6 +413,33 @@ def test_memory_is_refused_before_it_is_taken():
         AngularSpectrum(Span(plane, plane, 0.1, GREEN, budget=Budget(memory=1 << 20)))
 
 
+def test_a_spectrum_that_no_parts_make_fit_is_refused_before_any_transform(monkeypatch):
+    """A nanometre before cells rays to the next cell ask for 1e15 frequencies."""
+
+    def planned(*_):
+        raise AssertionError("a transform was planned")
+
+    monkeypatch.setattr("optics.propagation.scaled.any_transform", planned)
+    panel, target = Plane((7, 8), (10e-6, 8e-6)), Plane((3, 4), (13e-6, 9e-6), (11e-6, -15e-6))
+    span = Span(panel, target, 1e-9, BLUE, cells=(9e-6, 8e-6), paraxial=True)
+    with pytest.raises(ToleranceError, match="allow more memory"):
+        FresnelTransfer(span)
+
+
+def test_a_transform_between_long_lines_makes_nothing_before_it_is_called():
+    long, short = Plane((10**11, 1), (1e-9, 1e-9), (1.0, 1.0)), Plane((1, 1), (1e-6, 1e-6), (1, 1))
+    assert ChirpTransform(Geometry(long, short, 1.0), torch.complex64).bytes > 1e11
+
+
+def test_parts_are_tried_where_no_transform_of_the_whole_fits():
+    source, target = Plane((1, 40), (4e-6, 3e-6)), Plane((40, 1), (3e-6, 5e-6))
+    span = Span(source, target, 2e-4, BLUE, cells=(3e-6, 3e-6), paraxial=True, tol=1e-6)
+    whole = FresnelTransfer(span)
+    parts = FresnelTransfer(replace(span, budget=Budget(memory=whole.bytes // 32)))
+    assert parts.bytes <= whole.bytes // 32 < whole._stages[0].there.bytes
+    assert relative(matrix(parts), matrix(whole)) < 1e-6
+
+
 def test_a_method_says_what_it_isn_t_made_for():
     plane, coarse = Plane((8, 8), (8e-6, 8e-6)), Plane((8, 8), (9e-6, 8e-6))
     with pytest.raises(ValueError, match="cells"):
@@ -429,10 +457,13 @@ def test_a_method_says_what_it_isn_t_made_for():
         ScaledAngularSpectrum(Span(plane, far, 0.01, GREEN))
 
 
-def test_no_tolerance_below_rounding_is_promised():
+@pytest.mark.parametrize("method", [ScaledAngularSpectrum, TiltedAngularSpectrum])
+def test_no_tolerance_below_rounding_is_promised_and_the_one_advised_is(method):
     plane = Plane((8, 8), (8e-6, 8e-6))
-    with pytest.raises(ToleranceError, match="ask for tol"):
-        ScaledAngularSpectrum(Span(plane, plane, 0.01, GREEN, tol=1e-14))
+    with pytest.raises(ToleranceError, match="ask for tol") as refusal:
+        method(Span(plane, plane, 0.01, GREEN, tol=1e-14))
+    floor = refusal.value.floor
+    assert promised(method(Span(plane, plane, 0.01, GREEN, tol=1.001 * floor))) <= 1.001 * floor
 
 
 @pytest.mark.parametrize("z", [0.1, -0.1])
