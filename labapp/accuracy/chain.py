@@ -167,13 +167,18 @@ def _to_tolerance(
 
 
 @single_threaded
-def accuracy_chain(case: ChainCase, *, data: Path | None, plot: Path | None, force: bool) -> None:
-    """Measure every method for a case, print the table, and write rows and plot if asked."""
+def accuracy_chain(
+    case: ChainCase, *, memory: int, data: Path | None, plot: Path | None, force: bool
+) -> None:
+    """Measure every method for a case, print the table, and write rows and plot if asked.
+
+    memory: bytes that each method may use.
+    """
     for path in (data, plot):
         if path is not None:
             require_writable(path, force=force)
     with watched() as progress:
-        budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
+        budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
         progress.report(0.1, "the exact integral")
         reference = Reference(case.problem)
         truth = reference.truth

@@ -198,7 +198,7 @@ def accuracy_propagate_(
 @takes_case(
     of_file=True,
     focal_length=0.05,
-    f_number=8.0,
+    f_number=16.0,
     focus=2.0,
     distance=1.5,
     wavelength_nm=550.0,
@@ -229,6 +229,7 @@ def accuracy_chain_(
         bool,
         typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
     ] = False,
+    memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
     ] = None,
@@ -258,7 +259,8 @@ def accuracy_chain_(
         field=read_field(field),
         sphere=sphere,
     )
-    accuracy_chain(asked, data=json, plot=plot, force=force)
+    memory = memory_mb * 1_000_000
+    accuracy_chain(asked, memory=memory, data=json, plot=plot, force=force)
 
 
 @accuracy.command("retrieval")

@@ -40,6 +40,9 @@ _LINES = 32
 _PIECE = 2048
 """Places at the lens that are looked at from all pixels at a time."""
 
+_MOST_SUMS = 2e7
+"""Complex numbers that are held of sums over cells."""
+
 _DEGREE = 40
 """Of the polynomials that follow aberrations, and a stigmatic lens, along a line."""
 
@@ -135,6 +138,7 @@ class _LineSum:
         weights = np.tile(self._half * self._w, middles.size)
         self._seen = self._seen_from_panel()
         self._onward = (_to_sensor(chain, x, self._nodes * chain.radius) * weights).T
+        self._sums = self._summed() if chain.lens.quadratic else None
         # From values at the nodes of a cell to a polynomial through them.
         degrees = np.arange(NODES)[:, None] + 0.5
         self._fit = degrees * legendre.legvander(self._t, NODES - 1).T * self._w
@@ -147,21 +151,50 @@ class _LineSum:
         found = [self._factors.along(self._panel.towards(1, piece)) for piece in pieces]
         return np.concatenate(found)
 
+    def _summed(self) -> Field | None:
+        """Sums over all cells up to an edge, (edges, ranks, x): where the lens is a product along
+        y and x, all lines share them. None if they are too many to hold."""
+        cells, ranks, places = self._edges.size - 1, self._seen.shape[1], self._x.size
+        if cells * ranks * places > _MOST_SUMS:
+            return None
+        seen = self._seen.reshape(cells, NODES, ranks).swapaxes(1, 2)
+        each = seen @ self._onward.reshape(cells, NODES, places)
+        return np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])
+
     def __call__(self, lines: list[Line]) -> Field:
         """(modulations, lines, x)."""
         heights = np.array([line.height for line in lines])
         rows = self._panel.towards(0, heights * self._chain.radius) @ self._factors.left
         bent = self._bent(heights)
+        if self._sums is None:
+            found = self._node_by_node(lines, rows, bent)
+        else:
+            found = self._cell_by_cell(lines, rows, self._sums)
+        number, cell, ends = self._ends(lines, bent)
+        cells = self._seen.reshape(-1, NODES, self._seen.shape[1])
+        for one, part in zip(found, self._factors.parts, strict=True):
+            for n, c, end in zip(number, cell, ends, strict=True):
+                one[n] += end @ (cells[c, :, part] @ rows[n, part])
+        return found
+
+    def _node_by_node(self, lines: list[Line], rows: Field, bent: Array | None) -> Field:
         whole = np.stack([self._whole(line) for line in lines])
         passed = np.where(whole, self._passed(bent, self._nodes), 0)
-        number, cell, ends = self._ends(lines, bent)
-        found = []
-        for part in self._factors.parts:
-            waves = rows[:, part] @ self._seen[:, part].T
-            found.append((waves * passed) @ self._onward)
-            pieces = waves.reshape(len(lines), -1, NODES)[number, cell]
-            np.add.at(found[-1], number, np.einsum("pxn,pn->px", ends, pieces))
-        return np.stack(found)
+        parts = self._factors.parts
+        waves = ((rows[:, part] @ self._seen[:, part].T) * passed for part in parts)
+        return np.stack([wave @ self._onward for wave in waves])
+
+    def _cell_by_cell(self, lines: list[Line], rows: Field, sums: Field) -> Field:
+        parts = self._factors.parts
+        found = np.zeros((len(parts), len(lines), self._x.size), dtype=np.complex128)
+        for number, line in enumerate(lines):
+            for low, high in line.open:
+                first, last = self._inner(low, high)
+                if last > first:
+                    inside = sums[last] - sums[first]
+                    for one, part in zip(found, parts, strict=True):
+                        one[number] += rows[number, part] @ inside[part]
+        return found
 
     def _inner(self, low: float, high: float) -> tuple[int, int]:
         """The first and the last edge of a cell that lie in an open piece of a line."""

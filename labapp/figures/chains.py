@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.figures import Figure
-from labapp.figures.chain_panel import Chain
-from labapp.figures.chain_quadrature import chain_density, counts
+from labapp.figures.chain_panel import Chain, Factors
+from labapp.figures.chain_quadrature import NODES, chain_density, counts
 from labapp.figures.problems import (
     Judge,
     Problem,
@@ -46,8 +46,9 @@ _JUDGED_TERMS = 6e10
 _TIMED_SECONDS = 1.0
 """Of a call, predicted, beyond which a problem is not timed."""
 
-_FRESNEL, _EXPONENTIAL = 1000, 500
-"""Products in whose time a Fresnel integral, or an exponential, is computed."""
+_FRESNEL, _EXPONENTIAL, _LINE = 1000, 500, 2e6
+"""Products in whose time a Fresnel integral, or an exponential, is computed, and what a line
+takes besides."""
 
 _STEEPEST = 0.2
 """Tangent of the angle off the axis beyond which no paraxial lens is asked."""
@@ -112,23 +113,32 @@ class ChainJudge(Judge):
     @property
     def terms(self) -> float:
         """About how many products its sums take."""
-        y, x = self._places()
-        problem = self._problem
+        (y, x), problem = self._places(), self._problem
         lines, nodes = counts(problem.chain, y, x)
         rows, columns = problem.camera.panel.shape
+        ranks = Factors(self._modulations()).left.shape[1]
         if problem.sphere:
-            rows, columns = (count * problem.chain.pixel_nodes for count in (rows, columns))
-        squares = 0 if problem.sphere else 2 * rows * _FRESNEL
-        return lines * (rows * columns + squares + nodes * (columns + x.size + _EXPONENTIAL))
+            inside = problem.chain.pixel_nodes
+            rows, columns, ranks = rows * inside, columns * inside, ranks * inside
+            place = _EXPONENTIAL
+        else:
+            place = 2 * _FRESNEL
+        line = rows * (ranks + place) + _LINE
+        if problem.lens.quadratic:
+            line += ranks * (2 * NODES + x.size)
+        else:
+            line += nodes * (ranks + x.size + _EXPONENTIAL)
+        return lines * line + nodes * columns * place
+
+    def _modulations(self) -> list[NDArray[np.complex128]]:
+        """The pattern's, and that of light that it doesn't turn."""
+        assert self._problem.phase is not None
+        shown = np.exp(1j * self._problem.phase)
+        return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
 
     def density(self, y: Array, x: Array) -> Array:
-        problem = self._problem
-        share = problem.camera.panel.unmodulated
-        assert problem.phase is not None
-        modulations = [np.exp(1j * problem.phase)]
-        if share:
-            modulations.append(np.ones_like(modulations[0]))
-        found = chain_density(problem.chain, modulations, y, x)
+        share = self._problem.camera.panel.unmodulated
+        found = chain_density(self._problem.chain, self._modulations(), y, x)
         return np.asarray((1 - share) * found[0] + share * found[-1])
 
 
