@@ -127,6 +127,19 @@ def test_denser_nodes_change_nothing():
     assert np.linalg.norm(alone - coarse[1]) <= 1e-11 * np.linalg.norm(alone)
 
 
+def test_lines_that_share_their_cells_give_what_every_node_gives(monkeypatch):
+    """A lens without aberrations is summed cell by cell, where there is room for the sums."""
+    stop = Stop(Circle(), (Circle(0.3, (0.2, 0.1)),))
+    camera = Camera(Panel((20, 23), 8e-6), Lens(0.05, 0.05 / 0.4e-3, 2.0, stop), separation=0.01)
+    modulations = [np.exp(1j * np.random.default_rng(1).uniform(0, 6, (20, 23))), np.ones((20, 23))]
+    chain, places = Chain(camera, 0.4, 550e-9), np.linspace(-6e-5, 6e-5, 5)
+    cells = chain_field(chain, modulations, places, places)
+    monkeypatch.setattr("labapp.figures.chain_quadrature._MOST_SUMS", 0)
+    nodes = chain_field(chain, modulations, places, places)
+    assert not np.array_equal(cells, nodes)
+    assert np.linalg.norm(cells - nodes) <= 1e-12 * np.linalg.norm(nodes)
+
+
 def test_a_panel_that_comes_near_becomes_one_plane_with_the_lens():
     """Against the judge of panels at the lens; the difference is proportional to z1."""
     lens = Lens(0.05, 0.05 / 0.3e-3, 2.0, aberrations=((3, 1, 150e-9),))
