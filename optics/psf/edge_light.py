@@ -12,7 +12,8 @@ shared out among the pieces of the edge. Of a round stop's light, both parts tog
 
 No pattern is known beforehand: the panel counts as evenly lit at all of its frequencies, under
 the envelope sinc² of one pixel, as behind a random pattern. There the relative error of the
-intensity is that of the field.
+intensity is that of the field; less where it is integrated over pixels, since what comes from
+the edge beats finely with what comes from elsewhere in the stop.
 """
 
 from __future__ import annotations
@@ -162,17 +163,33 @@ class EdgeLight:
         return np.array(low), np.array(high)
 
     @cached_property
+    def _lines(self) -> tuple[Array, Array]:
+        """Places along y and x across the stop's opening, metres."""
+        low, high = self._box
+        line = (np.arange(_SIDE) + 0.5) / _SIDE
+        y, x = self._q.radius * (low + np.outer(line, high - low)).T
+        return y, x
+
+    @cached_property
+    def _inside(self) -> NDArray[np.bool_]:
+        """Which crossings of the lines are open."""
+        y, x = np.meshgrid(*(line / self._q.radius for line in self._lines), indexing="ij")
+        stop = self._q.lens.stop
+        inside = np.asarray(stop.opening.contains(y, x))
+        for shape in stop.obscurations:
+            inside &= ~shape.contains(y, x)
+        return inside
+
+    @cached_property
+    def _places(self) -> Array:
+        """The open ones, (n, 2) for y and x."""
+        y, x = np.meshgrid(*self._lines, indexing="ij")
+        return np.stack([y[self._inside], x[self._inside]], axis=-1)
+
+    @cached_property
     def _open(self) -> Rays:
         """Light that goes straight through the stop into the window, (places, window, 2)."""
-        q = self._q
-        line = (np.arange(_SIDE) + 0.5) / _SIDE
-        low, high = self._box
-        y, x = np.meshgrid(*(low + np.outer(line, high - low)).T, indexing="ij")
-        shapes = q.lens.stop
-        inside = shapes.opening.contains(y, x)
-        for shape in shapes.obscurations:
-            inside &= ~shape.contains(y, x)
-        at = np.stack([y[inside], x[inside]], axis=-1) * q.radius
+        at = self._places
         return self.rays(at[:, None], self._window - self.slope(at)[:, None])
 
     @cached_property
@@ -245,16 +262,26 @@ class EdgeLight:
         """Frequencies before the lens that the window accepts at the edge: (edge, window, 1, 2)."""
         return np.asarray(self._window - self.slope(self._at)[:, None])[:, :, None]
 
-    def scattered(self, turned: tuple[float, float] = (0.0, 0.0), *, middle: bool = False) -> Rays:
-        """The light that the edge scatters into the window, (edge, window, distance, 2).
-
-        turned: cycles per metre by which it arrives beside the window. middle: whether the
-        window's middle stands for all of it.
-        """
-        accepted = self._accepted[:, :1] if middle else self._accepted
-        rays = self.rays(self._at[:, None, None], accepted + np.array(turned) - self.across)
-        weight = self._density[:, None] * (len(self._window) / accepted.shape[1])
+    @cached_property
+    def scattered(self) -> Rays:
+        """The light that the edge scatters into the window, (edge, window, distance, 2)."""
+        rays = self.rays(self._at[:, None, None], self._accepted - self.across)
+        weight = self._density[:, None]
         return Rays(rays.frequency, rays.start, rays.light * weight, rays.anywhere * weight)
+
+    def turned_back(self, turned: Array, low: Array, high: Array, passed: Array) -> float:
+        """Light of a band (low, high) that a grid's own frequency brings into the window.
+
+        turned: cycles per metre (y, x) by which it arrives beside the window. passed: share of
+        the field that the grid's edge passes, by its turn (edge, 1, distance). The window's
+        middle stands for all of it.
+        """
+        behind = (self._accepted[:, 0] + turned - self.across[:, 0]).reshape(-1, 2)
+        inside = np.flatnonzero(between(self._spread * behind, low, high))
+        edge = inside // self.across.shape[2]
+        light = self.rays(self._at[edge], behind[inside]).light
+        weight = (self._density * len(self._window) * passed[:, 0] ** 2).ravel()
+        return float(light @ weight[inside])
 
     @cached_property
     def across(self) -> Array:
@@ -265,11 +292,40 @@ class EdgeLight:
         """Relative L2 error of an intensity whose field lacks that much."""
         if not self.straight > 0:
             return math.inf
-        return self._safe * math.sqrt(lost / self.straight)
+        return self._safe * self._averaged * math.sqrt(lost / self.straight)
 
     def allowed(self, error: float) -> float:
         """The light that may be lost for a relative L2 error of the intensity."""
-        return (error / self._safe) ** 2 * self.straight
+        return (error / (self._safe * self._averaged)) ** 2 * self.straight
+
+    @cached_property
+    def _averaged(self) -> float:
+        """What is left of a relative error when light is integrated over pixels.
+
+        Light from two places that are g apart in frequency makes fringes, of which a pixel of
+        side p keeps sinc²(g p) of the power. Of an evenly lit panel's light |U|², half of the
+        power is its mean, and half are fringes of any two places in the stop; the error
+        2 Re(U* e) is all fringes, of the stop's places with those of its edge (Goodman,
+        Statistical Optics, §7.5, for either alone).
+        """
+        rim = self.scattered.light.sum(axis=(1, 2))
+        if not (any(self._q.pixel) and self.straight > 0 and rim.any()):
+            return 1.0
+        beating = self._kept_fringes(self._at) @ rim / rim.sum()
+        light = self._open.light.mean(axis=1)
+        own = self._kept_fringes(self._places) @ light / light.sum()
+        return math.sqrt(2 * float(beating) / (1 + float(own)))
+
+    def _kept_fringes(self, at: Array) -> Array:
+        """Share of their power that pixels keep, of fringes of all light in the stop with that
+        of each place (n, 2) at the lens."""
+        light = np.zeros(self._inside.shape)
+        light[self._inside] = self._open.light.mean(axis=1)
+        down, along = (
+            np.sinc(np.subtract.outer(at[:, axis], self._lines[axis]) / self._q.scale * side) ** 2
+            for axis, side in enumerate(self._q.pixel)
+        )
+        return np.asarray(((down @ light) * along).sum(axis=1) / light.sum())
 
     @property
     def _safe(self) -> float:
@@ -285,13 +341,19 @@ class EdgeLight:
         Light of the frequency f that the edge turns to g has run on by the phase
         pi bend (g² - f²) where the panel stands apart.
         """
-        rays = self.scattered()
+        rays = self.scattered
         goes = self._spread * self._accepted
         turn = math.pi * self._bend * ((goes**2).sum(-1) - (rays.frequency**2).sum(-1))
         shadow = self._on_panel(self._at / self._spread - self._shift)[:, None, None]
         dark = self._sent(rays.frequency) * self._density[:, None]
         lit = (rays.light + np.where(shadow, dark, 0.0)) / 2
         return self.relative(float((lit * (2 - 2 * np.cos(turn))).sum()))
+
+
+def between(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Which frequencies (..., 2) are in a band; low, high: (2,) for y and x."""
+    y, x = frequency[..., 0], frequency[..., 1]
+    return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 
 
 def window_frequencies(q: Question) -> Array:

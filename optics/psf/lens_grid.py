@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optics.accuracy import unkeepable
 from optics.camera import Camera
-from optics.psf.edge_light import EdgeLight
+from optics.psf.edge_light import EdgeLight, between
 from optics.psf.question import Question
 from optics.psf.relay_axes import End, LensGrid
 
@@ -55,10 +55,6 @@ def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _between(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    return np.asarray(((frequency >= low) & (frequency <= high)).all(-1))
-
-
 def _passed(across: Array, rate: Array) -> Array:
     """What a gray edge leaves of the edge's scattering, by its turn in frequency."""
     return np.asarray(np.sinc(across[..., 0] / rate[0]) * np.sinc(across[..., 1] / rate[1]))
@@ -73,7 +69,7 @@ class Search:
     @cached_property
     def _seen(self) -> tuple[Array, Array, Array]:
         """Light that there is: how much, its frequency at the panel, and by what it is turned."""
-        rays = self.edge.scattered()
+        rays = self.edge.scattered
         seen = rays.light > 0
         across = np.broadcast_to(self.edge.across, rays.frequency.shape)
         return rays.light[seen], rays.frequency[seen], across[seen]
@@ -85,7 +81,7 @@ class Search:
 
     @cached_property
     def _sorted_anywhere(self) -> list[tuple[Array, Array]]:
-        rays = self.edge.scattered()
+        rays = self.edge.scattered
         return _four_ways(rays.frequency.reshape(-1, 2), rays.anywhere.ravel())
 
     def coarsest(self, allowed: float, tol: float, soft: Array) -> LensGrid | None:
@@ -96,7 +92,7 @@ class Search:
         edge = self.edge
         low, high, out = self._followed(allowed, soft)
         light, frequency, across = self._seen
-        inside = _between(frequency, low, high)
+        inside = between(frequency, low, high)
         light, across = light[inside], across[inside]
         base = np.maximum(np.abs(low), np.abs(high)) / edge.spread + edge.reach
         for finer in _FINER:
@@ -117,14 +113,14 @@ class Search:
         """
         low, high = self.band(allowed, soft)
         light, frequency, _ = self._seen
-        out = float(light[~_between(frequency, low, high)].sum())
+        out = float(light[~between(frequency, low, high)].sum())
         least, most = self.band(allowed, soft, anywhere=True)
         wide = low - self.edge.zone, high + self.edge.zone
         low = np.maximum(wide[0], np.minimum(low, least))
         high = np.minimum(wide[1], np.maximum(high, most))
         if (low > wide[0]).any() or (high < wide[1]).any():
-            rays = self.edge.scattered()
-            out = float(rays.anywhere[~_between(rays.frequency, low, high)].sum())
+            rays = self.edge.scattered
+            out = float(rays.anywhere[~between(rays.frequency, low, high)].sum())
         return low, high, out
 
     def band(self, error: float, soft: Array, *, anywhere: bool = False) -> tuple[Array, Array]:
@@ -169,10 +165,6 @@ def _beyond(frequency: Array, light: Array, lost: float) -> float:
 
 def _turned_back(edge: EdgeLight, low: Array, high: Array, rate: Array) -> float:
     """Light that gets into the window's middle by the grid's own frequencies."""
-    total = 0.0
-    gray = _passed(edge.across, rate) ** 2
-    for down, along in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
-        rays = edge.scattered((down * rate[0], along * rate[1]), middle=True)
-        inside = _between(rays.frequency, low, high)
-        total += float((rays.light * inside * gray).sum())
-    return total
+    passed = _passed(edge.across, rate)
+    ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+    return sum(edge.turned_back(np.array(way) * rate, low, high, passed) for way in ways)

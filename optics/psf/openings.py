@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from optics.plane import Plane
 from optics.stop.aperture import Stop
-from optics.stop.coverage import coverage
+from optics.stop.coverage import Coverage, coverage
 
 _ROWS, _COLUMNS = 16, 128
 """Samples in a cell of the coarse picture, in which whole cells are open or closed. Sixteen rows
@@ -34,8 +34,7 @@ class Stretch:
 class Openings:
     """A stop's covered area on a plane, by blocks of rows.
 
-    radius: of the stop, metres. The blocks are as fine as coverage() makes them, which is
-    called where the edge runs and nowhere else.
+    radius: of the stop, metres. Covered areas are made where the edge runs and nowhere else.
     """
 
     def __init__(self, stop: Stop, radius: float, plane: Plane, dtype: torch.dtype) -> None:
@@ -50,9 +49,10 @@ class Openings:
     def blocks(self) -> list[list[Stretch]]:
         """The stretches of every block; made at the first call, and kept."""
         if self._blocks is None:
-            picture = self._coarse()
+            picture, fine = self._coarse(), Coverage(self._stop, self._radius, self._plane)
             self._blocks = [
-                self._stretches(rows, line) for rows, line in zip(self.rows, picture, strict=True)
+                self._stretches(fine, rows, line)
+                for rows, line in zip(self.rows, picture, strict=True)
             ]
         return self._blocks
 
@@ -73,26 +73,18 @@ class Openings:
         plane = self._plane
         return (number - plane.shape[axis] // 2) * plane.pitch[axis] + float(plane.centre[axis])
 
-    def _stretches(self, rows: slice, line: NDArray[np.float64]) -> list[Stretch]:
+    def _stretches(self, fine: Coverage, rows: slice, line: NDArray[np.float64]) -> list[Stretch]:
         found: list[Stretch] = []
         kinds = np.where(line <= 0, 0, np.where(line >= 1, 2, 1))
         ends = [0, *(np.flatnonzero(np.diff(kinds)) + 1), kinds.size]
         for start, end in pairwise(ends):
             first, last = start * _COLUMNS, min(end * _COLUMNS, self._plane.shape[1])
             if kinds[start] == 1:
-                found.append(Stretch(first, last, self._share(rows, first, last)))
+                share = fine.of(rows, slice(first, last)).to(self._dtype)
+                found.append(Stretch(first, last, share))
             elif kinds[start] == 0:
                 found.append(Stretch(first, last, None))
         return found
-
-    def _share(self, rows: slice, first: int, last: int) -> torch.Tensor:
-        shape = (rows.stop - rows.start, last - first)
-        centre = (
-            self._place(0, rows.start + shape[0] // 2),
-            self._place(1, first + shape[1] // 2),
-        )
-        part = Plane(shape, self._plane.pitch, centre)
-        return coverage(self._stop, self._radius, part).to(self._dtype)
 
     def apply(self, field: torch.Tensor, block: int) -> None:
         """Close what is closed of a block's field (rows, columns), in its own memory."""

@@ -117,6 +117,7 @@ class PSFOperator:
             camera.separation if camera else 0.0,
             _field(field),
             _sphere(camera, distance, wavelength, field) if sphere else None,
+            pixels.pitch if integrate else (0.0, 0.0),
         )
         if not floor <= tol:
             raise advice(question, camera, method, rest, floor)

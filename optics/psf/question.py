@@ -30,6 +30,8 @@ class Question:
     separation: metres from a panel to the lens; `distance` is the object's from the panel.
     field: metres (y, x) on the sensor from the axis to the point's geometric image, around
     which the samples lie. sphere: what the point's wave over the panel has besides a parabola.
+    pixel: metres (y, x) of the pixels over which the samples are integrated afterwards; 0 where
+    the samples themselves are wanted.
     """
 
     lens: Lens
@@ -43,6 +45,7 @@ class Question:
     separation: Scalar = 0.0
     field: tuple[Scalar, Scalar] = (0.0, 0.0)
     sphere: Sphere | None = None
+    pixel: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_light(as_number(self.distance), as_number(self.wavelength))

@@ -16,29 +16,49 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 def coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
-    """Share of each cell of a plane that a stop of `radius` metres leaves open, float64.
+    """Share of each cell of a plane that a stop of `radius` metres leaves open, float64."""
+    return Coverage(stop, radius, plane).of(slice(0, plane.shape[0]), slice(0, plane.shape[1]))
+
+
+class Coverage:
+    """Shares of the cells of a plane that a stop of `radius` metres leaves open, of any part.
 
     By Green's theorem the part of a cell in the stop is the sum over the boundary of
     (x - left side of the cell) dy inside the cell, plus the cell's width times dy wherever
     the boundary passes the cell on its right: one walk along the boundary fills a picture.
     """
-    pitch = (plane.pitch[0] / radius, plane.pitch[1] / radius)
-    lines = [_cell_edges(plane, axis) / radius for axis in (0, 1)]
-    rows, columns = plane.shape
-    inside = np.zeros((rows, columns))
-    passed = np.zeros((rows, columns + 1))
-    for loop in stop.loops:
-        for piece in loop.pieces:
-            _walk(piece, loop.sign, lines, inside, passed)
-    # What passes on the right of a cell passes on the right of all cells left of it.
-    right = np.cumsum(passed[:, ::-1], axis=1)[:, ::-1]
-    cell = pitch[0] * pitch[1]
-    share = (inside + right[:, 1:] * pitch[1]) / cell
-    # Rounding must not let light through what is closed.
-    least = _ROUNDING / cell
-    share[share < least] = 0.0
-    share[share > 1 - least] = 1.0
-    return torch.from_numpy(share)
+
+    def __init__(self, stop: Stop, radius: float, plane: Plane) -> None:
+        self._pitch = (plane.pitch[0] / radius, plane.pitch[1] / radius)
+        lines = [_cell_edges(plane, axis) / radius for axis in (0, 1)]
+        steps = [_walked(piece, loop.sign, lines) for loop in stop.loops for piece in loop.pieces]
+        row, column, strip, step = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+        order = np.argsort(row, kind="stable")
+        self._row, self._column = row[order], column[order]
+        self._strip, self._step = strip[order], step[order]
+
+    def of(self, rows: slice, columns: slice) -> torch.Tensor:
+        """Of some rows and columns, from a first to a last one, float64."""
+        part = slice(*np.searchsorted(self._row, (rows.start, rows.stop)))
+        row, column = self._row[part] - rows.start, self._column[part] - columns.start
+        on = column >= 0
+        row, column = row[on], column[on]
+        strip, step = self._strip[part][on], self._step[part][on]
+        width = columns.stop - columns.start
+        inside = np.zeros((rows.stop - rows.start, width))
+        passed = np.zeros((rows.stop - rows.start, width + 1))
+        np.add.at(passed, (row, np.minimum(column, width)), step)
+        here = column < width
+        np.add.at(inside, (row[here], column[here]), strip[here])
+        # What passes on the right of a cell passes on the right of all cells left of it.
+        right = np.cumsum(passed[:, ::-1], axis=1)[:, ::-1]
+        cell = self._pitch[0] * self._pitch[1]
+        share = (inside + right[:, 1:] * self._pitch[1]) / cell
+        # Rounding must not let light through what is closed.
+        least = _ROUNDING / cell
+        share[share < least] = 0.0
+        share[share > 1 - least] = 1.0
+        return torch.from_numpy(share)
 
 
 def _cell_edges(plane: Plane, axis: int) -> Array:
@@ -46,15 +66,15 @@ def _cell_edges(plane: Plane, axis: int) -> Array:
     return (np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5) * p + float(plane.centre[axis])
 
 
-def _walk(
-    piece: Piece,
-    sign: int,
-    lines: list[Array],
-    inside: NDArray[np.float64],
-    passed: NDArray[np.float64],
-) -> None:
-    """Add a piece of the boundary, cut where it crosses the lines of the grid."""
-    rows, columns = inside.shape
+def _walked(
+    piece: Piece, sign: int, lines: list[Array]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
+    """The steps along a piece of the boundary, cut where it crosses the lines of the grid.
+
+    Their rows and columns, the sums of (x - left side of the cell) dy, and of dy; a step beyond
+    the right of the grid is in the column after the last.
+    """
+    count = [line.size - 1 for line in lines]
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
     t = np.unique(np.concatenate([[0.0], *cuts, [1.0]]))
     half, middle = np.diff(t) / 2, (t[:-1] + t[1:]) / 2
@@ -63,13 +83,9 @@ def _walk(
     # A point in the middle could lie on a line that an arc touches; the mean doesn't.
     row = np.searchsorted(lines[0], y.mean(axis=1)) - 1
     column = np.searchsorted(lines[1], x.mean(axis=1)) - 1
-    on = (row >= 0) & (row < rows) & (column >= 0)
+    on = (row >= 0) & (row < count[0]) & (column >= 0)
     row, column, half, at, x = row[on], column[on], half[on], at[on], x[on]
     dy, _ = piece.velocity(at)
     step = sign * half * (dy @ _WEIGHTS)
-    right_of_all = column >= columns
-    np.add.at(passed, (row, np.minimum(column, columns)), step)
-    left = lines[1][np.minimum(column, columns)]
-    strip = sign * half * (((x - left[:, None]) * dy) @ _WEIGHTS)
-    on_grid = ~right_of_all
-    np.add.at(inside, (row[on_grid], column[on_grid]), strip[on_grid])
+    strip = sign * half * (((x - lines[1][column][:, None]) * dy) @ _WEIGHTS)
+    return row, column, strip, step

@@ -9,13 +9,11 @@ import torch
 from chain_judges import direct_chain
 from judges import positions, relative
 
-from optics.accuracy import Budget, ToleranceError
+from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.psf.collapse import collapsed
-from optics.psf.edge_light import EdgeLight
-from optics.psf.question import Question
 from optics.pupil import open_area, pupil_amplitude
 
 WAVELENGTH = 550e-9
@@ -150,20 +148,3 @@ def test_derivatives_of_a_cut_panel_are_refused():
             tol=0.5,
             method="collapsed",
         )
-
-
-def test_a_fully_lit_disc_scatters_what_bessels_function_says():
-    """Of even light, a disc of radius R turns 1 / (pi² R K) into a window from beyond K: the
-    square of R J1(2 pi R K) / K is R / (2 pi² K³) on average."""
-    panel = Panel((8000, 8000), 0.4e-6, fill_factor=1.0)
-    camera = Camera(panel, Lens(0.1, 0.1 / 0.4e-3, 0.4), separation=1e-3)
-    window = Plane((2, 2), (1e-7, 1e-7))
-    # In focus, and near enough for light of 1e5 cycles a metre to come from the panel.
-    question = Question(camera.lens, 0.399, WAVELENGTH, window, 1e-3, Budget(), separation=1e-3)
-    edge = EdgeLight(question, camera)
-    rays = edge.scattered()
-    far = np.hypot(rays.frequency[..., 0], rays.frequency[..., 1]) / edge.spread > 2e4
-    lost = float(rays.light[far].sum()) / edge.straight
-    # A pixel's envelope takes a little of it, at high frequencies.
-    # Frequencies are looked at in steps of a fifth.
-    assert lost == pytest.approx(1 / (np.pi**2 * 0.2e-3 * 2e4), rel=0.12)
