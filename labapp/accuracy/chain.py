@@ -99,7 +99,7 @@ def _camera(case: Case, panel: str | None, separation_mm: float | None) -> Camer
 def _panel(text: str) -> Panel:
     try:
         rows, columns, pitch = (float(word) for word in text.split("x"))
-        return Panel((int(rows), int(columns)), pitch * 1e-6)
+        return Panel((int(rows), int(columns)), pitch * 1e-6, unmodulated=0.0)
     except ValueError as error:
         raise UserError(
             f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."

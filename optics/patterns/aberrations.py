@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import torch
 
 from optics.camera import Panel
+from optics.chebyshev import Smooth
 from optics.edge import require_positive, rounded_down
 from optics.patterns.slope import strengthened
 from optics.zernike import require_zernike, zernike
@@ -45,28 +46,11 @@ def aberrated(
 
 
 def _path(panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float) -> torch.Tensor:
-    """Metres on every pixel, (rows, columns).
+    """Metres on every pixel, (rows, columns)."""
 
-    A polynomial of degree d is known by its values on d + 1 Chebyshev nodes an axis: recurrences
-    run on few points, and two small products of matrices fill the panel, to rounding.
-    """
-    nodes = 1 + max((n for n, _, _ in terms), default=0)
-    angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
-    axes = [panel.plane.coordinates(axis) for axis in (0, 1)]
-    halves = [float(axis.abs().max()) or panel.pitch for axis in axes]
-    y, x = (half / radius * torch.cos(angle) for half in halves)
-    known = torch.zeros(nodes, nodes, dtype=torch.float64)
-    for n, m, strength in terms:
-        known = known + strength * zernike(n, m, y[:, None], x[None, :])
-    rows, columns = (
-        _from_nodes(axis / half, angle) for axis, half in zip(axes, halves, strict=True)
-    )
-    return rows @ known @ columns.T
+    def path(y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+        parts = [strength * zernike(n, m, y / radius, x / radius) for n, m, strength in terms]
+        return torch.stack(parts).sum(dim=0) if parts else 0 * y * x
 
-
-def _from_nodes(place: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
-    """The matrix from values on Chebyshev nodes cos(angle) to values at -1 <= place <= 1."""
-    order = torch.arange(angle.numel(), dtype=torch.float64)
-    weight = (2 - (order == 0).to(order)) / angle.numel()
-    there = torch.cos(torch.acos(place)[:, None] * order)
-    return (there * weight) @ torch.cos(angle[:, None] * order).T
+    degree = max((n for n, _, _ in terms), default=0)
+    return Smooth(path, panel.plane, degree + 1).rows(slice(None))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 
@@ -16,10 +17,10 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chebyshev import smooth
 from optics.fourier import unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf.chain import ChainEngine, require_open
-from optics.psf.engine import within_a_turn
 from optics.psf.lens_grid import Search, lens_grid
 from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
 from optics.psf.openings import Openings
@@ -31,6 +32,10 @@ from optics.stop.coverage import coverage
 
 _GRID_SHARE, _TRANSFORM_SHARE = 0.92, 0.02
 """Of the tolerance: what the grid may leave out, and what a transform may add in the field."""
+
+
+_ROWS = 64
+"""Of the lens' samples whose wave is made at a time."""
 
 
 class GridEngine(ChainEngine):
@@ -123,13 +128,15 @@ class GridEngine(ChainEngine):
             )
             return (y, x), None
         y, x = (torch.ones(count, dtype=torch.complex128) for count in self._plane.shape)
-        return (y, x), self._wave_of(n)
+        known = smooth(partial(_phase, n), self._plane)
+        if known is None:
+            return (y, x), self._wave(_phase(n, *self._plane.mesh()))
+        rows = self._plane.shape[0]
+        parts = [known.rows(slice(at, at + _ROWS)) for at in range(0, rows, _ROWS)]
+        return (y, x), torch.cat([self._wave(part) for part in parts])
 
-    def _wave_of(self, q: Question) -> torch.Tensor:
-        """The lens' wave on its samples."""
-        y, x = (p / q.numeric.radius for p in self._plane.mesh())
-        phase = within_a_turn(wave_phase(q.lens, q.from_lens, q.wavelength, y, x))
-        return torch.polar(torch.ones_like(phase), phase).to(self._dtype)
+    def _wave(self, phase: torch.Tensor) -> torch.Tensor:
+        return unit_phasor(phase / (2 * math.pi), self._dtype)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         modulated = self.modulated(phase, amplitude)
@@ -159,7 +166,7 @@ class GridEngine(ChainEngine):
     def _moving(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
         """_at_sensor() with derivatives in all lengths."""
         q = self._question
-        wave = self._wave_of(q)
+        wave = self._wave(_phase(q, *self._plane.mesh()))
         wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
         field = relayed(relay, field, self._moved()) * wave.to(self._dtype).to(field.device)
         moved = q.derivatives
@@ -172,3 +179,9 @@ class GridEngine(ChainEngine):
         light = (field.real**2 + field.imag**2) * (self.strength() * cell**2)
         double = self._dtype == torch.complex128
         return self._kept(light.to(torch.float64 if double else torch.float32), phase, amplitude)
+
+
+def _phase(q: Question, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """Radians of the lens' wave at places in its plane, metres."""
+    radius = q.numeric.radius
+    return wave_phase(q.lens, q.from_lens, q.wavelength, y / radius, x / radius)
