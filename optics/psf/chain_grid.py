@@ -23,7 +23,7 @@ from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf.chain import ChainEngine, require_open
 from optics.psf.lens_grid import Search, lens_grid
 from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
-from optics.psf.openings import Openings
+from optics.psf.openings import Openings, sharpened
 from optics.psf.question import Question
 from optics.psf.relay import Relay, RelayAxis, relayed
 from optics.psf.relay_axes import lens_plane, relay_axes
@@ -167,7 +167,8 @@ class GridEngine(ChainEngine):
         """_at_sensor() with derivatives in all lengths."""
         q = self._question
         wave = self._wave(_phase(q, *self._plane.mesh()))
-        wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
+        opened = coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
+        wave = wave * sharpened(opened)
         field = relayed(relay, field, self._moved()) * wave.to(self._dtype).to(field.device)
         moved = q.derivatives
         return self._pass.onward(field, moved.stretch, moved.shift)

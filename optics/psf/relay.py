@@ -147,11 +147,19 @@ class RelayAxis:
                 at += size
         return fft(whole, self.length, dim, inverse=True, scaled=False).narrow(dim, 0, self.n)
 
-    def to_lens(self, spectrum: torch.Tensor, transfer: torch.Tensor, dim: int) -> torch.Tensor:
+    def to_lens(
+        self,
+        spectrum: torch.Tensor,
+        transfer: torch.Tensor,
+        dim: int,
+        scratch: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """scratch: (`fold` along dim), in whose memory the answer comes; new memory takes time."""
         shape = list(spectrum.shape)
         shape[dim] = self.fold
-        covered = self.frequencies >= self.fold
-        folded = spectrum.new_empty(shape) if covered else spectrum.new_zeros(shape)
+        folded = spectrum.new_empty(shape) if scratch is None else scratch
+        if self.frequencies < self.fold:
+            folded.zero_()
         for source, target, at, size in self._runs():
             weight = _along(transfer[at : at + size], dim)
             part, into = spectrum.narrow(dim, source, size), folded.narrow(dim, target, size)
@@ -240,11 +248,13 @@ class Relay:
     def arriving(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
     ) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Some rows of the field at the lens after the others, (rows, columns)."""
+        """Some rows of the field at the lens after the others, (rows, columns), all in the same
+        memory."""
         y, x = self.transfers(spectrum.device)
         lines = self.axes[0].to_lens(spectrum, y, -2)
+        scratch = lines.new_empty((max(_height(rows) for rows in blocks), self.axes[1].fold))
         for rows in blocks:
-            yield rows, self.axes[1].to_lens(lines[rows], x, -1)
+            yield rows, self.axes[1].to_lens(lines[rows], x, -1, scratch[: _height(rows)])
 
     def to_lens_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
         y, x = self._weighed(grid.device, (None, None))
@@ -349,6 +359,10 @@ def _changes(
     )
     stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
     return bend.sum(), stretch, along_y.sum(), along_x.sum()
+
+
+def _height(rows: slice) -> int:
+    return int(rows.stop - rows.start)
 
 
 def fast_length(least: float) -> int:
