@@ -168,7 +168,7 @@ class GridEngine(ChainEngine):
         q = self._question
         wave = self._wave(_phase(q, *self._plane.mesh()))
         opened = coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
-        wave = wave * sharpened(opened)
+        wave = wave * sharpened(torch.nn.functional.pad(opened, (1, 1, 1, 1)))
         field = relayed(relay, field, self._moved()) * wave.to(self._dtype).to(field.device)
         moved = q.derivatives
         return self._pass.onward(field, moved.stretch, moved.shift)

@@ -46,7 +46,9 @@ class CollapsedEngine(Engine):
                 'through a collapsed camera; take method="chain"'
             )
         self._require_still(question, thin)
-        self._neglected = search.edge.of_collapse() + self._of_cut_pixels(thin)
+        self._neglected = search.edge.of_collapse()
+        if self._neglected < n.tol:
+            self._neglected += self._of_cut_pixels(thin)
         left = n.tol - self._neglected
         if not left > 0:
             raise ToleranceError(
