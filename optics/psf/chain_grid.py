@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import torch
 
@@ -142,10 +143,14 @@ class GridEngine(ChainEngine):
         modulated = self.modulated(phase, amplitude)
         if not modulated.numel():
             return self.none(modulated)
-        field = self._at_sensor(self.relay, modulated)
+        spectrum = spectrum_of(self.relay, modulated)
+        if self._question.differentiable:
+            field = self._moving(self.relay, modulated)
+        else:
+            field = passed_through(self._pass, spectrum)
         for axis, part in self.leaning(modulated):
             field = field + self._at_sensor(self._leaning_relay(axis), part)
-        return self._light(field, phase, amplitude)
+        return self._light(field, phase, amplitude, spectrum)
 
     def _leaning_relay(self, axis: int) -> Relay:
         axes = [replace(one, leaning=k == axis) for k, one in enumerate(self.relay.axes)]
@@ -161,7 +166,7 @@ class GridEngine(ChainEngine):
         self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
         """intensity() of a panel whose spectrum is known already."""
-        return self._light(passed_through(self._pass, spectrum), phase, amplitude)
+        return self._light(passed_through(self._pass, spectrum), phase, amplitude, spectrum)
 
     def _moving(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
         """_at_sensor() with derivatives in all lengths."""
@@ -174,12 +179,31 @@ class GridEngine(ChainEngine):
         return self._pass.onward(field, moved.stretch, moved.shift)
 
     def _light(
-        self, field: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+        self,
+        field: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor,
     ) -> torch.Tensor:
         cell = self._plane.pitch[0] * self._plane.pitch[1] / self._question.numeric.radius**2
         light = (field.real**2 + field.imag**2) * (self.strength() * cell**2)
-        double = self._dtype == torch.complex128
-        return self._kept(light.to(torch.float64 if double else torch.float32), phase, amplitude)
+        light = light.to(torch.float64 if self._dtype == torch.complex128 else torch.float32)
+
+        def inside() -> tuple[float, float]:
+            low, high = (end.tolist() for end in self._edge.passing)
+            power = self.relay.power(spectrum.detach(), low, high)
+            rows, columns = self._camera.panel.shape
+            sent: Any = rows * columns
+            if amplitude is not None:
+                sent = (amplitude.detach().abs() ** 2).sum(dim=(-2, -1)).clamp(min=1e-300)
+            found = power / sent
+            return float(found.min()), float(found.max())
+
+        return self._kept(light, phase, amplitude, inside)
+
+    @cached_property
+    def _within(self) -> float:
+        return self._search.within(self._grid)
 
 
 def _phase(q: Question, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:

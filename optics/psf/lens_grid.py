@@ -109,6 +109,18 @@ class Search:
                 return LensGrid(_pair(low), _pair(high), _pair(rate), error)
         return None
 
+    def within(self, grid: LensGrid) -> float:
+        """Share of a grid's squared error that light makes whose frequencies pass the stop."""
+        edge, rate = self.edge, np.array(grid.rate)
+        low, high = edge.passing
+        light, frequency, turn = self._seen
+        inside = between(frequency, low, high)
+        turned = np.bincount(turn[inside], light[inside], edge.across[..., 0].size)
+        passed = passed_share(edge.across / rate)
+        lost = float(turned @ (1 - passed.ravel()) ** 2)
+        lost += _turned_back(edge, low, high, rate, passed)
+        return min(1.0, (edge.relative(lost) / grid.error) ** 2) if grid.error else 0.0
+
     def _followed(self, allowed: float, soft: Array) -> tuple[Array, Array, float]:
         """The narrowest band, low and high, and the light that it leaves out.
 

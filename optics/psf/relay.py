@@ -190,6 +190,17 @@ class RelayAxis:
             yield start, size
             at += size
 
+    def stretches(self, low: float, high: float) -> list[slice]:
+        """Where a spectrum holds the frequencies from low to high."""
+        first, last = math.ceil(low * self.period), math.floor(high * self.period)
+        if self.kept < self.length:
+            start = self.held[0]
+            return [slice(max(first - start, 0), max(last + 1 - start, 0))]
+        if last - first + 1 >= self.length:
+            return [slice(0, self.length)]
+        first, end = first % self.length, (last + 1) % self.length
+        return [slice(first, end)] if first <= end else [slice(0, end), slice(first, self.length)]
+
     def _runs(self) -> Iterator[tuple[int, int, int, int]]:
         """Stretches of the band that are whole in the kept spectrum and in the folded one: where
         they begin in each and in the band, and their size."""
@@ -233,6 +244,20 @@ class Relay:
     def spectrum(self, field: torch.Tensor) -> torch.Tensor:
         y, x = self.axes
         return y.spectrum(x.spectrum(field.to(self.dtype), -1), -2)
+
+    def power(
+        self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
+    ) -> torch.Tensor:
+        """Mean square of a spectrum (..., y, x) over frequencies of a band, from low to high
+        along y and x: of light that is sent everywhere alike, the sum of its squares."""
+        y, x = (axis.stretches(*ends) for axis, *ends in zip(self.axes, low, high, strict=True))
+        found, count = spectrum.real.new_zeros(spectrum.shape[:-2]), 0
+        for rows in y:
+            for columns in x:
+                part = spectrum[..., rows, columns]
+                found = found + torch.linalg.vector_norm(part, dim=(-2, -1)) ** 2
+                count += part.shape[-2] * part.shape[-1]
+        return found / max(count, 1)
 
     def spectrum_adjoint(self, spectrum: torch.Tensor) -> torch.Tensor:
         y, x = self.axes
