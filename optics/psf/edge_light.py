@@ -79,15 +79,13 @@ class EdgeLight:
         self._at, self._normal, self._length = places
         q = self._q
         low = 1 / (4 * q.radius)
-        high = _FARTHEST / camera.panel.active_side
-        far = np.geomspace(low, max(high, 4 * low), _STEPS + 1)
-        edges = np.concatenate([np.linspace(0, low, _NEAR, endpoint=False), far])
-        away, step = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        edges = _distances(low, _FARTHEST / camera.panel.active_side, len(self._length))
+        away, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges)
         area, rim = q.lens.stop.area * q.radius**2, self._length.sum()
         whole = math.pi * away * area**2 / rim
         each = np.where(away < low, whole, 1 / (4 * math.pi**2 * away**2)) * step
-        self._away = np.concatenate([-away[::-1], away])
-        density = np.concatenate([each[::-1], each])
+        self._away = np.concatenate([-away[:, ::-1], away], axis=1)
+        density = np.concatenate([each[:, ::-1], each], axis=1)
         self._density = self._length[:, None] * density / len(self._window)
 
     def _footprint(self) -> Array:
@@ -298,7 +296,7 @@ class EdgeLight:
     @cached_property
     def across(self) -> Array:
         """By which frequency the edge turns the light: (edge, 1, distance, 2)."""
-        return np.asarray(self._normal[:, None, None] * self._away[:, None])
+        return np.asarray(self._normal[:, None, None] * self._away[:, None, :, None])
 
     def relative(self, lost: float) -> float:
         """Relative L2 error of an intensity whose field lacks that much."""
@@ -373,6 +371,21 @@ class EdgeLight:
         """Share of that error's square that light of frequencies that pass makes."""
         within, whole = self._collapsing
         return within / whole if whole > 0 else 0.0
+
+
+def _distances(low: float, high: float, pieces: int) -> Array:
+    """Ends of the steps in distance from an edge's own frequency, (pieces, steps + 1), cycles a
+    metre; those nearer than `low` first.
+
+    Every piece of the edge has other steps (by the golden ratio, so that neighbours' fill each
+    other's gaps): where a band ends, or the panel, is told much finer than by a step.
+    """
+    high = max(high, 4 * low)
+    shift = ((np.arange(pieces) + 0.5) * (math.sqrt(5) - 1) / 2) % 1
+    number = np.arange(_STEPS + 1) + shift[:, None]
+    far = low * (high / low) ** (number / _STEPS)
+    near = np.broadcast_to(np.linspace(0, low, _NEAR + 1), (pieces, _NEAR + 1))
+    return np.concatenate([near, far], axis=1)
 
 
 def between(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from optics.accuracy import unkeepable
 from optics.camera import Camera
 from optics.psf.edge_light import EdgeLight, between
-from optics.psf.openings import passed_share
 from optics.psf.question import Question
 from optics.psf.relay_axes import End, LensGrid
 
@@ -35,9 +34,9 @@ def lens_grid(question: Question, camera: Camera, search: Search, tol: float) ->
 
     Light of the frequencies left out, of which the window gets what the stop's edge scatters,
     is the first part of the error (see EdgeLight). The second is that of the stop's gray edge:
-    a cell of the grid that the edge cuts passes light by a share (see Openings), so the edge
-    scatters too little at large turns, and also what one and two directions of the grid's own
-    frequencies turn back.
+    a cell of the grid that the edge cuts passes light by its open area, so the edge scatters
+    sinc of its turn in frequency over the rate, which is too little, and also what one and two
+    directions of the grid's own frequencies turn back.
 
     Raises ToleranceError if no grid does.
     """
@@ -58,6 +57,11 @@ def _size(grid: LensGrid) -> float:
 
 def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
+
+
+def _passed(turns: Array) -> Array:
+    """What a gray edge leaves of the light that it turns, by the cycles a sample (..., 2)."""
+    return np.asarray(np.sinc(turns).prod(axis=-1))
 
 
 class Search:
@@ -100,7 +104,7 @@ class Search:
         base = np.maximum(np.abs(low), np.abs(high)) / edge.spread + edge.reach
         for finer in _FINER:
             rate = finer * base
-            passed = passed_share(edge.across / rate)
+            passed = _passed(edge.across / rate)
             lost = out + float(turned @ (1 - passed.ravel()) ** 2)
             if edge.relative(lost) > tol:
                 continue
@@ -116,7 +120,7 @@ class Search:
         light, frequency, turn = self._seen
         inside = between(frequency, low, high)
         turned = np.bincount(turn[inside], light[inside], edge.across[..., 0].size)
-        passed = passed_share(edge.across / rate)
+        passed = _passed(edge.across / rate)
         lost = float(turned @ (1 - passed.ravel()) ** 2)
         lost += _turned_back(edge, low, high, rate, passed)
         return min(1.0, (edge.relative(lost) / grid.error) ** 2) if grid.error else 0.0

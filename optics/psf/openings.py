@@ -1,9 +1,4 @@
-"""The stop on a grid at the lens, block by block: only what its edge cuts is kept.
-
-A sample passes light by the open area of its cell. That takes the mean over a cell, and with it
-sinc(u) of what the edge turns by u cycles a sample; a share is therefore sharpened by its second
-difference, which gives 1 + sin²(pi u) / 6 back: all but O(u⁴).
-"""
+"""The stop on a grid at the lens, block by block: only what its edge cuts is kept."""
 
 from __future__ import annotations
 
@@ -23,16 +18,12 @@ _ROWS, _COLUMNS = 16, 64
 """Samples in a cell of the coarse picture, in which whole cells are open or closed. Sixteen rows
 of a fine grid still fit into a processor's cache."""
 
-_LINE = torch.tensor([-1.0, 26.0, -1.0], dtype=torch.float64) / 24
-_SHARPENER = torch.outer(_LINE, _LINE)[None, None]
-"""One less a 24th of the second difference, along both axes."""
-
 
 @dataclass(frozen=True)
 class Stretch:
     """Samples of a block's rows that aren't open: columns first to last, exclusive.
 
-    share: of the field that every sample passes, (rows, columns); None where all are closed.
+    share: open area of every sample, (rows, columns); None where all are closed.
     """
 
     first: int
@@ -59,16 +50,14 @@ class Openings:
         """The stretches of every block; made at the first call, and kept."""
         if self._blocks is None:
             fine = Coverage(self._stop, self._radius, self._plane)
-            picture = self._coarse(fine)
+            picture = self._coarse()
             self._blocks = [
                 self._stretches(fine, rows, line)
                 for rows, line in zip(self.rows, picture, strict=True)
             ]
         return self._blocks
 
-    def _coarse(self, fine: Coverage) -> NDArray[np.float64]:
-        """1 in cells of the coarse picture that are open, 0 in closed ones, and something in
-        between where the edge runs, or so near that sharpening reaches it."""
+    def _coarse(self) -> NDArray[np.float64]:
         plane, sides = self._plane, (_ROWS, _COLUMNS)
         shape = [math.ceil(n / side) for n, side in zip(plane.shape, sides, strict=True)]
         pitch = [p * side for p, side in zip(plane.pitch, sides, strict=True)]
@@ -78,14 +67,7 @@ class Openings:
             for axis in (0, 1)
         ]
         coarse = Plane((shape[0], shape[1]), (pitch[0], pitch[1]), (centre[0], centre[1]))
-        picture = np.asarray(coverage(self._stop, self._radius, coarse).numpy())
-        row, column = fine.cut
-        for down in (-1, 1):
-            for along in (-1, 1):
-                y = np.clip((row + down) // _ROWS, 0, shape[0] - 1)
-                x = np.clip((column + along) // _COLUMNS, 0, shape[1] - 1)
-                picture[y, x] = 0.5
-        return picture
+        return np.asarray(coverage(self._stop, self._radius, coarse).numpy())
 
     def _place(self, axis: int, number: int) -> float:
         """Metres of a sample along an axis."""
@@ -99,9 +81,8 @@ class Openings:
         for start, end in pairwise(ends):
             first, last = start * _COLUMNS, min(end * _COLUMNS, self._plane.shape[1])
             if kinds[start] == 1:
-                around = slice(rows.start - 1, rows.stop + 1), slice(first - 1, last + 1)
-                share = sharpened(fine.of(*around))
-                found.append(Stretch(first, last, share.to(self._dtype)))
+                share = fine.of(rows, slice(first, last)).to(self._dtype)
+                found.append(Stretch(first, last, share))
             elif kinds[start] == 0:
                 found.append(Stretch(first, last, None))
         return found
@@ -127,15 +108,3 @@ class Openings:
                 part = part * (1 - stretch.share)
             total -= float(part.sum(dtype=torch.float64))
         return total
-
-
-def sharpened(share: torch.Tensor) -> torch.Tensor:
-    """Shares of a field that samples pass, of open areas (rows, columns), float64; one sample is
-    lost at each side."""
-    return torch.nn.functional.conv2d(share[None, None], _SHARPENER.to(share.device))[0, 0]
-
-
-def passed_share(turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What samples leave of the light that an edge turns by so many cycles a sample (..., 2)."""
-    along = np.sinc(turns) * (1 + np.sin(math.pi * turns) ** 2 / 6)
-    return np.asarray(along.prod(axis=-1))

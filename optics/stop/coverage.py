@@ -30,19 +30,12 @@ class Coverage:
 
     def __init__(self, stop: Stop, radius: float, plane: Plane) -> None:
         self._pitch = (plane.pitch[0] / radius, plane.pitch[1] / radius)
-        self._columns = plane.shape[1]
         lines = [_cell_edges(plane, axis) / radius for axis in (0, 1)]
         steps = [_walked(piece, loop.sign, lines) for loop in stop.loops for piece in loop.pieces]
         row, column, strip, step = (np.concatenate(parts) for parts in zip(*steps, strict=True))
         order = np.argsort(row, kind="stable")
         self._row, self._column = row[order], column[order]
         self._strip, self._step = strip[order], step[order]
-
-    @property
-    def cut(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the cells through which the boundary runs."""
-        here = self._column < self._columns
-        return self._row[here], self._column[here]
 
     def of(self, rows: slice, columns: slice) -> torch.Tensor:
         """Of some rows and columns, from a first to a last one, float64."""
