@@ -32,7 +32,7 @@ CHAIN_METHODS = ("collapsed", "chain", "chain, quadrature")
 """Where a panel stands apart from its lens. A transform's name asks for the collapsed camera."""
 
 
-_ROOM = 4.0
+_ROOM = 10.0
 """Between a tolerance that is advised and one that can be planned for: a twentieth to a tenth of
 an even panel's light is enough then."""
 

@@ -14,6 +14,10 @@ _DIMMER = 0.8
 """Of the light behind an evenly lit panel: what a window must get for an estimate that counts on
 that light."""
 
+_DARKER = 1 / 8
+"""Power of a dim window's brightness by which its error is trusted less: what gets into the dark
+comes from few directions of a pattern, whose light isn't even."""
+
 
 class Dimness:
     """By what errors for an evenly lit panel have to be divided for the light of a pattern.
@@ -21,7 +25,7 @@ class Dimness:
     Such an error is a share of the light that the stop's edge may scatter, which an even panel
     sends everywhere. A pattern may send less of it to the window, and more to where the edge
     scatters it from: beside the window, but through the stop as well (light that `passes`), or
-    nowhere near.
+    nowhere near. And it may send it smoothly, without speckles: what beats with it counts more.
 
     inner: rows and columns of the window. light: (..., rows, columns). inside: brightness of the
     panel at frequencies that pass, over that of an even panel: the least and the most of a batch.
@@ -42,10 +46,13 @@ class Dimness:
         even = edge.window_share * total
         self.brightness = math.inf
         if light.numel() and even > 0:
-            rows, columns = inner
-            least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
+            seen = light.detach()[..., inner[0], inner[1]]
+            each = seen.sum(dim=(-2, -1))
             # Of a dark window nothing is known.
-            self.brightness = least / even / _DIMMER if least > 0 else math.inf
+            if float(each.min()) > 0:
+                square = seen.shape[-2] * seen.shape[-1] * seen.square().sum(dim=(-2, -1))
+                smooth = (square / each**2 / edge.contrast).clamp(max=1.0)
+                self.brightness = float((each * smooth).min()) / even / _DIMMER
 
     @cached_property
     def _inside(self) -> tuple[float, float]:
@@ -60,7 +67,9 @@ class Dimness:
         least, brightest = self._inside
         beside = max(1 - least * self._share, 0.0) / (1 - self._share)
         wrong = within * brightest + (1 - within) * beside
-        return min(1.0, math.sqrt(self.brightness / wrong)) if wrong > 0 else 1.0
+        if not wrong > 0:
+            return 1.0
+        return min(1.0, math.sqrt(self.brightness / wrong)) * min(1.0, self.brightness) ** _DARKER
 
     @property
     def even(self) -> float:

@@ -322,9 +322,16 @@ class EdgeLight:
         if not (any(self._q.pixel) and self.straight > 0 and rim.any()):
             return 1.0
         beating = self._kept_fringes(self._at) @ rim / rim.sum()
+        return math.sqrt(2 * float(beating) / self.contrast)
+
+    @cached_property
+    def contrast(self) -> float:
+        """Mean square of an evenly lit panel's light in the window over the square of its mean:
+        2 for samples of speckles, less for pixels that average them."""
+        if not (any(self._q.pixel) and self.straight > 0):
+            return 2.0
         light = self._open.light.mean(axis=1)
-        own = self._kept_fringes(self._places) @ light / light.sum()
-        return math.sqrt(2 * float(beating) / (1 + float(own)))
+        return 1 + float(self._kept_fringes(self._places) @ light / light.sum())
 
     def _kept_fringes(self, at: Array) -> Array:
         """Share of their power that pixels keep, of fringes of all light in the stop with that
