@@ -43,6 +43,9 @@ _SEED = 20240711
 _JUDGED_TERMS = 6e10
 """Products that the judge may sum for one problem: half a minute."""
 
+_TRIED_MEMORY = 8 << 30
+"""Bytes that this machine is trusted to have, for trying out whether as many are enough."""
+
 _TIMED_SECONDS = 1.0
 """Of a call, predicted, beyond which a problem is not timed."""
 
@@ -264,7 +267,7 @@ def unreal(problem: ChainProblem, refusal: ToleranceError, budget: Budget, most:
     """What is untrue about a refusal; "" where it keeps its word.
 
     Another tol that is advised must be accepted, and kept; more memory that is said to be
-    needed must be enough; and no method may serve that wasn't chosen.
+    needed must be enough, as far as this can be tried; and no method may serve that wasn't chosen.
     """
     words = str(refusal)
     for method in problem.methods:
@@ -280,6 +283,8 @@ def unreal(problem: ChainProblem, refusal: ToleranceError, budget: Budget, most:
             return "" if error is None or error <= advised else f"tol {advised:g} isn't kept"
         if " MB at least" in words:
             needed = int(float(words.split(" MB at least")[0].split()[-1]) + 1) * 1_000_000
+            if needed > _TRIED_MEMORY:
+                return ""
             problem.operator(problem.tol, budget=replace(budget, memory=needed))
     except ToleranceError as again:
         return f"refused again: {again}"
@@ -328,10 +333,9 @@ def chain_regret_figure(folder: Path) -> list[Figure]:
     median, high = statistics.median(regrets), float(np.quantile(regrets, 0.95))
     return [
         Figure(
-            f"time of the chosen method over the fastest that meets tol, {len(regrets)} chains "
-            "over 5 ms",
+            "time of the chosen method over the fastest that meets tol, chains",
             "≤ 1.5 median",
-            f"{median:.2f}, and {high:.2f} at the 95th percentile",
+            f"{median:.2f}, 95th percentile {high:.2f} of {len(regrets)} over 5 ms",
             median <= 1.5,
         )
     ]

@@ -18,18 +18,13 @@ from optics.accuracy import (
     ToleranceError,
     unkeepable,
 )
-from optics.edge import require_finite, rounded_up, tensors_inside
+from optics.edge import rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.propagation.choice import METHODS as METHODS
 from optics.propagation.choice import Choice
-from optics.propagation.light import evened, float_light
+from optics.propagation.light import evened, finite_light, float_light, shares
 from optics.propagation.propagator import Propagator
-from optics.propagation.smooth import (
-    light_spectrum,
-    paraxial_deviation,
-    paraxial_shortfall,
-    require_smooth,
-)
+from optics.propagation.smooth import Promise
 from optics.propagation.span import Scalar, Span
 from optics.propagation.transfer import paraxial_error
 from optics.threads import in_full_precision
@@ -70,7 +65,13 @@ class FreeSpace:
     target's centre where these are 0-d tensors. Mixed precision (autocast) is kept out.
 
     account is that of the plan, and of the last call where that told more: of a smooth field in
-    the paraxial model, what the model leaves out; of a dim target, the tighter plan.
+    the paraxial model, what the model leaves out; of a dim target, the tighter plan, and in
+    cpu_predicted the time of all plans that the call needs.
+
+    How much light arrives isn't known before. Where the first plan's answer is dimmer than its
+    error allows, the same field is sent again, by the cheapest method that keeps the tolerance,
+    or by the named one: that may take many times what was predicted first. More than an hour is
+    refused, unless the method is named.
 
     Raises ValueError for a smooth field that its samples don't resolve, or that hasn't died
     away at their edges; ToleranceError if tol can't be kept, with the floor and the remedy.
@@ -111,7 +112,7 @@ class FreeSpace:
         )
         self._method = method
         self._model = _model_error(self.span)
-        self._deviation: torch.Tensor | None = None
+        self._promise = Promise(self.span) if self.span.cells is None else None
         self._propagator = self._first_plan()
         self._twin: Propagator | None = None
         self.account = self._accounted(self._propagator)
@@ -122,7 +123,8 @@ class FreeSpace:
         return self._propagator.name
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predicted processor time of one call, on a machine of such a speed."""
+        """Predicted processor time of one call by the first plan, on a machine of such a speed;
+        account.cpu_predicted has what a dim target takes besides."""
         return self._propagator.cpu_seconds(speed)
 
     def _first_plan(self) -> Propagator:
@@ -162,32 +164,33 @@ class FreeSpace:
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
         field = self._checked(field, self.span.source, "field")
         self._require_unchanged()
-        field, light, peak = evened(field, float_light(field))
-        if self.span.cells is None:
-            self._look_at(field, light * self.span.area)
+        field, light, peak = evened(field, finite_light("field", field))
+        if self._promise:
+            self._look_at(self._promise, field, light)
         answer = self._sent(field, light * self.span.area)
         return answer if peak is None else answer * peak
 
     def _sent(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
         """By the first plan, or by tighter ones until the tolerance is kept."""
-        propagator = self._propagator
+        propagator, seconds = self._propagator, 0.0
         while True:
             answer = self._in_chunks(propagator, propagator.forward, field)
             # Of a dark target the first share is rounding: it is looked at until it holds.
             share = self._share(answer, light)
             if self._kept_by(propagator, share):
                 return answer
+            seconds += propagator.cpu_seconds(self.span.budget.speed)
             propagator = self._tighter(propagator, share)
+            # Told before it is done, to whoever wonders what takes so long.
+            account = self._accounted(propagator)
+            self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
 
-    def _look_at(self, field: torch.Tensor, light: torch.Tensor) -> None:
+    def _look_at(self, promise: Promise, field: torch.Tensor, light: torch.Tensor) -> None:
         """Refuse a field that isn't smooth; tell what the model leaves out of one that is."""
-        spectrum = light_spectrum(field)
-        require_smooth(self.span, field, light, spectrum)
+        spectrum = promise.kept(field, light)
         if self.span.paraxial:
-            if self._deviation is None:
-                self._deviation = paraxial_deviation(self.span)
             how = "estimate: paraxial, over the field's spectrum; a scalar wave"
-            self._model = ErrorEstimate(paraxial_shortfall(self._deviation, spectrum), how)
+            self._model = ErrorEstimate(promise.paraxial_shortfall(spectrum), how)
             self.account = replace(self.account, model=self._model)
 
     @tensors_inside
@@ -196,14 +199,13 @@ class FreeSpace:
         """The conjugate transpose of the call: from the target's samples to the source's."""
         field = self._checked(field, self.span.target, "field")
         self._require_unchanged()
-        field, _, peak = evened(field, float_light(field))
+        field, _, peak = evened(field, finite_light("field", field))
         answer = self._in_chunks(self._propagator, self._propagator.adjoint, field)
         return answer if peak is None else answer * peak
 
     def _checked(self, field: torch.Tensor, plane: Plane, name: str) -> torch.Tensor:
         if tuple(field.shape[-2:]) != plane.shape:
             raise ValueError(f"{name} is {tuple(field.shape)}; its plane has {plane.shape} samples")
-        require_finite(name, field.detach())
         return field if field.is_complex() else field.to(torch.complex128)
 
     def _in_chunks(
@@ -225,11 +227,9 @@ class FreeSpace:
     def _share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
         """The least share of its light that any field brings to the target; 1 if all are dark."""
         y, x = self.span.target.pitch
-        arrived = float_light(answer) * (y * x)
-        lit = light > 0
-        if not bool(lit.any()):
-            return 1.0
-        return float((arrived[lit] / light[lit]).min())
+        found = shares(float_light(answer) * (y * x), light)
+        # No plan keeps a tolerance of NaN.
+        return min(found, default=1.0) if all(map(math.isfinite, found)) else math.nan
 
     def _kept_by(self, propagator: Propagator, share: float) -> bool:
         error = propagator.error.value + propagator.arithmetic
@@ -249,7 +249,6 @@ class FreeSpace:
             self._twin = Choice(replace(self.span, tol=tol), self._method).prepared()
         except ToleranceError as error:
             raise self._too_dim(last, share, error) from error
-        self.account = self._accounted(self._twin)
         return self._twin
 
     def _too_dim(self, last: Propagator, share: float, why: ToleranceError) -> ToleranceError:
@@ -276,6 +275,8 @@ class FreeSpace:
 
     def _require_unchanged(self) -> None:
         """Raise ValueError if a tensor has got another value since the plan was made."""
+        if not self.span.changeable:
+            return
         before, now = self.span.numeric, replace(self.span).numeric
         for name in ("distance", "wavelength", "target"):
             was, is_ = getattr(before, name), getattr(now, name)

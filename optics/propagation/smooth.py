@@ -3,51 +3,112 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import torch
 
 from optics.fourier import fft
+from optics.propagation.light import shares, squares
 from optics.propagation.span import Span
 from optics.propagation.transfer import transfer
 
 _SHARE = 0.5
 """Of the tolerance, that light outside the promise may be worth."""
 
-
-def light_spectrum(field: torch.Tensor) -> torch.Tensor:
-    """Where a field's light is among the frequencies of an FFT, real; sums to that of |u|²."""
-    rows, columns = field.shape[-2:]
-    spectrum = fft(fft(field.detach(), rows, -2), columns, -1)
-    return (spectrum.real**2 + spectrum.imag**2) / (rows * columns)
+_SINGLE = 1e-5
+"""Tolerance from which on single precision judges: what is allowed is 2.5e-11 of the light
+there, and the rounding of an FFT is 1e-13 of it."""
 
 
-def require_smooth(
-    span: Span, field: torch.Tensor, light: torch.Tensor, spectrum: torch.Tensor
-) -> None:
-    """Raise ValueError for a field with light beyond its band or at the source's edges.
+class Promise:
+    """What the samples of a span's smooth field promise, held against a field at every call.
 
-    field: (..., rows, columns). light: that of each field, square metres times |u|².
-    spectrum: the field's light_spectrum().
+    Which of an FFT's frequencies lie within carrier ± band is found once.
     """
-    field = field.detach()
-    dark = light <= 0
-    total = torch.where(dark, 1.0, light / span.area)
-    allowed = (_SHARE * span.tol) ** 2
-    edges = float((_edge_light(span, field) / total).max()) if total.numel() else 0.0
-    if edges > allowed:
-        raise ValueError(
-            f"field doesn't vanish at the source's edges: a share of {edges:.2g} of its light "
-            "stands there. Give a larger plane on which it does, or cells= if each sample is a "
-            "rectangle of constant field"
+
+    def __init__(self, span: Span) -> None:
+        self._span = span
+        inside = [_inside(span, axis) for axis in (0, 1)]
+        self._within_x, self._beyond_x = _runs(inside[1]), _runs(~inside[1])
+        self._beyond_y = _runs(~inside[0])
+        self._dtype = torch.complex64 if span.tol >= _SINGLE else torch.complex128
+        self._deviation: torch.Tensor | None = None
+
+    def kept(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """A field's spectrum, at the frequencies along x that are within its band.
+
+        field: (..., rows, columns) of ordinary strength. light: the sum of |u|² of each.
+        Raises ValueError for a field with light beyond its band or at the source's edges.
+        """
+        span, field = self._span, field.detach().to(self._dtype)
+        allowed = (_SHARE * span.tol) ** 2
+        edges = max(shares(_edge_light(span, field), light), default=0.0)
+        if edges > allowed:
+            raise ValueError(
+                f"field doesn't vanish at the source's edges: a share of {edges:.2g} of its "
+                "light stands there. Give a larger plane on which it does, or cells= if each "
+                "sample is a rectangle of constant field"
+            )
+        spectrum, beyond = self._spectrum(field)
+        outside = max(shares(beyond, light), default=0.0)
+        if outside > allowed:
+            raise ValueError(
+                f"field has a share of {outside:.2g} of its light outside carrier ± band "
+                f"({_cycles(span.carrier)} ± {_cycles(span.bands)} cycles/m). Sample it finer, "
+                "give the carrier= of its fringes, or cells= if each sample is a rectangle of "
+                "constant field"
+            )
+        return spectrum
+
+    def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The spectrum, and the sum of |u|² of what is outside carrier ± band.
+
+        What is beyond it along x needn't be transformed along y (Parseval).
+        """
+        rows, columns = field.shape[-2:]
+        lines = fft(field, columns, -1)
+        spectrum = fft(_picked(lines, self._within_x), rows, -2)
+        beyond = torch.zeros(field.shape[:-2], dtype=torch.float64, device=field.device)
+        for run in self._beyond_x:
+            beyond = beyond + squares(lines[..., run]) / columns
+        for run in self._beyond_y:
+            beyond = beyond + squares(spectrum[..., run, :]) / (rows * columns)
+        return spectrum, beyond
+
+    def paraxial_shortfall(self, spectrum: torch.Tensor) -> float:
+        """Relative L2 error of Fresnel's transfer function, over the light of a smooth field.
+
+        spectrum: of the field, from kept(). The largest of all fields' errors, 0 of a dark one.
+        """
+        if self._deviation is None:
+            self._deviation = self._paraxial_deviation()
+        off = self._deviation.to(spectrum.device)
+        power = spectrum.real**2 + spectrum.imag**2
+        total = power.sum(dim=(-2, -1), dtype=torch.float64)
+        wrong = (power * off).sum(dim=(-2, -1), dtype=torch.float64)
+        return math.sqrt(max(shares(wrong, total), default=0.0))
+
+    def _paraxial_deviation(self) -> torch.Tensor:
+        """|H - H'|² of the exact and Fresnel's transfer functions, at the frequencies kept."""
+        y, x = (_frequencies(self._span, axis) for axis in (0, 1))
+        x = _picked(x, self._within_x)
+        n = self._span.numeric
+        exact, fresnel = (
+            transfer(y[:, None], x, n.distance, n.wavelength, paraxial=paraxial)
+            for paraxial in (False, True)
         )
-    outside = float((_outer_light(span, spectrum) / total).max()) if total.numel() else 0.0
-    if outside > allowed:
-        raise ValueError(
-            f"field has a share of {outside:.2g} of its light outside carrier ± band "
-            f"({_cycles(span.carrier)} ± {_cycles(span.bands)} cycles/m). Sample it finer, give "
-            "the carrier= of its fringes, or cells= if each sample is a rectangle of constant "
-            "field"
-        )
+        return ((exact - fresnel).abs() ** 2).to(torch.float32)
+
+
+def _runs(mask: torch.Tensor) -> list[slice]:
+    """Where a mask is true, run by run: slices are faster than indices, by far."""
+    edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
+    return [slice(first, last) for first, last in pairwise(edges)][::2]
+
+
+def _picked(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
+    """Those of the last dimension that are in some runs."""
+    return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
 
 
 def _cycles(pair: tuple[float, float]) -> str:
@@ -60,44 +121,15 @@ def _edge_light(span: Span, field: torch.Tensor) -> torch.Tensor:
     Its samples' spectrum is 1 / (2 sin(pi f p)), and its square's integral from the band B to
     the Nyquist rate cot(pi B p) / (2 pi) a sample; as much is taken to be beyond the window.
     """
-    power = field.real**2 + field.imag**2
-    edge = torch.zeros((), dtype=torch.float64)
-    for axis, (band, pitch) in enumerate(zip(span.bands, span.source.pitch, strict=True)):
-        lines = power.movedim(-2 + axis, -1)
-        both = (lines[..., 0] + lines[..., -1]).sum(-1, dtype=torch.float64)
-        edge = edge + both * (1 + 1 / math.tan(math.pi * band * pitch)) / (2 * math.pi)
-    return edge
-
-
-def _outer_light(span: Span, spectrum: torch.Tensor) -> torch.Tensor:
-    """Light at frequencies outside carrier ± band."""
-    inside = [_inside(span, axis).to(spectrum.device) for axis in (0, 1)]
-    beyond = ~(inside[0][:, None] & inside[1])
-    return (spectrum * beyond).sum(dim=(-2, -1), dtype=torch.float64)
-
-
-def paraxial_deviation(span: Span) -> torch.Tensor:
-    """|H - H'|² of the exact and Fresnel's transfer functions, at an FFT's frequencies."""
-    y, x = (_frequencies(span, axis) for axis in (0, 1))
-    n = span.numeric
-    exact, fresnel = (
-        transfer(y[:, None], x, n.distance, n.wavelength, paraxial=paraxial)
-        for paraxial in (False, True)
+    rows, columns = field.shape[-2:]
+    y, x = (
+        (1 + 1 / math.tan(math.pi * band * pitch)) / (2 * math.pi)
+        for band, pitch in zip(span.bands, span.source.pitch, strict=True)
     )
-    return ((exact - fresnel).abs() ** 2).to(torch.float32)
-
-
-def paraxial_shortfall(deviation: torch.Tensor, spectrum: torch.Tensor) -> float:
-    """Relative L2 error of Fresnel's transfer function, over the light of a smooth field.
-
-    deviation: paraxial_deviation(). spectrum: the field's light_spectrum(). The largest of all
-    fields' errors, 0 of a dark one.
-    """
-    total = spectrum.sum(dim=(-2, -1), dtype=torch.float64)
-    off = deviation.to(spectrum.device)
-    wrong = (spectrum * off).sum(dim=(-2, -1), dtype=torch.float64)
-    share = torch.where(total > 0, wrong / torch.where(total > 0, total, 1.0), 0.0)
-    return math.sqrt(float(share.max())) if share.numel() else 0.0
+    # A line that is alone is both edges.
+    y, x = y * (2 / min(rows, 2)), x * (2 / min(columns, 2))
+    first_last_y, first_last_x = (slice(None, None, max(n - 1, 1)) for n in (rows, columns))
+    return y * squares(field[..., first_last_y, :]) + x * squares(field[..., first_last_x])
 
 
 def _frequencies(span: Span, axis: int) -> torch.Tensor:

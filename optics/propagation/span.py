@@ -166,4 +166,13 @@ class Span:
     @property
     def differentiable(self) -> bool:
         """Whether a derivative in a length is wanted."""
-        return any(map(recorded, (self.distance, self.wavelength, *self.target.centre)))
+        return any(map(recorded, self._scalars))
+
+    @cached_property
+    def changeable(self) -> bool:
+        """Whether a length is more than a number: a tensor's value may change under a plan."""
+        return not all(isinstance(one, (int, float)) for one in self._scalars)
+
+    @property
+    def _scalars(self) -> tuple[Scalar, ...]:
+        return (self.distance, self.wavelength, *self.target.centre)

@@ -329,7 +329,7 @@ class SpectralPropagator(Propagator):
 
     def _through(self, stage: Stage, field: torch.Tensor) -> torch.Tensor:
         spectrum = self._filtered(stage.there(field), stage.frequencies)
-        return stage.back(spectrum.conj()).conj().resolve_conj()
+        return _conjugate(stage.back(_conjugate(spectrum)))
 
     def _backwards(self, stage: Stage, field: torch.Tensor) -> torch.Tensor:
         spectrum = stage.back.adjoint(field.to(self.dtype).conj()).conj()
@@ -360,6 +360,11 @@ def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight
     return spectrum.mul_(weight)
+
+
+def _conjugate(values: torch.Tensor) -> torch.Tensor:
+    """In the values' own memory where nobody asks for derivatives."""
+    return values.conj().resolve_conj() if values.requires_grad else values.conj_physical_()
 
 
 def _rows_of(plane: Plane, first: int, last: int) -> Plane:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -13,7 +14,7 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.edge import as_number, recorded
-from optics.psf.dim import shortfall
+from optics.psf.dim import Dimness
 from optics.psf.edge_light import EdgeLight
 from optics.psf.engine import Engine
 from optics.psf.lens_grid import Search
@@ -126,16 +127,25 @@ class ChainEngine(Engine):
         area = q.samples.pitch[0] * q.samples.pitch[1]
         return area * q.radius**4 / (q.scale**2 * q.spread**2 * self._power())
 
+    @property
+    def _within(self) -> float:
+        """Share of the error's square that light makes whose frequencies pass the stop."""
+        return 0.0
+
     def _kept(
-        self, light: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+        self,
+        light: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        inside: Callable[[], tuple[float, float]] | None = None,
     ) -> torch.Tensor:
-        """The light, if the window gets enough of it; else that of an engine planned for less."""
-        ratio = shortfall(
-            self._edge,
-            self._question.inner,
-            light,
-            amplitude,
-            lambda: self.modulated(phase, amplitude),
+        """The light, if the window gets enough of it; else that of an engine planned for less.
+
+        inside: the panel's brightness (see Dimness), where somebody knows it sooner.
+        """
+        look = inside or (lambda: self._edge.inside(self.modulated(phase, amplitude)))
+        ratio = Dimness(self._edge, self._question.inner, light, amplitude, look).ratio(
+            self._within
         )
         if self.error.value / ratio + self.arithmetic <= self._promised:
             return light

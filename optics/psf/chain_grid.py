@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import torch
 
@@ -17,12 +18,12 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
-from optics.chebyshev import smooth
 from optics.fourier import unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf.chain import ChainEngine, require_open
 from optics.psf.lens_grid import Search, lens_grid
 from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
+from optics.psf.lens_wave import LensWave
 from optics.psf.openings import Openings
 from optics.psf.question import Question
 from optics.psf.relay import Relay, RelayAxis, relayed
@@ -34,8 +35,8 @@ _GRID_SHARE, _TRANSFORM_SHARE = 0.92, 0.02
 """Of the tolerance: what the grid may leave out, and what a transform may add in the field."""
 
 
-_ROWS = 64
-"""Of the lens' samples whose wave is made at a time."""
+_WAVE_ROOM = 0.25
+"""Of the memory allowed, what an aberrated lens' wave may take to be kept."""
 
 
 class GridEngine(ChainEngine):
@@ -69,10 +70,16 @@ class GridEngine(ChainEngine):
         left_out = self._grid.error + rough + 2 * self._pass.onward.error
         self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
 
+    _lens_wave: LensWave | None
+
     def _settle(self, axes: list[RelayAxis]) -> None:
         self.relay = Relay(axes[0], axes[1], self._dtype)
         self._plane = lens_plane(self._question.numeric, axes)
         self._pass = self._planned_pass()
+        n, self._lens_wave = self._question.numeric, None
+        if not n.lens.quadratic:
+            room = _WAVE_ROOM * n.budget.memory
+            self._lens_wave = LensWave(partial(_phase, n), self._plane, self._dtype, room)
         rows, columns = self._plane.shape
         self.sampling = f"{columns}x{rows} samples at the lens"
 
@@ -102,50 +109,49 @@ class GridEngine(ChainEngine):
     @property
     def bytes(self) -> int:
         rows, columns = self._plane.shape
-        dense = self._question.differentiable or not self._question.lens.quadratic
-        wave = 6 * self._dtype.itemsize * rows * columns if dense else 0
+        dense = 6 * self._dtype.itemsize * rows * columns if self._question.differentiable else 0
         panel = self._camera.panel.shape
-        return self._pass.bytes + wave + 40 * panel[0] * panel[1]
+        wave = self._lens_wave.bytes if self._lens_wave and not dense else 0
+        return self._pass.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return self._pass.cpu_seconds(speed) * (3 if self._question.sphere else 1)
+        wave = self._lens_wave.cpu_seconds(speed) if self._lens_wave else 0.0
+        return (self._pass.cpu_seconds(speed) + wave) * (3 if self._question.sphere else 1)
 
     def prepare(self) -> None:
         require_open(self._camera)
         if not self.error.value + self.arithmetic <= self._question.tol:
             raise unkeepable(self._question.tol, self.error.value + self.arithmetic)
         if not self._question.differentiable:
-            self._pass.light_up(*self._waves())
+            if self._lens_wave:
+                self._lens_wave.prepare()
+            self._pass.light_up(self._turns(), self._lens_wave)
 
-    def _waves(self) -> tuple[tuple[torch.Tensor, torch.Tensor], torch.Tensor | None]:
-        """The lens' wave along y and x, and what isn't their product."""
+    def _turns(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The lens' wave along y and x, of one that is their product."""
         n = self._question.numeric
-        if n.lens.quadratic:
-            curvature = defocus_curvature(n.lens, n.from_lens, n.wavelength) / (2 * math.pi)
-            y, x = (
-                unit_phasor(curvature * self._plane.coordinates(axis) ** 2, torch.complex128)
-                for axis in (0, 1)
-            )
-            return (y, x), None
-        y, x = (torch.ones(count, dtype=torch.complex128) for count in self._plane.shape)
-        known = smooth(partial(_phase, n), self._plane)
-        if known is None:
-            return (y, x), self._wave(_phase(n, *self._plane.mesh()))
-        rows = self._plane.shape[0]
-        parts = [known.rows(slice(at, at + _ROWS)) for at in range(0, rows, _ROWS)]
-        return (y, x), torch.cat([self._wave(part) for part in parts])
-
-    def _wave(self, phase: torch.Tensor) -> torch.Tensor:
-        return unit_phasor(phase / (2 * math.pi), self._dtype)
+        if not n.lens.quadratic:
+            y, x = (torch.ones(count, dtype=torch.complex128) for count in self._plane.shape)
+            return y, x
+        curvature = defocus_curvature(n.lens, n.from_lens, n.wavelength) / (2 * math.pi)
+        y, x = (
+            unit_phasor(curvature * self._plane.coordinates(axis) ** 2, torch.complex128)
+            for axis in (0, 1)
+        )
+        return y, x
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         modulated = self.modulated(phase, amplitude)
         if not modulated.numel():
             return self.none(modulated)
-        field = self._at_sensor(self.relay, modulated)
+        spectrum = spectrum_of(self.relay, modulated)
+        if self._question.differentiable:
+            field = self._moving(self.relay, modulated)
+        else:
+            field = passed_through(self._pass, spectrum)
         for axis, part in self.leaning(modulated):
             field = field + self._at_sensor(self._leaning_relay(axis), part)
-        return self._light(field, phase, amplitude)
+        return self._light(field, phase, amplitude, spectrum)
 
     def _leaning_relay(self, axis: int) -> Relay:
         axes = [replace(one, leaning=k == axis) for k, one in enumerate(self.relay.axes)]
@@ -161,24 +167,44 @@ class GridEngine(ChainEngine):
         self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
         """intensity() of a panel whose spectrum is known already."""
-        return self._light(passed_through(self._pass, spectrum), phase, amplitude)
+        return self._light(passed_through(self._pass, spectrum), phase, amplitude, spectrum)
 
     def _moving(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
         """_at_sensor() with derivatives in all lengths."""
         q = self._question
-        wave = self._wave(_phase(q, *self._plane.mesh()))
+        turns = _phase(q, *self._plane.mesh()) / (2 * math.pi)
+        wave = unit_phasor(turns, self._dtype)
         wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._plane)
         field = relayed(relay, field, self._moved()) * wave.to(self._dtype).to(field.device)
         moved = q.derivatives
         return self._pass.onward(field, moved.stretch, moved.shift)
 
     def _light(
-        self, field: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+        self,
+        field: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor,
     ) -> torch.Tensor:
         cell = self._plane.pitch[0] * self._plane.pitch[1] / self._question.numeric.radius**2
         light = (field.real**2 + field.imag**2) * (self.strength() * cell**2)
-        double = self._dtype == torch.complex128
-        return self._kept(light.to(torch.float64 if double else torch.float32), phase, amplitude)
+        light = light.to(torch.float64 if self._dtype == torch.complex128 else torch.float32)
+
+        def inside() -> tuple[float, float]:
+            low, high = (end.tolist() for end in self._edge.passing)
+            power = self.relay.power(spectrum.detach(), low, high)
+            rows, columns = self._camera.panel.shape
+            sent: Any = rows * columns
+            if amplitude is not None:
+                sent = (amplitude.detach().abs() ** 2).sum(dim=(-2, -1)).clamp(min=1e-300)
+            found = power / sent
+            return float(found.min()), float(found.max())
+
+        return self._kept(light, phase, amplitude, inside)
+
+    @cached_property
+    def _within(self) -> float:
+        return self._search.within(self._grid)
 
 
 def _phase(q: Question, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:

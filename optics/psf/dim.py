@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 
 import torch
 
@@ -14,29 +15,54 @@ _DIMMER = 0.8
 that light."""
 
 
-def shortfall(
-    edge: EdgeLight,
-    inner: tuple[slice, slice],
-    light: torch.Tensor,
-    amplitude: torch.Tensor | None,
-    leaving: Callable[[], torch.Tensor],
-) -> float:
-    """By what an error of an evenly lit panel has to be divided for this light; 1 at the most.
+class Dimness:
+    """By what errors for an evenly lit panel have to be divided for the light of a pattern.
 
-    An error is a share of the light that the stop's edge may scatter, which an even panel sends
-    everywhere; a smooth pattern sends less of it. inner: rows and
-    columns of the window. light: (..., rows, columns). leaving: makes the panel's field; it is
-    called only where it matters.
+    Such an error is a share of the light that the stop's edge may scatter, which an even panel
+    sends everywhere. A pattern may send less of it to the window, and more to where the edge
+    scatters it from: beside the window, but through the stop as well (light that `passes`), or
+    nowhere near.
+
+    inner: rows and columns of the window. light: (..., rows, columns). inside: brightness of the
+    panel at frequencies that pass, over that of an even panel: the least and the most of a batch.
+    It is called only where it matters.
     """
-    total = 1.0 if amplitude is None else float((amplitude.detach().abs() ** 2).mean())
-    even = edge.window_share * total
-    if not (light.numel() and even > 0):
-        return 1.0
-    rows, columns = inner
-    least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
-    brightness = least / even / _DIMMER
-    if not 0 < brightness < 1:
-        return 1.0
-    with torch.no_grad():
-        rest = min(1.0, edge.rest(leaving()))
-    return math.sqrt(min(1.0, brightness / rest)) if rest > 0 else 1.0
+
+    def __init__(
+        self,
+        edge: EdgeLight,
+        inner: tuple[slice, slice],
+        light: torch.Tensor,
+        amplitude: torch.Tensor | None,
+        inside: Callable[[], tuple[float, float]],
+    ) -> None:
+        self._share = min(max(edge.passing_share, 1e-9), 1 - 1e-3)
+        self._look = inside
+        total = 1.0 if amplitude is None else float((amplitude.detach().abs() ** 2).mean())
+        even = edge.window_share * total
+        self.brightness = math.inf
+        if light.numel() and even > 0:
+            rows, columns = inner
+            least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
+            # Of a dark window nothing is known.
+            self.brightness = least / even / _DIMMER if least > 0 else math.inf
+
+    @cached_property
+    def _inside(self) -> tuple[float, float]:
+        with torch.no_grad():
+            return self._look()
+
+    def ratio(self, within: float) -> float:
+        """Of an error of whose square light that passes makes the share `within`; 1 at most."""
+        most = within / self._share + (1 - within) / (1 - self._share)
+        if self.brightness >= most:
+            return 1.0
+        least, brightest = self._inside
+        beside = max(1 - least * self._share, 0.0) / (1 - self._share)
+        wrong = within * brightest + (1 - within) * beside
+        return min(1.0, math.sqrt(self.brightness / wrong)) if wrong > 0 else 1.0
+
+    @property
+    def even(self) -> float:
+        """Of an error that every pattern makes alike; 1 at most."""
+        return min(1.0, math.sqrt(self.brightness))

@@ -79,15 +79,13 @@ class EdgeLight:
         self._at, self._normal, self._length = places
         q = self._q
         low = 1 / (4 * q.radius)
-        high = _FARTHEST / camera.panel.active_side
-        far = np.geomspace(low, max(high, 4 * low), _STEPS + 1)
-        edges = np.concatenate([np.linspace(0, low, _NEAR, endpoint=False), far])
-        away, step = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        edges = _distances(low, _FARTHEST / camera.panel.active_side, len(self._length))
+        away, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges)
         area, rim = q.lens.stop.area * q.radius**2, self._length.sum()
         whole = math.pi * away * area**2 / rim
         each = np.where(away < low, whole, 1 / (4 * math.pi**2 * away**2)) * step
-        self._away = np.concatenate([-away[::-1], away])
-        density = np.concatenate([each[::-1], each])
+        self._away = np.concatenate([-away[:, ::-1], away], axis=1)
+        density = np.concatenate([each[:, ::-1], each], axis=1)
         self._density = self._length[:, None] * density / len(self._window)
 
     def _footprint(self) -> Array:
@@ -234,28 +232,40 @@ class EdgeLight:
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
         return self.share * area / q.scale**2
 
-    def rest(self, field: torch.Tensor) -> float:
-        """Of a panel's light, what doesn't go straight to the window, over an even panel's.
-
-        The most in a batch; field: (..., rows, columns) of the panel.
-        """
-        panel = self._camera.panel
-        power = field.real**2 + field.imag**2
-        total = power.sum(dim=(-2, -1), dtype=torch.float64)
-        inward, even = [], 1.0
+    @cached_property
+    def _kernels(self) -> list[tuple[Array, Array]]:
+        """Frequencies all over the band that passes, and how a pixel sends to them, so that the
+        squares of what is sent add up to light; along each axis."""
+        panel, found = self._camera.panel, []
         for axis in (0, 1):
             low, high = (float(end[axis]) for end in self.passing)
-            f = torch.linspace(low, high, 4 * panel.shape[axis], dtype=torch.float64)
-            step = (high - low) / (f.numel() - 1)
-            strength = torch.sinc(f * panel.active_side) * math.sqrt(step * panel.active_side)
-            even *= float((strength**2).sum())
-            turns = -torch.outer(f, panel.plane.coordinates(axis))
-            kernel = unit_phasor(turns, torch.complex128) * strength[:, None]
+            f = np.linspace(low, high, 4 * panel.shape[axis])
+            step = (high - low) / (f.size - 1)
+            strength = np.sinc(f * panel.active_side) * math.sqrt(step * panel.active_side)
+            found.append((f, strength))
+        return found
+
+    @cached_property
+    def passing_share(self) -> float:
+        """Of an evenly lit panel's light, what has frequencies that pass."""
+        return float(np.prod([(strength**2).sum() for _, strength in self._kernels]))
+
+    def inside(self, field: torch.Tensor) -> tuple[float, float]:
+        """Brightness of a panel at frequencies that pass, over that of an evenly lit one.
+
+        The least and the most in a batch; field: (..., rows, columns) of the panel.
+        """
+        power = field.real**2 + field.imag**2
+        total = power.sum(dim=(-2, -1), dtype=torch.float64)
+        inward = []
+        for axis, (f, strength) in enumerate(self._kernels):
+            turns = -torch.outer(torch.from_numpy(f), self._camera.panel.plane.coordinates(axis))
+            kernel = unit_phasor(turns, torch.complex128) * torch.from_numpy(strength)[:, None]
             inward.append(kernel.to(field))
         straight = inward[0] @ field @ inward[1].mT
         light = (straight.real**2 + straight.imag**2).sum(dim=(-2, -1), dtype=torch.float64)
-        beside = (1 - light / total.clamp(min=1e-300)).clamp(0, 1) / max(1 - even, 1e-3)
-        return float(beside.max()) if beside.numel() else 1.0
+        found = light / total.clamp(min=1e-300) / self.passing_share
+        return (float(found.min()), float(found.max())) if found.numel() else (1.0, 1.0)
 
     @cached_property
     def _accepted(self) -> Array:
@@ -286,7 +296,7 @@ class EdgeLight:
     @cached_property
     def across(self) -> Array:
         """By which frequency the edge turns the light: (edge, 1, distance, 2)."""
-        return np.asarray(self._normal[:, None, None] * self._away[:, None])
+        return np.asarray(self._normal[:, None, None] * self._away[:, None, :, None])
 
     def relative(self, lost: float) -> float:
         """Relative L2 error of an intensity whose field lacks that much."""
@@ -335,8 +345,10 @@ class EdgeLight:
         """Relative L2 error of an intensity of whose light so large a share is wrong."""
         return self._safe * math.sqrt(share)
 
-    def of_collapse(self) -> float:
-        """What it costs to put the stop's shadow on the panel in place of the stop.
+    @cached_property
+    def _collapsing(self) -> tuple[float, float]:
+        """Light that is wrong where the stop's shadow on the panel stands for the stop: of
+        frequencies that pass, and of all.
 
         Light of the frequency f that the edge turns to g has run on by the phase
         pi bend (g² - f²) where the panel stands apart.
@@ -347,7 +359,33 @@ class EdgeLight:
         shadow = self._on_panel(self._at / self._spread - self._shift)[:, None, None]
         dark = self._sent(rays.frequency) * self._density[:, None]
         lit = (rays.light + np.where(shadow, dark, 0.0)) / 2
-        return self.relative(float((lit * (2 - 2 * np.cos(turn))).sum()))
+        lost = lit * (2 - 2 * np.cos(turn))
+        return float(lost[between(rays.frequency, *self.passing)].sum()), float(lost.sum())
+
+    def of_collapse(self) -> float:
+        """What it costs to put the stop's shadow on the panel in place of the stop."""
+        return self.relative(self._collapsing[1])
+
+    @property
+    def collapse_within(self) -> float:
+        """Share of that error's square that light of frequencies that pass makes."""
+        within, whole = self._collapsing
+        return within / whole if whole > 0 else 0.0
+
+
+def _distances(low: float, high: float, pieces: int) -> Array:
+    """Ends of the steps in distance from an edge's own frequency, (pieces, steps + 1), cycles a
+    metre; those nearer than `low` first.
+
+    Every piece of the edge has other steps (by the golden ratio, so that neighbours' fill each
+    other's gaps): where a band ends, or the panel, is told much finer than by a step.
+    """
+    high = max(high, 4 * low)
+    shift = ((np.arange(pieces) + 0.5) * (math.sqrt(5) - 1) / 2) % 1
+    number = np.arange(_STEPS + 1) + shift[:, None]
+    far = low * (high / low) ** (number / _STEPS)
+    near = np.broadcast_to(np.linspace(0, low, _NEAR + 1), (pieces, _NEAR + 1))
+    return np.concatenate([near, far], axis=1)
 
 
 def between(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:

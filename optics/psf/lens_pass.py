@@ -12,6 +12,7 @@ from optics.accuracy import Budget, MachineSpeed, cheapest
 from optics.fourier import Geometry, transforms
 from optics.fourier.separable import AxisRule, SeparableTransform
 from optics.plane import Plane
+from optics.psf.lens_wave import LensWave
 from optics.psf.openings import Openings
 from optics.psf.relay import Relay
 
@@ -44,10 +45,10 @@ class LensPass:
         self.onward = cheapest(separable, budget, "light from the lens to the sensor")
         self._rules: tuple[AxisRule, AxisRule] | None = None
         self._turn: tuple[torch.Tensor, torch.Tensor] | None = None
-        self._wave: torch.Tensor | None = None
+        self._wave: LensWave | None = None
 
     def light_up(
-        self, turn: tuple[torch.Tensor, torch.Tensor], wave: torch.Tensor | None = None
+        self, turn: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
     ) -> None:
         """Set the lens' wave: its factors along y and x, and what isn't their product."""
         geometry, dtype = self.onward.geometry, self.relay.dtype
@@ -96,7 +97,7 @@ class LensPass:
         for block, (rows, field) in enumerate(arriving):
             field *= turn_x
             if self._wave is not None:
-                field *= self._wave[rows].to(field.device)
+                field *= self._wave.rows(rows).to(field.device)
             self._openings.apply(field, block)
             yield rows, field
 
@@ -115,7 +116,7 @@ class LensPass:
         for block, rows in enumerate(self._openings.rows):
             part = x_rule.adjoint(back[:, rows].contiguous()).mT * turn_x[:, 0]
             if self._wave is not None:
-                part *= self._wave[rows].to(field.device).conj()
+                part *= self._wave.rows(rows).to(field.device).conj()
             self._openings.apply(part, block)
             lines[rows] = x_axis.to_lens_adjoint(part, x_transfer, -1)
         return y_axis.to_lens_adjoint(lines, y_transfer, -2)
@@ -125,10 +126,9 @@ class LensPass:
         y, x = self.relay.axes
         rows, columns = self.onward.image.shape
         between = x.kept * y.count + columns * y.count + rows * columns
-        wave = 0 if self._wave is None else y.count * x.count
         spectrum = x.kept * (y.kept + y.length + y.fold)
         block = 6 * 16 * max(x.fold, x.count)
-        return self.relay.dtype.itemsize * (2 * between + wave + spectrum + block)
+        return self.relay.dtype.itemsize * (2 * between + spectrum + block)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         return self.relay.cpu_seconds(speed) + self.onward.cpu_seconds(speed)

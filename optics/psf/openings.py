@@ -14,7 +14,7 @@ from optics.plane import Plane
 from optics.stop.aperture import Stop
 from optics.stop.coverage import Coverage, coverage
 
-_ROWS, _COLUMNS = 16, 128
+_ROWS, _COLUMNS = 16, 64
 """Samples in a cell of the coarse picture, in which whole cells are open or closed. Sixteen rows
 of a fine grid still fit into a processor's cache."""
 
@@ -49,7 +49,8 @@ class Openings:
     def blocks(self) -> list[list[Stretch]]:
         """The stretches of every block; made at the first call, and kept."""
         if self._blocks is None:
-            picture, fine = self._coarse(), Coverage(self._stop, self._radius, self._plane)
+            fine = Coverage(self._stop, self._radius, self._plane)
+            picture = self._coarse()
             self._blocks = [
                 self._stretches(fine, rows, line)
                 for rows, line in zip(self.rows, picture, strict=True)

@@ -147,11 +147,19 @@ class RelayAxis:
                 at += size
         return fft(whole, self.length, dim, inverse=True, scaled=False).narrow(dim, 0, self.n)
 
-    def to_lens(self, spectrum: torch.Tensor, transfer: torch.Tensor, dim: int) -> torch.Tensor:
+    def to_lens(
+        self,
+        spectrum: torch.Tensor,
+        transfer: torch.Tensor,
+        dim: int,
+        scratch: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """scratch: (`fold` along dim), in whose memory the answer comes; new memory takes time."""
         shape = list(spectrum.shape)
         shape[dim] = self.fold
-        covered = self.frequencies >= self.fold
-        folded = spectrum.new_empty(shape) if covered else spectrum.new_zeros(shape)
+        folded = spectrum.new_empty(shape) if scratch is None else scratch
+        if self.frequencies < self.fold:
+            folded.zero_()
         for source, target, at, size in self._runs():
             weight = _along(transfer[at : at + size], dim)
             part, into = spectrum.narrow(dim, source, size), folded.narrow(dim, target, size)
@@ -181,6 +189,17 @@ class RelayAxis:
             size = min(self.length - start, last + 1 - at)
             yield start, size
             at += size
+
+    def stretches(self, low: float, high: float) -> list[slice]:
+        """Where a spectrum holds the frequencies from low to high."""
+        first, last = math.ceil(low * self.period), math.floor(high * self.period)
+        if self.kept < self.length:
+            start = self.held[0]
+            return [slice(max(first - start, 0), max(last + 1 - start, 0))]
+        if last - first + 1 >= self.length:
+            return [slice(0, self.length)]
+        first, end = first % self.length, (last + 1) % self.length
+        return [slice(first, end)] if first <= end else [slice(0, end), slice(first, self.length)]
 
     def _runs(self) -> Iterator[tuple[int, int, int, int]]:
         """Stretches of the band that are whole in the kept spectrum and in the folded one: where
@@ -226,6 +245,20 @@ class Relay:
         y, x = self.axes
         return y.spectrum(x.spectrum(field.to(self.dtype), -1), -2)
 
+    def power(
+        self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
+    ) -> torch.Tensor:
+        """Mean square of a spectrum (..., y, x) over frequencies of a band, from low to high
+        along y and x: of light that is sent everywhere alike, the sum of its squares."""
+        y, x = (axis.stretches(*ends) for axis, *ends in zip(self.axes, low, high, strict=True))
+        found, count = spectrum.real.new_zeros(spectrum.shape[:-2]), 0
+        for rows in y:
+            for columns in x:
+                part = spectrum[..., rows, columns]
+                found = found + torch.linalg.vector_norm(part, dim=(-2, -1)) ** 2
+                count += part.shape[-2] * part.shape[-1]
+        return found / max(count, 1)
+
     def spectrum_adjoint(self, spectrum: torch.Tensor) -> torch.Tensor:
         y, x = self.axes
         return x.spectrum_adjoint(y.spectrum_adjoint(spectrum, -2), -1)
@@ -240,11 +273,13 @@ class Relay:
     def arriving(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
     ) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Some rows of the field at the lens after the others, (rows, columns)."""
+        """Some rows of the field at the lens after the others, (rows, columns), all in the same
+        memory."""
         y, x = self.transfers(spectrum.device)
         lines = self.axes[0].to_lens(spectrum, y, -2)
+        scratch = lines.new_empty((max(_height(rows) for rows in blocks), self.axes[1].fold))
         for rows in blocks:
-            yield rows, self.axes[1].to_lens(lines[rows], x, -1)
+            yield rows, self.axes[1].to_lens(lines[rows], x, -1, scratch[: _height(rows)])
 
     def to_lens_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
         y, x = self._weighed(grid.device, (None, None))
@@ -349,6 +384,10 @@ def _changes(
     )
     stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
     return bend.sum(), stretch, along_y.sum(), along_x.sum()
+
+
+def _height(rows: slice) -> int:
+    return int(rows.stop - rows.start)
 
 
 def fast_length(least: float) -> int:

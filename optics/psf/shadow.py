@@ -13,7 +13,7 @@ from optics.plane import Plane
 from optics.psf.chain_grid import GridEngine
 from optics.psf.collapse import collapsed
 from optics.psf.cut_pixels import gray_share
-from optics.psf.dim import shortfall
+from optics.psf.dim import Dimness
 from optics.psf.engine import Engine
 from optics.psf.lens_grid import Search
 from optics.psf.panel import PanelEngine
@@ -46,12 +46,15 @@ class CollapsedEngine(Engine):
                 'through a collapsed camera; take method="chain"'
             )
         self._require_still(question, thin)
-        self._neglected = search.edge.of_collapse() + self._of_cut_pixels(thin)
-        left = n.tol - self._neglected
+        self._of_edge, self._of_cuts = search.edge.of_collapse(), 0.0
+        if self._of_edge < n.tol:
+            self._of_cuts = self._of_cut_pixels(thin)
+        neglected = self._of_edge + self._of_cuts
+        left = n.tol - neglected
         if not left > 0:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by a collapsed camera: what the stop's edge does to "
-                f'the light is worth about {rounded_up(self._neglected)}; take method="chain"'
+                f'the light is worth about {rounded_up(neglected)}; take method="chain"'
             )
         inner = _collapsed_question(question, camera, left)
         self._panel = PanelEngine(inner, thin, transform=transform)
@@ -60,7 +63,7 @@ class CollapsedEngine(Engine):
         self.sampling = self._panel.sampling
         inner_error = self._panel.error
         self.error = ErrorEstimate(
-            inner_error.value + self._neglected,
+            inner_error.value + neglected,
             f"{inner_error.how}, and an estimate of the stop's edge for an evenly lit panel",
         )
         self._chain: GridEngine | None = None
@@ -95,14 +98,16 @@ class CollapsedEngine(Engine):
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         light = self._panel.intensity(phase, amplitude) * self._brightness
-        ratio = shortfall(
-            self._search.edge,
+        edge = self._search.edge
+        dimness = Dimness(
+            edge,
             self._question.inner,
             light,
             amplitude,
-            lambda: self._leaving(phase, amplitude),
+            lambda: edge.inside(self._leaving(phase, amplitude)),
         )
-        lost = self._neglected / ratio + self._panel.error.value + self.arithmetic
+        lost = self._of_edge / dimness.ratio(edge.collapse_within) + self._of_cuts / dimness.even
+        lost += self._panel.error.value + self.arithmetic
         if lost <= self._question.tol:
             return light
         return self._otherwise().intensity(phase, amplitude)

@@ -397,6 +397,83 @@ def test_a_bad_field_is_named():
         operator(bad)
 
 
+@pytest.mark.parametrize("dtype", [torch.complex64, torch.complex128])
+@pytest.mark.parametrize("value", [math.inf, complex(0, math.nan), complex(-math.inf, math.inf)])
+def test_what_isn_t_finite_is_counted_in_any_field_of_a_batch(dtype, value):
+    operator = FreeSpace(PANEL, SENSOR, 0.05, BLUE, cells=CELLS)
+    bad = torch.from_numpy(modulation(batch=(3,))).to(dtype)
+    bad[1, 4, 5] = bad[2, 0, 0] = value
+    with pytest.raises(ValueError, match="2 NaN or infinite values of 360"):
+        operator(bad)
+    back = torch.ones(SENSOR.shape, dtype=dtype)
+    back[1, 1] = value
+    with pytest.raises(ValueError, match="1 NaN"):
+        operator.adjoint(back)
+
+
+@pytest.mark.parametrize("carrier", [(0.0, 0.0), (60e3, -80e3)])
+@pytest.mark.parametrize("beyond", [(80e3, 0.0), (0.0, -80e3), (80e3, 80e3)])
+@pytest.mark.parametrize(
+    ("dtype", "tol"),
+    [(torch.complex64, 1e-3), (torch.complex128, 1e-3), (torch.complex128, 1e-6)],
+)
+def test_light_beyond_the_band_may_be_worth_half_of_the_tolerance(carrier, beyond, dtype, tol):
+    """Two Gaussians that share no light: the second's is known, and wholly beyond 50 per mm."""
+    plane = Plane((64, 64), (5e-6, 5e-6))
+    operator = FreeSpace(plane, plane, 1e-4, BLUE, carrier=carrier, tol=tol)
+    y, x = mesh(plane)
+
+    def fringes(frequency):
+        turns = (carrier[0] + frequency[0]) * y + (carrier[1] + frequency[1]) * x
+        return np.exp(-(y**2 + x**2) / 30e-6**2 + 2j * np.pi * turns)
+
+    for share, refused in ((0.8, False), (1.25, True)):
+        both = fringes((0.0, 0.0)) + 0.5 * tol * math.sqrt(share) * fringes(beyond)
+        field = torch.from_numpy(both).to(dtype)
+        if not refused:
+            operator(field)
+            continue
+        with pytest.raises(ValueError, match="outside carrier ± band") as said:
+            operator(field)
+        told = float(re.search(r"share of (\S+) of its", str(said.value)).group(1))
+        assert told == pytest.approx(share * (0.5 * tol) ** 2, rel=0.03)
+
+
+def test_a_single_line_of_a_smooth_field_is_refused_as_all_edge():
+    for shape in ((1, 64), (64, 1)):
+        line = Plane(shape, (5e-6, 5e-6))
+        y, x = mesh(line)
+        operator = FreeSpace(line, SENSOR, 0.05, BLUE)
+        with pytest.raises(ValueError, match="doesn't vanish at the source's edges"):
+            operator(np.exp(-(y**2 + x**2) / 30e-6**2) + 0j)
+
+
+def test_a_dim_target_s_account_has_the_time_of_all_plans():
+    """Direct quadrature's time goes with the pairs of points, which both plans tell."""
+    target = Plane((7, 8), (4e-6, 4e-6), (90e-6, -80e-6))
+    asked = BEAM, target, 5e-3, BLUE
+    settings = {"band": (0.75e5, 0.75e5), "method": "direct quadrature"}
+    operator, field = FreeSpace(*asked, **settings), gauss(BEAM, 20e-6, 0.0, BLUE)
+
+    def points(account):
+        columns, rows = re.match(r"(\d+)x(\d+) source points", account.sampling).groups()
+        return int(columns) * int(rows)
+
+    first = operator.account
+    share = np.sum(np.abs(operator(field)) ** 2) * 4e-6**2 / np.sum(np.abs(field) ** 2) / 5e-6**2
+    assert share < 1e-3
+    both = operator.account
+    function = operator.span.budget.speed.call
+    a_point = (first.cpu_predicted - function) / points(first)
+    assert both.cpu_predicted == pytest.approx(
+        2 * function + a_point * (points(first) + points(both))
+    )
+    operator(field)
+    assert operator.account == both
+    result = propagate(field, *asked, **settings)
+    assert result.account.cpu_predicted == both.cpu_predicted
+
+
 def test_a_method_that_can_t_serve_says_why():
     with pytest.raises(ValueError, match="sharp edges"):
         FreeSpace(PANEL, PANEL, 0.05, BLUE, cells=CELLS, method="angular spectrum")
