@@ -253,13 +253,16 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     scene = setup.scene
     assert scene is not None
     targets, truth = scene.build(), scene.truth
+    forced = {name: on for name, on in scene.effects.items() if isinstance(on, bool)}
+    for name in scene.effects.keys() - forced.keys():
+        raise UserError(f"{setup.scene_source}: key 'effects.{name}': say true or false.")
     try:
         return World(
             truth.camera(camera) if truth else camera,
             targets,
             mount=truth.mount.build() if truth else None,
             tol=scene.tol,
-            forced=scene.effects,
+            forced=forced,
             clock=clock,
             faults=setup.faults,
         )

@@ -94,6 +94,10 @@ class Mount:
                     turned[n, order] = turned.get((n, order), 0.0) + part
         return tuple((n, m, path) for (n, m), path in turned.items())
 
+    def place(self, place: Point) -> Point:
+        """A place (y, x) on the sensor, in the panel's axes."""
+        return self._point(place)
+
     def plane(self, plane: Plane) -> Plane:
         """Where a PSF must be known in the panel's axes, to be known on a square plane around
         the axis in the sensor's. It has as many samples on both sides of the origin."""

@@ -24,7 +24,7 @@ from simulator.grid import grid_for
 from simulator.motion import Pictures
 from simulator.mount import Mount
 from simulator.rendering import Renderer
-from simulator.scene import Scene
+from simulator.scene import Scene, Target
 from simulator.shown import Mixture, Procession, Shown
 
 
@@ -70,6 +70,8 @@ class World:
         self.wavelength = 550e-9
         self.bandwidth = 7e-9
         self.target = next(iter(scene.targets))
+        for target in scene.targets.values():
+            _spectrum(target)
         self._decide = Decider(camera, tol, self.forced)
         self._renderer = Renderer(camera, mount or Mount(), tol)
         self._psfs = Cache(8)
@@ -159,7 +161,7 @@ class World:
         check()
         spectrum = self._spectra.get(
             (state.target, wavelength, grid),
-            lambda: target.spectrum(plane, self.camera, wavelength),
+            lambda: _spectrum(target)(plane, self.camera, wavelength),
         )
         check()
         shares = form_image(
@@ -180,3 +182,14 @@ def _band(centre: float, bandwidth: float, nodes: int) -> list[tuple[float, floa
     sigma = bandwidth / (2 * math.sqrt(2 * math.log(2)))
     wavelengths = centre + math.sqrt(2) * sigma * x
     return list(zip(wavelengths.tolist(), (weights / weights.sum()).tolist(), strict=True))
+
+
+def _spectrum(target: Target) -> Callable[..., torch.Tensor]:
+    """What gives a target's light at one wavelength; ValueError for one of layers or parts."""
+    found: Callable[..., torch.Tensor] | None = getattr(target, "spectrum", None)
+    if found is None:
+        raise ValueError(
+            f"a target of the kind {type(target).__name__.lower()} can't be rendered by a run yet; "
+            "take a star, a flat field or a photograph"
+        )
+    return found

@@ -2,118 +2,108 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from labapp.files.reading import FileModel, read_picture
+from labapp.errors import UserError
+from labapp.files.light_table import LightTable
+from labapp.files.measured_targets import CubeTable, DisplayTable, ReliefTable
+from labapp.files.paths_in import files_of, with_folder
+from labapp.files.reading import FileModel
+from labapp.files.scene_targets import (
+    ColorCheckerTable,
+    DarkTable,
+    FlatTable,
+    LayersTable,
+    PinholeTable,
+    SiemensTable,
+    SlantedEdgeTable,
+    UsafTable,
+)
+from labapp.files.scene_targets import PhotographTable as PhotographTable
+from labapp.files.scene_targets import StarTable as StarTable
 from labapp.files.truth_table import TruthTable
-from simulator.scene import Dark, Flat, Photograph, Scene, Star, Target
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Distance = Annotated[float, Field(gt=0)]
-
-
-class DarkTable(FileModel):
-    kind: Literal["dark"]
-
-    def build(self) -> Target:
-        return Dark()
-
-
-class StarTable(FileModel):
-    """A lit pinhole. radiance: W / (sr m² nm).
-
-    offset_um: [y, x] from the axis to the pinhole, as in the upright picture.
-    """
-
-    kind: Literal["star"]
-    diameter_um: Positive
-    distance_m: Distance
-    radiance: Positive
-    offset_um: tuple[Finite, Finite] = (0.0, 0.0)
-
-    def build(self) -> Target:
-        y, x = self.offset_um
-        return Star(
-            self.diameter_um * 1e-6, self.distance_m, self.radiance * 1e9, (y * 1e-6, x * 1e-6)
-        )
-
-
-class FlatTable(FileModel):
-    """An evenly lit field. radiance: W / (sr m² nm)."""
-
-    kind: Literal["flat"]
-    distance_m: Distance
-    radiance: Positive
-
-    def build(self) -> Target:
-        return Flat(self.distance_m, self.radiance * 1e9)
-
-
-class PhotographTable(FileModel):
-    """A print of a picture file. radiance: of its white, W / (sr m² nm).
-
-    credit: who made the picture; reports say it.
-    """
-
-    kind: Literal["photograph"]
-    file: str
-    distance_m: Distance
-    radiance: Positive
-    cover: Annotated[float, Field(gt=0, le=10)] = 1.05
-    credit: str = ""
-
-    def build(self) -> Target:
-        picture = torch.from_numpy(_picture(self.file, _changed(self.file)))
-        return Photograph(picture, self.distance_m, self.radiance * 1e9, self.cover)
-
+from simulator.scene import Scene
 
 TargetTable = Annotated[
-    DarkTable | StarTable | FlatTable | PhotographTable, Field(discriminator="kind")
+    DarkTable
+    | StarTable
+    | PinholeTable
+    | FlatTable
+    | PhotographTable
+    | CubeTable
+    | ColorCheckerTable
+    | SlantedEdgeTable
+    | SiemensTable
+    | UsafTable
+    | LayersTable
+    | ReliefTable
+    | DisplayTable,
+    Field(discriminator="kind"),
 ]
+
+_FIRST = (DarkTable, StarTable, FlatTable, PhotographTable)
+"""Kinds that the first version of the format has."""
 
 
 class SceneFile(FileModel):
-    """Named targets, and how exactly they are simulated.
+    """Named targets and lamps, and how exactly they are simulated.
 
-    tol: relative error of the mean picture that effects may be left out for.
-    effects: effects that are on or off whatever their size. truth: what the bench really is,
-    where that differs from the bench file.
+    tol: relative error of the picture that effects may be left out for. effects: those that are
+    on, off, or at a level of theirs, whatever their size. truth: what the bench really is, where
+    that differs from the bench file.
     """
 
-    version: Literal[1]
+    version: Literal[1, 2]
     title: str
     tol: Annotated[float, Field(gt=0, lt=1)] = 1e-2
-    effects: dict[str, bool] = Field(default_factory=dict)
+    effects: dict[str, bool | str] = Field(default_factory=dict)
+    lights: dict[str, LightTable] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]
     truth: TruthTable | None = None
 
+    @model_validator(mode="after")
+    def _fits_together(self) -> SceneFile:
+        for name, table in self.targets.items():
+            light = getattr(table, "light", None)
+            if light is not None and light not in self.lights:
+                known = ", ".join(self.lights) or "none is given"
+                raise ValueError(
+                    f"target {name!r} stands in the light of {light!r}, which isn't in the table "
+                    f"'lights' ({known})"
+                )
+        if self.version == 1:
+            self._require_the_first_version()
+        return self
+
+    def _require_the_first_version(self) -> None:
+        new = [name for name, one in self.targets.items() if not isinstance(one, _FIRST)]
+        if new or self.lights:
+            what = f"target {new[0]!r}" if new else "the table 'lights'"
+            raise ValueError(f"{what} needs version = 2")
+
     def build(self) -> Scene:
-        """The scene; UserError if a picture can't be read."""
-        return Scene({name: table.build() for name, table in self.targets.items()})
+        """The scene; UserError if a file can't be read, or doesn't hold what it should."""
+        lamps = {name: light.build() for name, light in self.lights.items()}
+        built = {}
+        for name, table in self.targets.items():
+            try:
+                built[name] = replace(table.build(lamps), name=name)
+            except ValueError as error:
+                raise UserError(f"target {name!r}: {error}.") from error
+        return Scene(built)
 
     @property
     def pictures(self) -> list[Path]:
-        """The picture files that the scene needs."""
-        tables = self.targets.values()
-        return sorted({Path(t.file) for t in tables if isinstance(t, PhotographTable)})
+        """The files that the scene needs: pictures, and tables of numbers."""
+        return files_of(self)
 
     def found_in(self, folder: Path) -> SceneFile:
-        """The scene with absolute paths of its pictures, looked for in `folder`."""
-        tables = {
-            name: table.model_copy(update={"file": str(folder / table.file)})
-            if isinstance(table, PhotographTable)
-            else table
-            for name, table in self.targets.items()
-        }
-        return self.model_copy(update={"targets": tables})
+        """The scene with absolute paths of its files, looked for in `folder`."""
+        return with_folder(self, folder)
 
     def with_photographs(self, changes: dict[str, str]) -> SceneFile:
         """The scene with keys of all its photographs changed."""
@@ -122,16 +112,3 @@ class SceneFile(FileModel):
             for name, table in self.targets.items()
         }
         return self.model_copy(update={"targets": tables})
-
-
-@lru_cache(maxsize=2)
-def _picture(file: str, changed: int) -> NDArray[np.float32]:
-    """Read once, though many targets may be prints of it; again when it has changed."""
-    return read_picture(Path(file))
-
-
-def _changed(file: str) -> int:
-    try:
-        return Path(file).stat().st_mtime_ns
-    except OSError:
-        return 0

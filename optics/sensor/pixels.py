@@ -1,4 +1,4 @@
-"""From light to digital numbers, in the quantities of EMVA 1288."""
+"""From light to whole pixels."""
 
 from __future__ import annotations
 
@@ -9,16 +9,10 @@ import numpy as np
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
-from optics.camera import Sensor
-from optics.edge import require_finite, require_positive
 from optics.plane import Plane, centred_crop
 
 PIXEL_OVERSAMPLING = 1.5
 """How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
-
-_SURELY_FULL = 4.0
-"""Full wells of light after which more makes no difference; without an end to it Poisson's
-generator would overflow."""
 
 _REACH = 20
 """Samples that the interpolation reaches beyond a pixel's edge."""
@@ -133,34 +127,3 @@ def _pixels_across(light: torch.Tensor, kernel: torch.Tensor, factor: int) -> to
     lines = padded.reshape(-1, 1, padded.shape[-1])
     pixels = torch.nn.functional.conv1d(lines, kernel[None, None], stride=factor)
     return pixels[..., :count].reshape(*light.shape[:-1], count)
-
-
-def expose(
-    rate: torch.Tensor,
-    exposure: float,
-    sensor: Sensor,
-    generator: torch.Generator,
-    *,
-    shot_noise: bool = True,
-    read_noise: bool = True,
-    dark_current: bool = True,
-) -> torch.Tensor:
-    """One raw frame: (rows, columns) of digital numbers, int32.
-
-    rate: photo-electrons per second and pixel. exposure: seconds. The stages stand in
-    the order of the physics: dark current, shot noise, full well, read noise, gain and
-    black level, quantisation and clipping. A negative rate counts as dark.
-    """
-    require_positive("exposure", exposure, "s")
-    require_finite("rate", rate)
-    mean = rate.clamp(min=0) * exposure
-    if dark_current:
-        mean = mean + sensor.dark_current * exposure
-    mean = mean.clamp(max=_SURELY_FULL * sensor.full_well + 1000)
-    electrons = torch.poisson(mean, generator=generator) if shot_noise else mean
-    electrons = electrons.clamp(max=sensor.full_well)
-    if read_noise:
-        noise = torch.randn(mean.shape, generator=generator, dtype=mean.dtype, device=mean.device)
-        electrons = electrons + sensor.read_noise * noise
-    number = torch.round(electrons / sensor.gain + sensor.black_level)
-    return number.clamp(0, 2**sensor.bits - 1).to(torch.int32)

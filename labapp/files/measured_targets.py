@@ -1,0 +1,135 @@
+"""Tables of a scene's targets that need more than a picture: cubes, reliefs, displays."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from labapp.errors import UserError
+from labapp.files.picture_cache import numbers_of, picture_of
+from labapp.files.reflectance_table import basis
+from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable, Positive
+from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
+
+
+class CubeTable(PixelTable):
+    """A multispectral picture: numbers (rows, columns, bands), as .npy, .npz, .mat or .h5.
+
+    variable: its name in a file of several. wavelengths_nm: of the bands, rising; or the first
+    and the last of evenly spaced ones. white: the file's value of a white that reflects all.
+    tol: relative error at which spectra count as mixtures of fewer ones.
+    """
+
+    kind: Literal["cube"]
+    distance_m: Distance
+    variable: str | None = None
+    wavelengths_nm: Annotated[list[Positive], Field(min_length=2)]
+    white: Positive
+    tol: Annotated[float, Field(ge=0, lt=1)] = 5e-3
+
+    def build(self, lamps: Lamps) -> Target:
+        values = numbers_of(self.file, self.variable)
+        if values.ndim != 3:
+            raise UserError(f"{self.file}: is {values.shape}; give rows, columns and bands.")
+        try:
+            return Cube(
+                image=torch.from_numpy((values / self.white).astype(np.float32)),
+                wavelengths=self._wavelengths(values.shape[2]),
+                distance=self.distance_m,
+                tol=self.tol,
+                **self.framed(lamps),
+            )
+        except ValueError as error:
+            raise UserError(f"{self.file}: {error}.") from error
+
+    def _wavelengths(self, bands: int) -> tuple[float, ...]:
+        given = np.array(self.wavelengths_nm) / 1e9
+        if len(given) == 2 and bands > 2:
+            given = np.linspace(given[0], given[1], bands)
+        return tuple(given.tolist())
+
+
+class ReliefTable(PixelTable):
+    """A photograph with the distance of every pixel, in layers.
+
+    depth: a file of metres; or disparity: a file of pixels between a stereo pair's pictures,
+    with the pair's baseline_mm, focal_px, and offset_px that is to be added. per_value: what 1
+    of the file's values means, in metres or pixels. 0 and NaN are unknown. levels: layers, at
+    even steps of one over the distance.
+    """
+
+    kind: Literal["relief"]
+    depth: str | None = None
+    disparity: str | None = None
+    per_value: Positive = 1.0
+    baseline_mm: Positive | None = None
+    focal_px: Positive | None = None
+    offset_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    levels: Annotated[int, Field(ge=1, le=64)] = 8
+    spectra: Literal["mallett", "primaries"] = "mallett"
+
+    @model_validator(mode="after")
+    def _has_distances(self) -> ReliefTable:
+        if (self.depth is None) == (self.disparity is None):
+            raise ValueError("give either depth or disparity")
+        if self.disparity is not None and None in (self.baseline_mm, self.focal_px):
+            raise ValueError("disparity needs baseline_mm and focal_px")
+        return self
+
+    def build(self, lamps: Lamps) -> Target:
+        source = self.depth or self.disparity or ""
+        image = picture_of(self.file)
+        try:
+            return Relief(
+                image=torch.from_numpy(image),
+                depths=torch.from_numpy(self._metres(numbers_of(source))),
+                levels=self.levels,
+                basis=basis(self.spectra),
+                **self.framed(lamps),
+            )
+        except ValueError as error:
+            raise UserError(f"{source}: {error}.") from error
+
+    def _metres(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        known = np.where(np.isfinite(values) & (values != 0), values * self.per_value, np.nan)
+        if self.disparity is None:
+            return known
+        assert self.baseline_mm is not None
+        assert self.focal_px is not None
+        return distances_of(known, self.baseline_mm * 1e-3, self.focal_px, self.offset_px)
+
+
+class DisplayTable(LitTable):
+    """A display that shows a picture (thesis §6.4), a pixel of it on each of its own.
+
+    pixel_um: of its pixels, with three stripes beside each other. fill: side of a stripe's
+    window over its room. primaries_nm: [wavelength, full width at half maximum] of red, green
+    and blue. radiance: of a stripe that is fully on, at its primary's peak.
+    """
+
+    kind: Literal["display"]
+    file: str
+    distance_m: Distance
+    pixel_um: Positive
+    fill: Annotated[float, Field(gt=0, le=1)] = 0.9
+    primaries_nm: tuple[
+        tuple[Positive, Positive], tuple[Positive, Positive], tuple[Positive, Positive]
+    ] = ((610.0, 35.0), (540.0, 40.0), (455.0, 22.0))
+    polarised_deg: Annotated[float, Field(allow_inf_nan=False)] | None = 90.0
+    light: None = None
+    credit: str = ""
+
+    def build(self, lamps: Lamps) -> Target:
+        bands = [(centre * 1e-9, width * 1e-9) for centre, width in self.primaries_nm]
+        return Display(
+            image=torch.from_numpy(picture_of(self.file)),
+            pitch=self.pixel_um * 1e-6,
+            distance=self.distance_m,
+            primaries=display_primaries(bands),
+            fill=self.fill,
+            **self.lit(lamps),
+        )

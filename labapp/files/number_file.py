@@ -1,0 +1,88 @@
+"""Arrays of numbers from files: NumPy's, MATLAB's, HDF5, and grey pictures."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.errors import UserError
+
+
+def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
+    """The numbers of a file, float64, of any shape.
+
+    variable: its name in a file of several (.npz, .mat, .h5); the only one by default.
+    UserError if there is no such file or variable, or no numbers in it.
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    kind = path.suffix.lower()
+    try:
+        values = _picked(path, _variables(path, kind), variable)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise UserError(f"{path}: cannot be read as {kind or 'a file'}: {error}.") from error
+    if values.dtype.kind not in "iuf":
+        raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
+    return values.astype(np.float64)
+
+
+def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
+    if kind == ".npy":
+        return {path.stem: np.load(path, allow_pickle=False)}
+    if kind == ".npz":
+        with np.load(path, allow_pickle=False) as data:
+            return dict(data)
+    if kind in (".h5", ".hdf5"):
+        return _hdf5(path)
+    if kind == ".mat":
+        return _matlab(path)
+    import cv2
+
+    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
+    image = cv2.imdecode(data, flags) if data.size else None
+    if image is None:
+        raise ValueError("give numbers as .npy, .npz, .mat or .h5, or a grey PNG or TIFF")
+    return {path.stem: np.asarray(image)}
+
+
+def _matlab(path: Path) -> dict[str, NDArray[Any]]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        found = loadmat(path)
+    except MatReadError as error:
+        raise ValueError(str(error)) from error
+    except NotImplementedError:
+        # Version 7.3 is HDF5, with the axes in the opposite order.
+        return {name: value.T for name, value in _hdf5(path).items()}
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _hdf5(path: Path) -> dict[str, NDArray[Any]]:
+    import h5py
+
+    found: dict[str, NDArray[Any]] = {}
+
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    with h5py.File(path, "r") as file:
+        file.visititems(look)
+    return found
+
+
+def _picked(path: Path, found: dict[str, NDArray[Any]], name: str | None) -> NDArray[Any]:
+    if name is None and len(found) == 1:
+        return np.asarray(next(iter(found.values())))
+    if name is None:
+        raise UserError(f"{path}: holds {', '.join(found) or 'nothing'}; name one: variable.")
+    if name not in found:
+        raise UserError(f"{path}: has no {name!r}; it holds {', '.join(found) or 'nothing'}.")
+    return np.asarray(found[name])

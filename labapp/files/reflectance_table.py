@@ -1,0 +1,74 @@
+"""What a surface reflects: a name, a number, a colour, or a measured spectrum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
+
+from labapp.files.reading import FileModel
+from labapp.files.spectrum_file import bundled_spectra, read_spectrum
+from optics.light import Spectrum
+from simulator.scene import basis_of, mixed, primaries
+from simulator.scene.colours import Basis, held
+
+PAINTS: dict[str, tuple[float, float, float]] = {
+    "white": (0.9, 0.9, 0.9),
+    "grey": (0.18, 0.18, 0.18),
+    "black": (0.03, 0.03, 0.03),
+    "red": (0.58, 0.03, 0.03),
+    "green": (0.05, 0.36, 0.08),
+    "blue": (0.02, 0.10, 0.45),
+    "yellow": (0.85, 0.62, 0.03),
+    "orange": (0.80, 0.26, 0.02),
+}
+"""Linear red, green and blue of toys' plastic, about."""
+
+
+def _sound(value: Any) -> Any:
+    """Before its kind is found out: an error about each kind that it isn't helps nobody."""
+    shares = value if isinstance(value, list | tuple) else [value]
+    if isinstance(value, str):
+        if value not in PAINTS:
+            raise ValueError(f"choose among {', '.join(PAINTS)}, or give a number or three")
+    elif not isinstance(value, dict | SpectrumTable) and not (
+        len(shares) in (1, 3) and all(isinstance(s, int | float) and 0 <= s <= 1 for s in shares)
+    ):
+        raise ValueError("give a name, a share from 0 to 1, three of them, or a table with a file")
+    return value
+
+
+class SpectrumTable(FileModel):
+    """A measured reflectance, 0 to 1: a CSV file of wavelengths in nm and values."""
+
+    file: str
+    column: str | None = None
+
+
+Reflectance = Annotated[
+    float | tuple[float, float, float] | str | SpectrumTable, BeforeValidator(_sound)
+]
+"""Of all wavelengths alike; of linear red, green and blue; by name; or measured."""
+
+
+def reflectance(of: Reflectance) -> Spectrum:
+    """As a spectrum; UserError if a table can't be read."""
+    if isinstance(of, SpectrumTable):
+        return held(read_spectrum(Path(of.file), of.column))
+    if isinstance(of, str):
+        of = PAINTS[of]
+    if isinstance(of, tuple):
+        return mixed(mallett(), of)
+    return Spectrum.even(of)
+
+
+def mallett() -> Basis:
+    """The reflectances of sRGB's primaries by Mallett and Yuksel (2019)."""
+    table = bundled_spectra("mallett2019")
+    return basis_of(table["red"], table["green"], table["blue"])
+
+
+def basis(spectra: Literal["mallett", "primaries"]) -> Basis:
+    """How a photograph's colours become reflectances."""
+    return mallett() if spectra == "mallett" else primaries()

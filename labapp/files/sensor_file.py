@@ -1,0 +1,215 @@
+"""The sensor: in a bench or camera file, or in a file of its own that benches share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from labapp.errors import UserError
+from labapp.files.reading import FileModel, bundled, read_file, validate
+from labapp.files.spectrum_file import read_spectrum
+from optics.camera import Sensor
+from optics.light import Spectrum
+from optics.sensor import Mosaic
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Efficiency = Annotated[float, Field(gt=0, le=1)]
+Millionths = Annotated[float, Field(ge=0, le=1e6)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+Nanometres = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")]
+Inline = dict[Nanometres, Annotated[float, Field(ge=0, le=1)]]
+
+
+class CurveFile(FileModel):
+    """A column of a CSV file: wavelengths in nm, and electrons per photon."""
+
+    file: str
+    column: str | None = None
+
+    def found_in(self, folder: Path) -> Inline:
+        """The curve itself, looked for in `folder`. UserError names file, line and value."""
+        path = folder / self.file
+        curve = read_spectrum(path, self.column)
+        if curve.most > 1:
+            raise UserError(
+                f"{path}: {curve.most:g} electrons a photon can't be. Give shares, 0 to 1."
+            )
+        return {
+            f"{wavelength * 1e9:.6g}": value
+            for wavelength, value in zip(curve.wavelengths, curve.values, strict=True)
+        }
+
+
+Curve = Inline | CurveFile
+
+
+class ColourTable(FileModel):
+    """Filters on the pixels. pattern: rows of letters, that repeat over the sensor from its
+    first pixel on. efficiency: of each letter's pixels, filters included, by wavelength."""
+
+    pattern: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
+    efficiency: dict[str, Curve]
+
+    def build(self) -> Mosaic:
+        return Mosaic(
+            tuple(self.pattern), {name: _spectrum(one) for name, one in self.efficiency.items()}
+        )
+
+    def found_in(self, folder: Path) -> ColourTable:
+        found = {name: _found(one, folder) for name, one in self.efficiency.items()}
+        return self.model_copy(update={"efficiency": found})
+
+
+class SensorTable(FileModel):
+    """The sensor, in the quantities of EMVA 1288.
+
+    quantum_efficiency: a share, the same at all wavelengths; or shares by wavelength in nm,
+    linear between them and nothing beyond; or a file of them. A colour sensor has a table
+    `colour` instead. What has a default is off by it; optics.camera.Sensor says what it is.
+    """
+
+    model: str
+    width: Count
+    height: Count
+    pitch_um: Positive
+    bits: Annotated[int, Field(ge=1, le=16)]
+    full_well_electrons: Positive
+    gain_electrons_per_dn: Positive
+    read_noise_electrons: Amount
+    dark_current_electrons_per_s: Amount
+    black_level_dn: Amount
+    quantum_efficiency: Efficiency | Curve | None = None
+    shortest_exposure_us: Positive
+    longest_exposure_s: Positive
+    colour: ColourTable | None = None
+    prnu_percent: Annotated[float, Field(ge=0, le=20)] = 0.0
+    dsnu_electrons: Amount = 0.0
+    dead_pixels_ppm: Millionths = 0.0
+    hot_pixels_ppm: Millionths = 0.0
+    hot_electrons_per_s: Amount = 0.0
+    fixed_pattern_seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    shutter: Literal["global", "rolling"] = "global"
+    line_time_us: Amount = 0.0
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.quantum_efficiency is None and self.colour is None:
+            raise ValueError("quantum_efficiency is missing; add it, or a table 'colour'")
+        if self.quantum_efficiency is not None and self.colour is not None:
+            raise ValueError(
+                "quantum_efficiency and a table 'colour' are given; the filters' curves are the "
+                "efficiency: remove one of the two"
+            )
+        if self.resolved:
+            self.build()
+        return self
+
+    @property
+    def resolved(self) -> bool:
+        """Whether all curves are in it, and none in a file of its own."""
+        curves = [
+            self.quantum_efficiency,
+            *(self.colour.efficiency.values() if self.colour else ()),
+        ]
+        return not any(isinstance(one, CurveFile) for one in curves)
+
+    def found_in(self, folder: Path) -> Self:
+        """The sensor with all that its files hold, looked for in `folder`. UserError names file,
+        line and value."""
+        efficiency = self.quantum_efficiency
+        if isinstance(efficiency, CurveFile):
+            efficiency = efficiency.found_in(folder)
+        colour = self.colour.found_in(folder) if self.colour else None
+        return self.model_copy(update={"quantum_efficiency": efficiency, "colour": colour})
+
+    def build(self) -> Sensor:
+        """ValueError for what no sensor can be; curves must have been found before."""
+        efficiency = self.quantum_efficiency
+        even = efficiency if isinstance(efficiency, float) else None
+        curve = _spectrum(efficiency) if isinstance(efficiency, dict | CurveFile) else None
+        colour = self.colour.build() if self.colour else None
+        peaks = [one.most for one in (colour.efficiencies.values() if colour else ())]
+        return Sensor(
+            shape=(self.height, self.width),
+            pitch=self.pitch_um * 1e-6,
+            bits=self.bits,
+            full_well=self.full_well_electrons,
+            gain=self.gain_electrons_per_dn,
+            read_noise=self.read_noise_electrons,
+            dark_current=self.dark_current_electrons_per_s,
+            black_level=self.black_level_dn,
+            # Who asks for one number of a curve gets its peak.
+            quantum_efficiency=even or max([curve.most] if curve else peaks),
+            exposure_range=(self.shortest_exposure_us * 1e-6, self.longest_exposure_s),
+            spectral_efficiency=curve,
+            colour=colour,
+            prnu=self.prnu_percent / 100,
+            dsnu=self.dsnu_electrons,
+            dead=self.dead_pixels_ppm * 1e-6,
+            hot=self.hot_pixels_ppm * 1e-6,
+            hot_current=self.hot_electrons_per_s,
+            fixed_seed=self.fixed_pattern_seed,
+            shutter=self.shutter,
+            line_time=self.line_time_us * 1e-6,
+            model=self.model,
+        )
+
+
+class SensorFile(SensorTable):
+    """A sensor in a file of its own."""
+
+    version: Literal[1]
+
+
+def bundled_sensors() -> list[str]:
+    """The names of the sensors that come with the application."""
+    return sorted(path.stem for path in bundled("sensors").glob("*.toml"))
+
+
+def read_sensor(file: str, folder: Path) -> SensorTable:
+    """A sensor by the name of one that is bundled, or by its file, looked for in `folder`.
+
+    UserError names file, key, value and rule.
+    """
+    path = bundled("sensors") / f"{file}.toml" if file in bundled_sensors() else folder / file
+    if not path.exists():
+        raise UserError(
+            f"{path}: there is no such sensor. Give its file, or one of those that come with "
+            f"labapp: {', '.join(bundled_sensors())}."
+        )
+    found = read_file(path, SensorFile).found_in(path.parent)
+    return validate(found.model_dump(exclude={"version"}), SensorTable, str(path))
+
+
+def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
+    """A bench's plain data with all of the sensor in it, if it names a sensor's file.
+
+    Keys beside `file` count more than the file's; an efficiency of one kind takes the place of
+    the other. source: what errors name.
+    """
+    sensor = data.get("sensor")
+    if not isinstance(sensor, dict) or "file" not in sensor:
+        return data
+    file, own = sensor["file"], {key: value for key, value in sensor.items() if key != "file"}
+    if not isinstance(file, str):
+        raise UserError(f"{source}: key 'sensor.file' is {file!r}: it should be a string.")
+    given = read_sensor(file, folder).model_dump()
+    if "colour" in own:
+        given["quantum_efficiency"] = None
+    if "quantum_efficiency" in own:
+        given["colour"] = None
+    return data | {"sensor": given | own}
+
+
+def _found(curve: Curve, folder: Path) -> Inline:
+    return curve.found_in(folder) if isinstance(curve, CurveFile) else curve
+
+
+def _spectrum(curve: Curve) -> Spectrum:
+    if isinstance(curve, CurveFile):
+        raise ValueError(f"the curve in {curve.file!r} has not been read")
+    nodes = sorted((float(nm) / 1e9, value) for nm, value in curve.items())
+    return Spectrum(tuple(nm for nm, _ in nodes), tuple(value for _, value in nodes))

@@ -1,0 +1,181 @@
+"""What a filter passes by wavelength."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from optics.edge import require_positive
+from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+
+NEGLIGIBLE = 1e-6
+"""Transmission below which a band has ended."""
+
+_STEEPNESS = 6
+"""Exponent of an interference filter's super-Gaussian: from 90 to 10 % in a quarter of its
+width."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """A filter's transmission, 1 at its best: what it loses there is the camera's transmission.
+
+    centre: metres. fwhm: full width at half maximum, metres. shape:
+
+    - "gaussian".
+    - "lyot": a liquid-crystal tunable filter. Stages between polarisers have retardances that
+      double from each to the next, and pass cos²(π mₖ λ₀/λ) each; all are tuned to whole waves
+      mₖ at λ₀, so that with u = π m (λ₀/λ - 1) the product is [sin(2ᴺu) / (2ᴺ sin u)]². Its side
+      lobes end where a blocking glass keeps out the next order. (B. Lyot 1944, Ann. Astrophys.
+      7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229, doi 10.1364/JOSA.39.000229.)
+    - "interference": thin films with steep sides and a flat top, a super-Gaussian.
+    - "open": no filter: everything within the width.
+    - "table": `table`, made 1 at its best; see tabulated().
+
+    leak: transmission that is added everywhere in `leak_range`, metres.
+    """
+
+    centre: float
+    fwhm: float
+    shape: Literal["gaussian", "lyot", "interference", "open", "table"] = "gaussian"
+    leak: float = 0.0
+    leak_range: tuple[float, float] = (400e-9, 720e-9)
+    table: Spectrum | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("centre", self.centre, "m")
+        require_positive("fwhm", self.fwhm, "m")
+        if self.shape not in ("gaussian", "lyot", "interference", "open", "table"):
+            raise ValueError(
+                f"shape is {self.shape!r}; choose gaussian, lyot, interference, open or table"
+            )
+        if (self.shape == "table") != (self.table is not None):
+            raise ValueError("a table goes with the shape 'table', and only with it")
+        # A filter as wide as half of its wavelength would reach to wavelengths below none.
+        if not self.fwhm < 2 * self.centre:
+            raise ValueError(
+                f"fwhm is {self.fwhm:g} m around {self.centre:g} m; give less than twice the centre"
+            )
+        if self.shape == "lyot" and not self.fwhm <= 0.25 * self.centre:
+            raise ValueError(
+                f"fwhm is {self.fwhm:g} m; a lyot filter's is a quarter of its centre, "
+                f"{self.centre:g} m, at most"
+            )
+        if not 0 <= self.leak < 1:
+            raise ValueError(f"leak is {self.leak:g}; give a share from 0 to below 1")
+        low, high = self.leak_range
+        if not 0 < low < high < math.inf:
+            raise ValueError(f"leak_range is {low:g} to {high:g} m; give the shorter first")
+
+    @staticmethod
+    def tabulated(
+        table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
+    ) -> Band:
+        """A measured filter: centre by the mean of its wavelengths, width by its half maxima.
+
+        Raises ValueError for a table that passes nothing.
+        """
+        if table.most == 0:
+            raise ValueError("the table passes nothing; give a filter's transmission")
+        one = table.scaled(1 / table.most)
+        nodes, values = np.asarray(one.wavelengths), np.asarray(one.values)
+        # The moment of a linear piece by Simpson's rule, which is exact for it.
+        middle, mean = (nodes[1:] + nodes[:-1]) / 2, (values[1:] + values[:-1]) / 2
+        ends = nodes * values
+        moment = float((np.diff(nodes) * (ends[1:] + ends[:-1] + 4 * middle * mean) / 6).sum())
+        width = _half_width(nodes, values)
+        return Band(moment / one.integral(), width, "table", leak, leak_range, one)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Metres: beyond it less than a millionth passes, the leak apart."""
+        return self._support
+
+    def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
+        """At wavelengths in metres, 0 to 1, without the leak."""
+        asked = np.asarray(wavelengths, dtype=np.float64)
+        if self.table is not None:
+            return self.table.at(asked)
+        offset = 2 * (asked - self.centre) / self.fwhm
+        if self.shape == "gaussian":
+            return np.exp(-math.log(2) * offset**2)
+        if self.shape == "interference":
+            return np.exp(-math.log(2) * np.abs(offset) ** _STEEPNESS)
+        if self.shape == "open":
+            return (np.abs(offset) <= 1).astype(np.float64)
+        return self._lyot(asked)
+
+    def passes(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
+        """At wavelengths in metres, with the leak."""
+        asked = np.asarray(wavelengths, dtype=np.float64)
+        low, high = self.leak_range
+        return self.transmission(asked) + self.leak * ((low <= asked) & (asked <= high))
+
+    @cached_property
+    def _support(self) -> tuple[float, float]:
+        if self.table is not None:
+            return self.table.low, self.table.high
+        if self.shape == "lyot":
+            _, order = self._stages
+            high = self.centre / (1 - 0.5 / order) if order > 0.5 else math.inf
+            return max(SHORTEST, self.centre / (1 + 0.5 / order)), min(LONGEST, high)
+        reach = {
+            "gaussian": math.sqrt(-math.log2(NEGLIGIBLE)),
+            "interference": (-math.log2(NEGLIGIBLE)) ** (1 / _STEEPNESS),
+            "open": 1.0,
+        }[self.shape]
+        half = 0.5 * self.fwhm * reach
+        return max(self.centre - half, 0.01 * self.centre), self.centre + half
+
+    @cached_property
+    def _stages(self) -> tuple[int, float]:
+        """Number of stages, and the thinnest one's order: more than half a wave to one wave.
+
+        It has the width asked for, and its next order below half its wavelength.
+        """
+        # λ± = λ₀ / (1 ∓ a) with half maxima at u = ± π m a lie 2 a λ₀ / (1 - a²) apart.
+        ratio = self.fwhm / self.centre
+        a = (math.sqrt(1 + ratio**2) - 1) / ratio
+        stages = 1
+        while _lyot_half(stages) / (math.pi * a) > 1:
+            stages += 1
+        return stages, _lyot_half(stages) / (math.pi * a)
+
+    def _lyot(self, asked: NDArray[np.float64]) -> NDArray[np.float64]:
+        stages, order = self._stages
+        low, high = self.support
+        inside = (low <= asked) & (asked <= high)
+        u = math.pi * order * (self.centre / np.where(inside, asked, self.centre) - 1)
+        product = np.ones_like(u)
+        for stage in range(stages):
+            product = product * np.cos(2**stage * u) ** 2
+        return np.where(inside, product, 0.0)
+
+
+def _lyot_half(stages: int) -> float:
+    """The phase at which so many stages pass half."""
+
+    def above_half(u: float) -> float:
+        return math.prod(math.cos(2**k * u) ** 2 for k in range(stages)) - 0.5
+
+    return float(brentq(above_half, 0.0, math.pi / 2**stages, xtol=1e-15))
+
+
+def _half_width(nodes: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Between the outermost half maxima of a piecewise linear curve with a peak of 1."""
+    above = np.flatnonzero(values >= 0.5)
+    first, last = int(above[0]), int(above[-1])
+
+    def crossing(inside: int, outside: int) -> float:
+        if not 0 <= outside < len(nodes):
+            return float(nodes[inside])
+        share = (values[inside] - 0.5) / (values[inside] - values[outside])
+        return float(nodes[inside] + share * (nodes[outside] - nodes[inside]))
+
+    return crossing(last, last + 1) - crossing(first, first - 1)

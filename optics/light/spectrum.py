@@ -1,0 +1,97 @@
+"""A quantity by wavelength."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SHORTEST, LONGEST = 300e-9, 1100e-9
+"""Metres: where silicon sees, and so the range of what isn't given by a table."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Piecewise linear between its nodes, and nothing beyond its ends.
+
+    wavelengths: metres, rising, at least two. values: as many, not negative; their unit is that
+    of what they are: a radiance, a share.
+    """
+
+    wavelengths: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("wavelengths", "values"):
+            object.__setattr__(self, name, tuple(float(one) for one in getattr(self, name)))
+        n, m = len(self.wavelengths), len(self.values)
+        if n < 2 or n != m:
+            raise ValueError(
+                f"{n} wavelengths and {m} values are given; a spectrum needs two or more, and a "
+                "value for each"
+            )
+        if not all(0 < one < math.inf for one in self.wavelengths):
+            raise ValueError("a wavelength isn't positive and finite; give metres")
+        if not all(a < b for a, b in zip(self.wavelengths, self.wavelengths[1:], strict=False)):
+            raise ValueError("wavelengths don't rise; give them from the shortest to the longest")
+        wrong = [v for v in self.values if not 0 <= v < math.inf]
+        if wrong:
+            raise ValueError(f"a value is {wrong[0]:g}; values must be finite and not negative")
+
+    @staticmethod
+    def even(value: float, low: float = SHORTEST, high: float = LONGEST) -> Spectrum:
+        """The same value at all wavelengths of a range, in metres."""
+        return Spectrum((low, high), (value, value))
+
+    @property
+    def low(self) -> float:
+        return self.wavelengths[0]
+
+    @property
+    def high(self) -> float:
+        return self.wavelengths[-1]
+
+    @property
+    def most(self) -> float:
+        """The largest value."""
+        return max(self.values)
+
+    def at(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
+        """Values at wavelengths in metres, of the same shape, float64."""
+        asked = np.asarray(wavelengths, dtype=np.float64)
+        return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
+
+    def scaled(self, factor: float) -> Spectrum:
+        """Every value times a factor, which isn't negative."""
+        return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
+
+    def times(self, other: Spectrum) -> Spectrum:
+        """The product: exact at the nodes of both, linear between them.
+
+        Between two nodes the true product is a parabola, by (a₂-a₁)(b₂-b₁)/4 apart at most.
+        """
+        low, high = max(self.low, other.low), min(self.high, other.high)
+        if not low < high:
+            return Spectrum(self.wavelengths, (0.0,) * len(self.wavelengths))
+        union = np.union1d(self.wavelengths, other.wavelengths)
+        nodes = union[(low <= union) & (union <= high)]
+        return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
+
+    def integral(self, low: float | None = None, high: float | None = None) -> float:
+        """Over wavelengths from `low` to `high` metres, its ends by default; exact.
+
+        Raises ValueError for a range that runs backwards.
+        """
+        start = self.low if low is None else low
+        end = self.high if high is None else high
+        if start > end:
+            raise ValueError(f"the range is {start:g} to {end:g} m; give the shorter first")
+        start, end = max(start, self.low), min(end, self.high)
+        if start >= end:
+            return 0.0
+        nodes = np.asarray(self.wavelengths)
+        inner = nodes[(start < nodes) & (nodes < end)]
+        x = np.concatenate([[start], inner, [end]])
+        return float(np.trapezoid(self.at(x), x))

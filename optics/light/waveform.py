@@ -1,0 +1,118 @@
+"""How a lamp's light changes with time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optics.edge import require_positive
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A periodic factor of the light, 1 on average.
+
+    shape: "constant"; "sine", 1 + depth sin(2π t/T + phase); "square", brighter for the share
+    `duty` of a period, and 1 - depth for the rest (a dimmed diode); "filament", a wire on the
+    mains: it is heated by the square of the voltage, 1 - cos(2π t/T), and stores heat for many
+    periods, so that its light is the integral of that, 1 - depth sin(2π t/T + phase), a quarter
+    of a period late. depth: 0 to 1. frequency: Hz of the light, twice the mains'. phase: radians
+    at t = 0.
+    """
+
+    shape: Literal["constant", "sine", "square", "filament"] = "constant"
+    frequency: float = 100.0
+    depth: float = 0.0
+    phase: float = 0.0
+    duty: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.shape not in ("constant", "sine", "square", "filament"):
+            raise ValueError(f"shape is {self.shape!r}; choose constant, sine, square or filament")
+        require_positive("frequency", self.frequency, "Hz")
+        if not 0 <= self.depth <= 1:
+            raise ValueError(f"depth is {self.depth:g}; light can't be negative: give 0 to 1")
+        if not math.isfinite(self.phase):
+            raise ValueError(f"phase is {self.phase:g} rad; it must be finite")
+        if not 0 < self.duty < 1:
+            raise ValueError(f"duty is {self.duty:g}; give a share between 0 and 1")
+
+    @property
+    def period(self) -> float:
+        """Seconds."""
+        return 1 / self.frequency
+
+    @property
+    def constant(self) -> bool:
+        return self.shape == "constant" or self.depth == 0
+
+    @property
+    def ripple(self) -> float:
+        """The largest relative deviation from the mean, at any time."""
+        if self.constant:
+            return 0.0
+        if self.shape == "square":
+            return max(self.depth, self._excess)
+        return self.depth
+
+    def at(self, time: ArrayLike) -> NDArray[np.float64]:
+        """The factor at times in seconds."""
+        turns = self._turns(time)
+        if self.constant:
+            return np.ones_like(turns)
+        if self.shape == "square":
+            return np.where(turns % 1 < self.duty, 1 + self._excess, 1 - self.depth)
+        return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
+
+    def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+        """Over times from `start` to `end`, seconds, arrays that broadcast; exact.
+
+        Where the two are the same it is the value at that time. Raises ValueError for an end
+        before its start.
+        """
+        first = np.asarray(start, dtype=np.float64)
+        length = np.asarray(end, dtype=np.float64) - first
+        if np.any(length < 0) or not np.all(np.isfinite(length)):
+            raise ValueError("an interval ends before it starts; give finite times, start first")
+        if self.constant:
+            return np.ones_like(length)
+        if self.shape == "square":
+            return self._square_mean(first, length)
+        # The sine at the middle times the sinc of half the length: no difference of large terms.
+        half = length * self.frequency
+        middle = self._turns(first) + half / 2
+        swing = np.sin(2 * np.pi * (middle % 1)) * np.sinc(half)
+        return 1 + self._sign * self.depth * swing
+
+    @property
+    def _sign(self) -> float:
+        return -1.0 if self.shape == "filament" else 1.0
+
+    @property
+    def _excess(self) -> float:
+        """Of a square wave while it is bright, above the mean."""
+        return self.depth * (1 - self.duty) / self.duty
+
+    def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(time, dtype=np.float64) * self.frequency + self.phase / (2 * np.pi)
+
+    def _square_mean(
+        self, start: NDArray[np.float64], length: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        turns, span = self._turns(start) % 1, length * self.frequency
+        # A whole period adds nothing to the deviation.
+        rest = span % 1
+        deviation = self._deviation(turns + rest) - self._deviation(turns)
+        long = span > 0
+        mean = 1 + deviation / np.where(long, span, 1.0)
+        return np.where(long, mean, self.at(start))
+
+    def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Integral of a square wave's deviation from turn 0, in turns."""
+        part = turns % 1
+        bright = np.minimum(part, self.duty)
+        return self._excess * bright - self.depth * (part - bright)

@@ -1,0 +1,94 @@
+"""The sensor's stages, in the order of the physics, and which of them are done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+
+from optics.camera import Sensor
+from optics.edge import require_finite, require_positive
+from optics.sensor.fixed_pattern import fixed_pattern, uneven
+
+Shot = Literal["none", "Gaussian", "Poisson"]
+
+FEW = 10.0
+"""Electrons below which Poisson's distribution is drawn from in any case: it costs as little
+there, and a normal one would be cut at 0."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What of a sensor is done; all of it by default.
+
+    In this order: dark current, fixed pattern (response, hot pixels; offsets after the well),
+    shot noise, full well, read noise, converter. shot: "Gaussian" draws whole electrons from a
+    normal of the mean's variance, and pixels of fewer electrons than poisson_below from
+    Poisson's. clipping: of well and converter.
+    """
+
+    dark_current: bool = True
+    fixed_pattern: bool = True
+    shot: Shot = "Poisson"
+    poisson_below: float = FEW
+    clipping: bool = True
+    read_noise: bool = True
+    quantisation: bool = True
+
+    def __post_init__(self) -> None:
+        if self.shot not in ("none", "Gaussian", "Poisson"):
+            raise ValueError(f"shot is {self.shot!r}; choose none, Gaussian or Poisson")
+        if not self.poisson_below >= FEW:
+            raise ValueError(f"poisson_below is {self.poisson_below:g}; give {FEW:g} or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Collected:
+    """What is there to be read: expected electrons of each pixel, and what it reads too much.
+
+    electrons: float64, 0 or more. steps: int8 numbers of `step` electrons; None where no pixel
+    reads too much.
+    """
+
+    electrons: torch.Tensor
+    steps: torch.Tensor | None = None
+    step: float = 0.0
+
+    def only(self, pixels: torch.Tensor) -> Collected:
+        """Some of the pixels, by a mask."""
+        steps = None if self.steps is None else self.steps[pixels]
+        return Collected(self.electrons[pixels], steps, self.step)
+
+    @property
+    def offset(self) -> torch.Tensor | float:
+        """Electrons, float64; 0 where no pixel reads too much."""
+        return 0.0 if self.steps is None else self.steps.to(torch.float64) * self.step
+
+
+def collected(
+    electrons: torch.Tensor, exposure: float, sensor: Sensor, stages: Stages
+) -> Collected:
+    """The electrons that each pixel holds in the mean at the end of an exposure.
+
+    electrons: of light, over the exposure, any shape; (rows, columns) of the sensor where its
+    pixels differ. Negative ones count as none. Raises ValueError for numbers that aren't
+    finite, and for a picture of another shape.
+    """
+    require_positive("exposure", exposure, "s")
+    require_finite("electrons", electrons)
+    mean = electrons.to(torch.float64).clamp(min=0)
+    dark = sensor.dark_current * exposure if stages.dark_current else 0.0
+    if not (stages.fixed_pattern and uneven(sensor)):
+        return Collected(mean + dark if dark else mean)
+    if tuple(electrons.shape) != sensor.shape:
+        raise ValueError(
+            f"electrons is {tuple(electrons.shape)}; the sensor's pixels differ, so it must be "
+            f"the whole sensor's, {sensor.shape}"
+        )
+    pattern = fixed_pattern(sensor)
+    mean = mean * pattern.gain + dark
+    if sensor.hot and sensor.hot_current and stages.dark_current:
+        mean = mean + pattern.current * exposure
+    steps = pattern.steps if sensor.dsnu else None
+    return Collected(mean, steps, pattern.step)

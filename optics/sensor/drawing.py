@@ -1,0 +1,114 @@
+"""Frames: numbers that a sensor gives, by chance."""
+
+from __future__ import annotations
+
+import torch
+
+from optics.camera import Sensor
+from optics.edge import require_finite, require_positive
+from optics.sensor.chain import FEW, Shot, Stages, collected
+
+_SURELY_FULL = 4.0
+"""Full wells of light after which more makes no difference; without an end to it Poisson's
+generator would overflow."""
+
+_SURELY_NORMAL = 1e8
+"""Electrons from which Poisson's distribution is within 1e-5 of the normal one everywhere."""
+
+_ROUNDED = 1 / 12
+"""Variance that rounding to whole electrons adds to a normal draw (Sheppard)."""
+
+
+def expose(
+    rate: torch.Tensor,
+    exposure: float,
+    sensor: Sensor,
+    generator: torch.Generator,
+    *,
+    shot_noise: bool = True,
+    read_noise: bool = True,
+    dark_current: bool = True,
+) -> torch.Tensor:
+    """One raw frame of a sensor whose pixels are all alike: (rows, columns) of int32 numbers.
+
+    rate: photo-electrons per second and pixel. exposure: seconds. The stages stand in
+    the order of the physics: dark current, shot noise, full well, read noise, gain and
+    black level, quantisation and clipping. A negative rate counts as dark.
+    """
+    require_positive("exposure", exposure, "s")
+    require_finite("rate", rate)
+    mean = rate.clamp(min=0) * exposure
+    if dark_current:
+        mean = mean + sensor.dark_current * exposure
+    mean = mean.clamp(max=_SURELY_FULL * sensor.full_well + 1000)
+    electrons = torch.poisson(mean, generator=generator) if shot_noise else mean
+    electrons = electrons.clamp(max=sensor.full_well)
+    if read_noise:
+        noise = torch.randn(mean.shape, generator=generator, dtype=mean.dtype, device=mean.device)
+        electrons = electrons + sensor.read_noise * noise
+    number = torch.round(electrons / sensor.gain + sensor.black_level)
+    return number.clamp(0, 2**sensor.bits - 1).to(torch.int32)
+
+
+def draw(
+    electrons: torch.Tensor,
+    exposure: float,
+    sensor: Sensor,
+    generator: torch.Generator,
+    *,
+    dark_current: bool = True,
+    fixed_pattern: bool = True,
+    shot: Shot = "Poisson",
+    poisson_below: float = FEW,
+    clipping: bool = True,
+    read_noise: bool = True,
+    quantisation: bool = True,
+) -> torch.Tensor:
+    """One raw frame: (rows, columns) of digital numbers, int32; float64 without quantisation.
+
+    electrons: expected from light on each pixel over the exposure; negative ones count as none.
+    The rest is which stages are done, as optics.sensor.chain.Stages says. Raises ValueError for
+    electrons that aren't finite, and an exposure that isn't positive.
+    """
+    stages = Stages(
+        dark_current, fixed_pattern, shot, poisson_below, clipping, read_noise, quantisation
+    )
+    held = collected(electrons, exposure, sensor, stages)
+    mean = held.electrons
+    if clipping:
+        mean = mean.clamp(max=_SURELY_FULL * sensor.full_well + 1000)
+    counted = _counted(mean, stages, generator)
+    if clipping:
+        counted = counted.clamp(max=sensor.full_well)
+    counted = counted + held.offset
+    if read_noise and sensor.read_noise:
+        counted = counted + sensor.read_noise * _normal(mean, generator)
+    return _converted(counted, sensor, stages)
+
+
+def _counted(mean: torch.Tensor, stages: Stages, generator: torch.Generator) -> torch.Tensor:
+    """Whole electrons. A normal draw is so much narrower as rounding makes it wider."""
+    if stages.shot == "none":
+        return mean
+    below = _SURELY_NORMAL if stages.shot == "Poisson" else stages.poisson_below
+    few = mean < below
+    if bool(few.all()):
+        return torch.poisson(mean, generator=generator)
+    spread = mean / (mean + _ROUNDED).sqrt()
+    counted = torch.round(mean + spread * _normal(mean, generator)).clamp_(min=0)
+    if bool(few.any()):
+        counted[few] = torch.poisson(mean[few], generator=generator)
+    return counted
+
+
+def _normal(like: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    return torch.randn(like.shape, generator=generator, dtype=like.dtype)
+
+
+def _converted(electrons: torch.Tensor, sensor: Sensor, stages: Stages) -> torch.Tensor:
+    number = electrons / sensor.gain + sensor.black_level
+    if stages.quantisation:
+        number = torch.round(number)
+    if stages.clipping:
+        number = number.clamp(0, 2**sensor.bits - 1)
+    return number.to(torch.int32) if stages.quantisation else number

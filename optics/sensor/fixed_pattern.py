@@ -1,0 +1,68 @@
+"""What differs from pixel to pixel of one sensor, and stays as it is."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import torch
+
+from optics.camera import Sensor
+
+OFFSET_STEPS = 4
+"""Steps of offset a standard deviation: whole steps let moments be tabulated exactly."""
+
+_FURTHEST = 4.5
+"""Standard deviations beyond which no pixel is drawn; one in 150,000 would be."""
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPattern:
+    """Maps of one sensor, (rows, columns).
+
+    gain: float32, what a pixel's response to light is multiplied by: 1 + PRNU, and 0 of a dead
+    one. steps: int8 numbers of steps of `step` electrons that a pixel reads too much: DSNU.
+    current: float32, electrons per second that hot pixels have beyond the dark current.
+    """
+
+    gain: torch.Tensor
+    steps: torch.Tensor
+    step: float
+    current: torch.Tensor
+
+    @property
+    def offset(self) -> torch.Tensor:
+        """Electrons that a pixel reads too much, float32."""
+        return self.steps.to(torch.float32) * self.step
+
+
+def uneven(sensor: Sensor) -> bool:
+    """Whether a sensor's pixels differ at all."""
+    return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
+
+
+@functools.lru_cache(maxsize=2)
+def fixed_pattern(sensor: Sensor) -> FixedPattern:
+    """The maps of a sensor, of its own seed: the same in every frame and run.
+
+    PRNU and DSNU are normal (EMVA 1288 release 4, section 4), the latter in steps of a quarter
+    of its standard deviation, made narrower by what the rounding widens (Sheppard). Which
+    pixels are dead or hot is by chance, with the shares that the sensor gives.
+    """
+    generator = torch.Generator().manual_seed(sensor.fixed_seed)
+    shape = sensor.shape
+    gain = 1 + sensor.prnu * _normal(shape, generator)
+    width = math.sqrt(OFFSET_STEPS**2 - 1 / 12)
+    steps = torch.round(width * _normal(shape, generator)).to(torch.int8)
+    chance = torch.rand(shape, generator=generator, dtype=torch.float64)
+    # One number a pixel, so that none is dead and hot.
+    gain[chance < sensor.dead] = 0.0
+    hot = chance > 1 - sensor.hot if sensor.hot else torch.zeros(shape, dtype=torch.bool)
+    return FixedPattern(
+        gain.clamp(min=0.0), steps, sensor.dsnu / OFFSET_STEPS, hot * float(sensor.hot_current)
+    )
+
+
+def _normal(shape: tuple[int, int], generator: torch.Generator) -> torch.Tensor:
+    return torch.randn(shape, generator=generator).clamp(-_FURTHEST, _FURTHEST)

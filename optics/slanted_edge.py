@@ -1,0 +1,140 @@
+"""The modulation transfer of a camera from a picture of a slanted edge (ISO 12233, e-SFR)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_PASSES = 3
+"""Times that the edge is sought, each time nearer to where it was found."""
+
+_NEAR = 6.0
+"""Pixels around the edge in which it is sought, after the first time."""
+
+_TAPER = 0.3
+"""Of the line spread's window that falls off at its ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeResponse:
+    """frequencies: cycles per pixel across the edge. mtf: 1 at 0. angle: radians between edge
+    and columns, or rows if `horizontal`. edge: the edge's spread, oversampled, at `places`
+    pixels from it."""
+
+    frequencies: Array
+    mtf: Array
+    angle: float
+    horizontal: bool
+    places: Array
+    edge: Array
+
+    def at(self, frequencies: ArrayLike) -> Array:
+        """The MTF at frequencies in cycles per pixel, linear between those that are known.
+
+        Raises ValueError beyond the last.
+        """
+        asked = np.asarray(frequencies, dtype=np.float64)
+        if asked.size and (asked.min() < 0 or asked.max() > self.frequencies[-1]):
+            raise ValueError(
+                f"frequencies reach {asked.max():g} cycles a pixel; 0 to "
+                f"{self.frequencies[-1]:g} are known"
+            )
+        return np.interp(asked, self.frequencies, self.mtf)
+
+
+def slanted_edge(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
+    """What a straight edge's picture tells of the system across it.
+
+    picture: (rows, columns) of linear numbers, of one edge between two even sides that goes
+    through all rows, or all columns, by an angle of a few degrees. Each row's edge is found as
+    the centroid of its derivative, a line is put through them, and all pixels are sorted by their
+    distance from it into bins of a pixel over `oversampling`. The difference of neighbouring
+    bins is windowed and transformed. That a bin is an average and a difference isn't a
+    derivative both cost sinc(f / oversampling), which is divided out.
+    Raises ValueError for a picture without an edge, or one too upright to fill all bins.
+    """
+    values = np.asarray(picture, dtype=np.float64)
+    if values.ndim != 2 or min(values.shape) < 16:
+        raise ValueError(f"picture is {values.shape}; give 16 rows and columns or more")
+    if not np.isfinite(values).all():
+        raise ValueError("picture has numbers that aren't finite")
+    if oversampling < 1:
+        raise ValueError(f"oversampling is {oversampling}; give 1 or more, 4 as the standard does")
+    down, across = (np.abs(np.diff(values.sum(1 - axis))).max() for axis in (0, 1))
+    horizontal = bool(down > across)
+    if horizontal:
+        values = values.T
+    offset, slope = _line(values)
+    places, edge = _edge_spread(values, offset, slope, oversampling)
+    frequencies, mtf = _transfer(edge, oversampling)
+    return EdgeResponse(frequencies, mtf, math.atan(slope), horizontal, places, edge)
+
+
+def _line(values: Array) -> tuple[float, float]:
+    """Column at row 0, and columns a row, of the edge."""
+    derivative = np.diff(values, axis=1)
+    if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
+        raise ValueError("picture has no edge: it is the same everywhere")
+    columns = np.arange(derivative.shape[1]) + 0.5
+    rows = np.arange(len(values))
+    weights = np.ones_like(derivative)
+    offset = slope = 0.0
+    for _ in range(_PASSES):
+        strength = (derivative * weights).sum(1)
+        if (strength == 0).any() or (np.sign(strength) != np.sign(strength[0])).any():
+            raise ValueError("picture has rows without the edge; cut it out so that it is in all")
+        centroid = (derivative * weights * columns).sum(1) / strength
+        slope, offset = np.polyfit(rows, centroid, 1)
+        away = columns - (offset + slope * rows)[:, None]
+        weights = np.where(np.abs(away) < _NEAR, np.cos(np.pi * away / (2 * _NEAR)) ** 2, 0.0)
+    return float(offset), float(slope)
+
+
+def _edge_spread(
+    values: Array, offset: float, slope: float, oversampling: int
+) -> tuple[Array, Array]:
+    """Middles of bins in pixels from the edge, and the mean of the pixels in each."""
+    rows, columns = values.shape
+    line = offset + slope * np.arange(rows)
+    cosine = 1 / math.hypot(1, slope)
+    distance = (np.arange(columns) - line[:, None]) * cosine
+    # So far from the edge that all rows have pixels on both sides.
+    reach = cosine * min(line.min(), (columns - 1 - line).min())
+    half = math.floor(reach * oversampling)
+    if half < 4 * oversampling:
+        raise ValueError(
+            f"picture has {max(reach, 0):.1f} pixels beside the edge in some row; give 4 or more "
+            "on both sides"
+        )
+    number = np.floor(distance * oversampling).astype(int) + half
+    inside = (number >= 0) & (number < 2 * half)
+    count = np.bincount(number[inside], minlength=2 * half)
+    if (count == 0).any():
+        raise ValueError(
+            f"the edge leans by {abs(slope) * rows:.2g} pixels over {rows} rows, too little to "
+            f"tell {oversampling} places in a pixel; turn it by about 5 degrees, or take more rows"
+        )
+    total = np.bincount(number[inside], values[inside], minlength=2 * half)
+    return (np.arange(2 * half) - half + 0.5) / oversampling, total / count
+
+
+def _transfer(edge: Array, oversampling: int) -> tuple[Array, Array]:
+    spread = np.diff(edge)
+    window = _window(len(spread))
+    transform = np.abs(np.fft.rfft(spread * window))
+    frequencies = np.fft.rfftfreq(len(spread), 1 / oversampling)
+    known = frequencies <= min(1.0, oversampling / 2)
+    mtf = transform / transform[0] / np.sinc(frequencies / oversampling) ** 2
+    return np.asarray(frequencies[known], dtype=np.float64), np.asarray(mtf[known])
+
+
+def _window(count: int) -> Array:
+    """Flat, with ends that fall off as a cosine (Tukey)."""
+    place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
+    fall = np.clip((place - (1 - _TAPER)) / _TAPER, 0, 1)
+    return 0.5 * (1 + np.cos(np.pi * fall))

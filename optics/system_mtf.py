@@ -1,0 +1,127 @@
+"""The transfer function of a camera with a neutral panel, by its pupil's autocorrelation."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optics.camera import Camera
+from optics.edge import as_number, require_positive
+
+Array = NDArray[np.float64]
+
+_NODES = 320
+"""Lines across the pupil, and so many more for each wave of defocus between two of its points."""
+
+
+def system_mtf(
+    camera: Camera,
+    wavelength: float,
+    frequencies: ArrayLike,
+    angle: float = 0.0,
+    distance: float | None = None,
+) -> Array:
+    """Modulation of a pattern of so many cycles per metre on the sensor, pixels included.
+
+    frequencies: any shape, not negative. angle: radians, of the direction in which the pattern
+    changes, from x (along rows) towards y. distance: metres from the panel to the object, on
+    the axis; what is in focus by default. The modulus of optical_transfer() times sinc(p fx)
+    sinc(p fy) of square pixels.
+    """
+    along = np.asarray(frequencies, dtype=np.float64)
+    pitch = camera.sensor.pitch
+    pixel = np.sinc(pitch * along * math.cos(angle)) * np.sinc(pitch * along * math.sin(angle))
+    return np.abs(optical_transfer(camera, wavelength, along, angle, distance) * pixel)
+
+
+def optical_transfer(
+    camera: Camera,
+    wavelength: float,
+    frequencies: ArrayLike,
+    angle: float = 0.0,
+    distance: float | None = None,
+) -> Array:
+    """The same before the pixels, with its sign; 1 at frequency 0.
+
+    The pupil is what is open of both the panel's rectangle, as the object's point sees it in the
+    lens' plane, and the lens' round stop. Its autocorrelation at a shift of λ z f (Goodman,
+    Introduction to Fourier Optics, 6.3) is integrated along x in closed form, and along y by
+    Gauss' rule; defocus turns the phase evenly over it. The panel counts as one mirror: what its
+    pixels scatter into far orders isn't in it.
+    Raises ValueError for a stop that isn't a clear circle, aberrations, a lens that isn't thin,
+    or an object that isn't in front of the panel.
+    """
+    require_positive("wavelength", wavelength, "m")
+    pupil = _Pupil(camera, distance)
+    along = np.asarray(frequencies, dtype=np.float64)
+    if not np.isfinite(along).all() or (along < 0).any():
+        raise ValueError("a frequency is negative or not finite; give cycles per metre")
+    shift = wavelength * pupil.image_distance * along
+    curvature = 2 * math.pi * pupil.defocus / wavelength
+    values = [
+        pupil.overlap(one * math.sin(angle), one * math.cos(angle), curvature)
+        for one in shift.ravel()
+    ]
+    return np.array(values).reshape(along.shape) / pupil.overlap(0.0, 0.0, 0.0)
+
+
+@functools.lru_cache(maxsize=64)
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Nodes between -1 and 1, and their weights; not to be changed."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return np.asarray(nodes), np.asarray(weights)
+
+
+class _Pupil:
+    """Half the panel's height and width, and the stop's radius, in metres in the lens' plane.
+
+    defocus: 1/m, by how much more the wave from the object bends there than that of what is in
+    focus.
+    """
+
+    def __init__(self, camera: Camera, distance: float | None) -> None:
+        lens, panel = camera.lens, camera.panel
+        if not (lens.clear and lens.quadratic):
+            raise ValueError(
+                "the transfer function of this lens isn't known in closed form; give a thin lens "
+                "with a round, clear stop and no aberrations"
+            )
+        separation, focus = as_number(camera.separation), as_number(lens.focus_distance)
+        from_lens = focus if distance is None else distance + separation
+        seen = from_lens - separation
+        if not seen > 0:
+            raise ValueError(f"distance is {seen:g} m; the object must be in front of the panel")
+        wider = 1.0 if math.isinf(seen) else from_lens / seen
+        self.radius = 0.5 * as_number(lens.stop_diameter)
+        rows, columns = panel.shape
+        self.height = min(0.5 * rows * panel.pitch * wider, self.radius)
+        self.width = 0.5 * columns * panel.pitch * wider
+        self.image_distance = as_number(lens.image_distance)
+        self.defocus = 1 / from_lens - 1 / focus
+
+    def overlap(self, dy: float, dx: float, curvature: float) -> float:
+        """Of the pupil and itself moved by (dy, dx) metres, with the phase curvature (dy y + dx x)
+        that defocus makes; square metres."""
+        half = self.height - abs(dy) / 2
+        if half <= 0:
+            return 0.0
+        waves = abs(curvature) * math.hypot(dy, dx) * 2 * self.radius / (2 * math.pi)
+        nodes, weights = _gauss(_NODES + 8 * math.ceil(waves))
+        # Denser at both ends, where a circle's chord ends as a square root.
+        y = half * np.sin(0.5 * np.pi * nodes)
+        step = 0.5 * np.pi * half * np.cos(0.5 * np.pi * nodes) * weights
+        above, below = self._chord(y + dy / 2), self._chord(y - dy / 2)
+        low = np.maximum(-above - dx / 2, -below + dx / 2)
+        high = np.minimum(above - dx / 2, below + dx / 2)
+        length = np.maximum(high - low, 0.0)
+        turn = curvature * dx
+        line = length * np.sinc(turn * length / (2 * np.pi))
+        return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
+
+    def _chord(self, y: Array) -> Array:
+        """Half the pupil's width at a height."""
+        round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
+        return np.minimum(round_part, self.width)

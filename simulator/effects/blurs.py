@@ -1,0 +1,59 @@
+"""From a change of how points spread to a change of the picture.
+
+A picture's light f is blurred by PSFs h. Whatever the blur, ‖Δh ∗ f‖₂ is at most ‖Δh‖₁ ‖f‖₂, and
+at most ‖Δh‖₂ ‖f‖₁ (Young), and by frequency at most that of |ΔH| |F| (Parseval). Where layers hide
+each other, what shines and what hides it are both blurred: the change counts twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.on_pixels import light, seconds, through_sensor
+from simulator.planning import Bound
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+NOTHING = Bound(how="proved: nothing changes")
+
+
+def hiding(s: Situation) -> float:
+    """How often a change counts."""
+    return 2.0 if any(layer.cover is not None for layer in s.target.layers) else 1.0
+
+
+def spread_otherwise(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
+    """Of PSFs that differ by a share of their light, ‖Δh‖₁, 2 at most; both lose what the other
+    hasn't.
+
+    density: shares a square metre of sensor by which they differ anywhere, at most: ‖Δh‖₂² is no
+    more than that times ‖Δh‖₁ times a pixel.
+    """
+    change = min(change, 2.0)
+    on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
+    of_points = math.sqrt(on_pixel * change) * whole(s)
+    return through_sensor(s, hiding(s) * min(change * light(s), of_points), how)
+
+
+def whole(s: Situation) -> float:
+    """Electrons over frame and margin, without any blur."""
+    return float(s.picture.picture.double().sum()) * seconds(s)
+
+
+def filtered(s: Situation, gain: Gain, how: str) -> Bound:
+    """Of transfer functions that differ by a gain at most, of cycles per metre."""
+    return through_sensor(s, hiding(s) * float(s.picture.power.changed(gain)) * seconds(s), how)
+
+
+def relative(s: Situation, bound: Bound) -> float:
+    """About the relative change that a bound leaves of the sharp picture."""
+    whole_light = light(s)
+    return bound.mean / whole_light if whole_light else 0.0

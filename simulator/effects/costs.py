@@ -1,0 +1,108 @@
+"""What a picture takes, by the levels of all effects: the rules that the ledger is filled by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from optics.slm.flicker import flicker_nodes
+from simulator.formation.work import psf_operations, ray_operations, transform_operations
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+WAVELENGTHS = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
+LEAK = (0, 4, 8, 16)
+DEPTHS = (1, 2, 3, 5, 9, 17, 33)
+PLACES = (1, 3, 5, 9)
+ORDERS = (0, 1, 2)
+SAMPLES = (1, 2, 3, 4, 6, 8)
+WINDOWS = (64, 128, 256, 512, 1024, 2048, 4096)
+
+BAND, BESIDE, PLACE, GRID = "filter bandwidth", "out-of-band leak", "field position", "panel orders"
+WAVES, REACH, SAMPLING, DISPERSION = (
+    "diffraction",
+    "PSF reach",
+    "light sampling",
+    "panel dispersion",
+)
+VIGNETTING, BEATS = "vignetting", "polarisation interference"
+
+ORDER = (REACH, SAMPLING, WAVES, BAND, BESIDE, DISPERSION, BEATS, PLACE, VIGNETTING, GRID)
+"""In which their work is told apart: each adds to those before."""
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """PSFs of the middle order, orders beside it, transforms of all samples, samples a pixel."""
+
+    psfs: float
+    orders: float
+    transforms: float
+    samples: int
+    wave: bool
+
+
+def added(s: Situation, levels: Mapping[str, int], name: str) -> float:
+    """Operations that an effect adds to a picture with those that stand before it in ORDER."""
+    place = ORDER.index(name)
+    off = dict.fromkeys(ORDER[place + 1 :], 0)
+    return max(operations(s, {**levels, **off}) - operations(s, {**levels, **off, name: 0}), 0.0)
+
+
+def operations(s: Situation, levels: Mapping[str, int]) -> float:
+    """Of all that is rendered, without what the sensor does."""
+    counts = _counted(s, levels)
+    side = window(s, levels.get(REACH, 0)) * counts.samples
+    one = psf_operations if counts.wave else ray_operations
+    rows, columns = (
+        (n + window(s, levels.get(REACH, 0))) * counts.samples for n in s.camera.sensor.shape
+    )
+    transform = transform_operations(rows, columns)
+    pixels = transform_operations(rows // counts.samples, columns // counts.samples)
+    psfs = counts.psfs * (1 + counts.orders)
+    return psfs * one(s.camera.panel, side) + counts.transforms * transform + pixels
+
+
+def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
+    target = s.target.for_camera(s.camera)
+    parts = sum(len(layer.parts) for layer in target.layers)
+    distances = {layer.distance for layer in target.layers}
+    nodes = WAVELENGTHS[levels.get(BAND, 0)] + LEAK[levels.get(BESIDE, 0)]
+    depths = min(DEPTHS[levels.get("depth layers", 0)], len(distances))
+    places = PLACES[levels.get(PLACE, 0)] ** 2
+    fields = (2 if levels.get(BEATS, 0) else 1) * _ripples(s, levels)
+    orders = (2 * ORDERS[levels.get(GRID, 0)] + 1) ** 2 - 1
+    channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
+    cells = max(1, len(s.shown.pictures))
+    psfs = nodes * depths * places * fields * cells
+    channels = channels if levels.get("colour filter array", 0) else 1
+    wave = bool(levels.get(WAVES, 0))
+    # Of objects: once, and if they are weighed, back and once for each place.
+    weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
+    straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
+    aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
+    samples = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
+    return _Counts(psfs, orders if wave else 0, straight + aside, samples, wave)
+
+
+def _ripples(s: Situation, levels: Mapping[str, int]) -> int:
+    """Fields that stand for a flickering one."""
+    if not levels.get("flicker", 0):
+        return 1
+    reach = max(float(phase.abs().max()) for phase in s.pattern.phases)
+    return len(flicker_nodes(s.camera.panel.flicker, reach, s.numerics))
+
+
+def window(s: Situation, level: int) -> int:
+    """Sensor pixels across a PSF at a level of its reach."""
+    return max(WINDOWS[level], s.smallest_window)
+
+
+def smallest_above(values: tuple[int, ...], least: float) -> int:
+    """The level of the first value that is as large, or of the last."""
+    for level, value in enumerate(values):
+        if value >= least:
+            return level
+    return len(values) - 1

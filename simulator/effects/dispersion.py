@@ -1,0 +1,92 @@
+"""The panel's phase at the wavelengths of a band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import torch
+
+from optics.slm.gap import gap_light
+from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from simulator.effects.costs import DISPERSION
+from simulator.effects.panel_effects import blurred
+from simulator.effects.spectra import measure
+from simulator.effects.wavefronts import MARGIN, of_phase, sampled
+from simulator.formation.nodes import interpolating
+from simulator.formation.panels import modulator_at
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_NODES = 7
+
+
+class PanelDispersion(Effect):
+    name = DISPERSION
+    kind = "stage"
+    physics = "a pattern's phase falls with the wavelength, as the crystal's path hardly changes"
+    source = "Li and Wu 2004, doi 10.1063/1.1635971"
+
+    def caused(self, s: Situation) -> bool:
+        return not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else 0.5 * relative(s, self.bound(s, 0))
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level:
+            return NOTHING
+        change = MARGIN * (_change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0))
+        how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
+        return spread_otherwise(s, change, how, s.pattern.peak)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        rows, columns = s.camera.panel.shape
+        return 60.0 * rows * columns if levels[self.name] else 0.0
+
+    def why(self, s: Situation) -> str:
+        return (
+            f"over the band the pattern's phase changes by {s.band.fwhm / s.wavelength:.2g} of it"
+        )
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(dispersion=True)
+
+
+def _change(s: Situation, which: Literal["band", "leak"]) -> float:
+    """‖Δh‖₁ at most, in the mean over wavelengths as the brightest channel sees them, or as that
+    part and channel does whose share is largest; of the leak by its share of the light."""
+    found, band = measure(s, which), measure(s, "band")
+    if found.empty:
+        return 0.0
+    nodes, weights = interpolating(found.x, found.of, _NODES)
+    masses = found.of.sum(-1)
+    if not band.empty and band.of.shape[:2] == masses.shape:
+        masses = np.maximum(masses.max(0), band.of.sum(-1).max(0))
+    else:
+        masses = masses.max(0)
+    lit = masses > 0
+    shares = np.abs(weights[:, lit]) / masses[lit][None, :, None]
+    worst = shares.reshape(-1, len(nodes)).max(0)
+    changes = np.array([_at(s, float(node)) for node in nodes])
+    return float(min((worst * changes).sum(), max(changes) * worst.sum()))
+
+
+def _at(s: Situation, wavelength: float) -> float:
+    pixels, panel = sampled(s), s.camera.panel
+    there = modulator_at(panel, wavelength)
+    figure = 0.0
+    if panel.flatness is not None:
+        figure = 2 * np.pi * (1 / wavelength - 1 / s.wavelength)
+    spread = (1 + gap_light(panel)) ** 2 * blurred(panel)
+    changes = []
+    for grey, phase in zip(s.pattern.greys, s.pattern.phases, strict=True):
+        error = pixels(torch.as_tensor(there.phase(grey)) - phase)
+        if figure and panel.flatness is not None:
+            error = error + figure * pixels(panel.flatness.on(panel))
+        changes.append(of_phase(s, pixels, error) * spread)
+    return max(changes)

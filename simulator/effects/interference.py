@@ -1,0 +1,56 @@
+"""Unmodulated light that beats with the modulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from simulator.effects.costs import BEATS, added
+from simulator.effects.wavefronts import sampled
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+
+class Interference(Effect):
+    name = BEATS
+    kind = "stage"
+    physics = "behind an analyser, light that the panel turns and light that it doesn't interfere"
+    source = "Saleh and Teich, Fundamentals of Photonics 6.1; optics.polarisation"
+    requires = ("unmodulated light", "diffraction")
+
+    def caused(self, s: Situation) -> bool:
+        return s.path is not None and _strength(s) > 0 and not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else 0.3 * relative(s, self.bound(s, 0))
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level:
+            return NOTHING
+        # Gap light and an uneven beam may make either of the two brighter than 1.
+        how = "proved: Cauchy-Schwarz on two waves, each of all the light"
+        return spread_otherwise(s, _strength(s) * _brightest(s), how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return added(s, levels, self.name)
+
+    def why(self, s: Situation) -> str:
+        return f"the two beat by {_strength(s):.2g} of the light at most"
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(interference=True)
+
+
+def _strength(s: Situation) -> float:
+    return abs(complex(s.path.interference)) if s.path is not None else 0.0
+
+
+def _brightest(s: Situation) -> float:
+    """Power of the modulated field over that of an even one, and of the unmodulated."""
+    pixels = sampled(s)
+    powers = [pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern.fields]
+    return max(1.0, *powers) * 1.2

@@ -1,0 +1,84 @@
+"""A lamp whose light isn't steady."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optics.light.waveform import Waveform
+from simulator.effects.on_pixels import through_sensor
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_INSTANTS = 4096
+"""Parts of an exposure, whose means are exact, for the mean deviation within it."""
+
+
+class LampFlicker(Effect):
+    name = "lamp flicker"
+    kind = "stage"
+    physics = "the lamp is brighter or darker than its mean while the shutter is open"
+    source = "Waveform.mean(), exact integrals over each row's exposure; IEEE Std 1789"
+
+    def caused(self, s: Situation) -> bool:
+        lamp = s.target.lamp
+        return lamp is not None and not lamp.constant and not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else self._rows(s)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level:
+            return Bound()
+        if s.shown.moves or s.target.moves:
+            share, how = self._within(s), "proved: mean deviation of the lamp within the exposure"
+        else:
+            share, how = self._rows(s), "proved: largest deviation of a row's exposure"
+        return through_sensor(s, share * s.picture.l2 * s.exposure, how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return float(s.camera.sensor.shape[0]) if levels[self.name] else 0.0
+
+    def why(self, s: Situation) -> str:
+        lamp = _lamp(s)
+        periods = s.exposure * lamp.frequency
+        return (
+            f"the lamp's {lamp.ripple:.3g} at {lamp.frequency:g} Hz, over {periods:.3g} periods, "
+            f"leave {self._rows(s):.2g}"
+        )
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(lamp=True)
+
+    def _rows(self, s: Situation) -> float:
+        """Of all rows' exposures, the largest deviation of the mean from 1.
+
+        With a rolling shutter rows may also be exposed all at once, where it is left out.
+        """
+        sensor = s.camera.sensor
+        begins = s.moment + sensor.line_time * np.arange(sensor.shape[0])
+        return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
+
+    def _within(self, s: Situation) -> float:
+        """Mean deviation: what is seen may favour the brighter or the darker times.
+
+        Of means over parts; what they don't show of it is that of a part, at most.
+        """
+        lamp, sensor = _lamp(s), s.camera.sensor
+        if sensor.line_time and sensor.shutter == "rolling":
+            return lamp.ripple
+        ends = s.moment + s.exposure * np.linspace(0, 1, _INSTANTS + 1)
+        parts = np.abs(lamp.mean(ends[:-1], ends[1:]) - 1).mean()
+        # Each change of sign within a part hides no more than the part: two in a period.
+        hidden = (2 * s.exposure * lamp.frequency + 2) / _INSTANTS
+        return min(float(parts) + hidden * lamp.ripple, lamp.ripple)
+
+
+def _lamp(s: Situation) -> Waveform:
+    assert s.target.lamp is not None
+    return s.target.lamp

@@ -1,0 +1,64 @@
+"""What the filter passes beside its band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from simulator.effects.blurs import NOTHING, hiding, relative, spread_otherwise
+from simulator.effects.costs import BESIDE, LEAK, added
+from simulator.effects.on_pixels import light, through_sensor
+from simulator.effects.spectra import measure
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+
+class Leak(Effect):
+    name = BESIDE
+    kind = "stage"
+    physics = "a filter blocks other wavelengths a thousandfold, not wholly, and there are many"
+    source = "thesis §5.6; any filter's data sheet"
+    levels = ("off", *(str(n) for n in LEAK[1:]))
+
+    def caused(self, s: Situation) -> bool:
+        return bool(s.band.leak) and not s.picture.dark and not measure(s, "leak").empty
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return relative(s, self.bound(s, level)) * (1.0 if level == 0 else 0.1)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest(s):
+            return NOTHING
+        share = _share(s)
+        # All of that light is there, and may be blurred otherwise.
+        moved = spread_otherwise(s, 2 * share, "proved: Young; light beside the band moves")
+        if level:
+            return moved
+        how = "proved: Young; electrons beside the band"
+        missing = through_sensor(s, hiding(s) * share * light(s), how)
+        return max(missing, moved, key=lambda one: one.mean)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return added(s, levels, self.name)
+
+    def why(self, s: Situation) -> str:
+        low, high = (1e9 * end for end in s.band.leak_range)
+        return (
+            f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and makes "
+            f"{_share(s):.2g} of the electrons"
+        )
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(leak=LEAK[level])
+
+
+def _share(s: Situation) -> float:
+    """Of the electrons of any part and channel, over those of its brightest channel."""
+    beside, inside = measure(s, "leak").of.sum(-1), measure(s, "band").of
+    band = inside.sum(-1) if inside.shape[:2] == beside.shape else 0 * beside
+    both = (beside + band).max(0)
+    lit = both > 0
+    return float((beside[:, lit] / both[lit]).max()) if lit.any() else 0.0

@@ -1,0 +1,91 @@
+"""Colour filters on the pixels: neighbours see other wavelengths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optics.light.spectrum import Spectrum
+from optics.sensor import Mosaic
+from simulator.effects.on_pixels import light, pixels, through_sensor
+from simulator.planning import Bound, Effect
+from simulator.probing.rates import electron_rates
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_BENT = 1.001
+"""Above what |a - b| of two broken lines is, drawn between the nodes of both."""
+
+
+class ColourFilters(Effect):
+    name = "colour filter array"
+    kind = "stage"
+    physics = "each pixel has one of a few colour filters, and counts the photons that it passes"
+    source = "Bayer, US patent 3,971,065"
+
+    def caused(self, s: Situation) -> bool:
+        return s.camera.sensor.colour is not None and not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else self._largest(s)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level:
+            return Bound(how="proved: nothing changes")
+        how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
+        return through_sensor(s, self._largest(s) * light(s), how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        colour = s.camera.sensor.colour
+        if colour is None or not levels[self.name]:
+            return 0.0
+        return float(pixels(s) * len(colour.channels))
+
+    def why(self, s: Situation) -> str:
+        return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(mosaic=True)
+
+    def _largest(self, s: Situation) -> float:
+        """Of all parts and filters: electrons that differ, over those of the best channel."""
+        found = [0.0]
+        for layer in s.target.layers:
+            for part in layer.parts:
+                best = max(electron_rates(part.spectrum, s.band, s.camera, layer.distance))
+                for difference in _differences(s):
+                    sensor = replace(s.camera.sensor, colour=None, spectral_efficiency=difference)
+                    camera = replace(s.camera, sensor=sensor)
+                    rates = electron_rates(part.spectrum, s.band, camera, layer.distance)
+                    found.append(_BENT * rates[0] / best if best else 0.0)
+        return max(found)
+
+
+def _differences(s: Situation) -> Iterator[Spectrum]:
+    """|a filter's curve - the mean pixel's|, of each filter."""
+    colour = s.camera.sensor.colour
+    if colour is None:
+        return
+    letters = "".join(colour.pattern)
+    curves = {name: colour.efficiencies[name] for name in colour.channels}
+    nodes = _nodes(colour)
+    mean = sum(
+        (curve.at(nodes) * (letters.count(name) / len(letters)) for name, curve in curves.items()),
+        start=np.zeros_like(nodes),
+    )
+    for curve in curves.values():
+        yield Spectrum(tuple(nodes), tuple(np.abs(curve.at(nodes) - mean)))
+
+
+def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Where any curve bends or ends, and both sides of its ends."""
+    ends = [edge for one in colour.efficiencies.values() for edge in (one.low, one.high)]
+    beside = [edge * (1 + side * 1e-9) for edge in ends for side in (-1, 1)]
+    inner = [node for one in colour.efficiencies.values() for node in one.wavelengths]
+    fine = np.linspace(min(ends), max(ends), 401)
+    return np.unique(np.concatenate([inner, beside, fine]))

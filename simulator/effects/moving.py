@@ -1,0 +1,125 @@
+"""A target that moves across the axis while the shutter is open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.costs import REACH, SAMPLES, SAMPLING, window
+from simulator.effects.on_pixels import seconds, through_sensor
+from simulator.formation.work import transform_operations
+from simulator.planning import Bound, Effect
+from simulator.probing.radial import Gain
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_MOST = 1.2173
+"""Of 1 - sinc, anywhere."""
+
+
+class Motion(Effect):
+    name = "motion"
+    kind = "axis"
+    physics = "what moves during the exposure is smeared along its path"
+    source = "the transfer function of a uniform motion, sinc(k v T); Goodman, Introduction to "\
+        "Fourier Optics"  # fmt: skip
+    levels = ("off", "2", "4", "8", "16", "32")
+
+    def caused(self, s: Situation) -> bool:
+        return s.target.moves and not s.picture.dark and any(self._paths(s))
+
+    def finest(self, s: Situation) -> int:
+        # An even path in steady light is exact as it is.
+        return len(self.levels) - 1 if _changing(s) or _late(s) else 1
+
+    def estimate(self, s: Situation, level: int) -> float:
+        whole = s.picture.l2
+        return self._change(s, level) / whole if whole and level < self.finest(s) else 0.0
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest(s):
+            return Bound()
+        change = self._change(s, level) + self._change(s, self.finest(s))
+        how = "proved: phases of light along the path, (π k v T)²/6 at most"
+        return through_sensor(s, change * seconds(s), how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        """Of parts of the path beyond one: each is a picture of its own, by the same PSFs."""
+        parts = sum(len(layer.parts) for layer in s.target.layers)
+        more = self._parts(s, levels[self.name]) - 1
+        return more * (2 * parts + 1) * transform(s, levels)
+
+    def why(self, s: Situation) -> str:
+        pixels = max(self._paths(s)) / s.camera.sensor.pitch
+        return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(motion=2**level)
+
+    def _paths(self, s: Situation) -> list[float]:
+        """Metres on the sensor during the exposure, of each layer."""
+        speed = math.hypot(*s.target.velocity)
+        scales = (s.camera.magnification(layer.distance) for layer in s.target.layers)
+        return [speed * s.exposure * scale for scale in scales]
+
+    def _parts(self, s: Situation, level: int) -> int:
+        return 2**level * math.ceil(_whole(s) / s.exposure) if level else 1
+
+    def _change(self, s: Situation, level: int) -> float:
+        """L2 of electrons per second against the path itself, at most."""
+        return s.picture.changed([self._gain(s, path, level) for path in self._paths(s)])
+
+    def _gain(self, s: Situation, path: float, level: int) -> Gain:
+        """On the frequencies of a layer that moves so many metres.
+
+        Within a part of length ℓ light stands for light up to ℓ away: the phases 2π k x differ
+        by 2π k ℓ/4 in the mean from their middle's. What weighs them is the lamp's deviation,
+        twice its ripple at most, or a PSF's, up to 2. Rows that are exposed in turn see
+        parts of parts: then each light's own phase counts, as much longer as the frame takes.
+        """
+        lamp = s.target.lamp
+        ripple = 0.0 if lamp is None else lamp.ripple
+        part = path / 2**level if level else path
+        uneven = 2.0 * (1 + ripple) if s.shown.moves else 2 * ripple
+        late = math.sqrt(_whole(s) / s.exposure) * (1 + ripple) if _late(s) else 0.0
+        away = part if level else path * _whole(s) / s.exposure
+
+        def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
+            if late:
+                # A row's light is as far from the middle of the first as the frame takes.
+                reach = 2 * np.pi if level == 0 else np.pi
+                return late * np.minimum(2.0, reach * k * away)
+            smear = np.minimum((np.pi * k * path) ** 2 / 6, _MOST) if level == 0 else 0.0
+            return smear + uneven * np.minimum(1.0, np.pi * k * part / 2)
+
+        return gain
+
+
+def transform(s: Situation, levels: Mapping[str, int]) -> float:
+    """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
+    around = window(s, levels.get(REACH, 0))
+    finer = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
+    rows, columns = ((n + around) * finer for n in s.camera.sensor.shape)
+    return transform_operations(rows, columns)
+
+
+def _changing(s: Situation) -> bool:
+    """Whether the panel or the lamp is not the same during the exposure."""
+    lamp = s.target.lamp
+    return s.shown.moves or not (lamp is None or lamp.constant)
+
+
+def _late(s: Situation) -> bool:
+    return s.camera.sensor.shutter == "rolling" and s.camera.sensor.line_time > 0
+
+
+def _whole(s: Situation) -> float:
+    """Seconds from the first row's beginning to the last one's end."""
+    sensor = s.camera.sensor
+    return s.exposure + (sensor.line_time * (sensor.shape[0] - 1) if _late(s) else 0.0)

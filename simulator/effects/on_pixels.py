@@ -1,0 +1,128 @@
+"""How many electrons pixels hold at most, and what a change of them does to what is read."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optics.camera import Sensor
+from optics.sensor import Stages
+from optics.sensor.table import pieces
+from simulator.planning import Bound
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+FURTHEST = 4.5
+"""Standard deviations of the response and offset of pixels, at most."""
+
+
+def pixels(s: Situation) -> int:
+    rows, columns = s.camera.sensor.shape
+    return rows * columns
+
+
+def root_pixels(s: Situation) -> float:
+    return math.sqrt(pixels(s))
+
+
+def seconds(s: Situation) -> float:
+    """Of the lamp's mean light, at most, that a pixel sees."""
+    lamp = s.target.lamp
+    return s.exposure * (1 + (lamp.ripple if lamp is not None else 0.0))
+
+
+def light(s: Situation) -> float:
+    """L2 norm of the picture's electrons at most, however blurred: no blur adds light (Young)."""
+    return float(s.picture.l2) * seconds(s)
+
+
+def dark(s: Situation) -> float:
+    """Electrons of dark current on an ordinary pixel."""
+    return s.camera.sensor.dark_current * s.exposure
+
+
+def hot_norm(s: Situation) -> float:
+    """L2 norm of hot pixels' electrons, with five standard deviations of how many they are."""
+    sensor = s.camera.sensor
+    return sensor.hot_current * s.exposure * math.sqrt(at_most(sensor.hot, pixels(s)))
+
+
+def at_most(share: float, count: int) -> float:
+    """How many of `count` pixels are among those of a share, with five standard deviations."""
+    expected = share * count
+    return min(float(count), expected + 5 * math.sqrt(expected)) if share else 0.0
+
+
+def brightest(s: Situation) -> float:
+    """Electrons of the brightest pixel at most, hot ones included."""
+    sensor = s.camera.sensor
+    lit = float(s.picture.brightest) * seconds(s) * (1 + FURTHEST * sensor.prnu)
+    return lit + dark(s) + (sensor.hot_current * s.exposure if sensor.hot else 0.0)
+
+
+def held(s: Situation) -> float:
+    """L2 norm of all electrons on pixels, at most."""
+    gain = 1 + FURTHEST * s.camera.sensor.prnu
+    return light(s) * gain + dark(s) * root_pixels(s) + hot_norm(s)
+
+
+def limit(sensor: Sensor) -> float:
+    """Electrons from which well or converter may clip, but for shot noise."""
+    spread = 7 * sensor.read_noise + FURTHEST * sensor.dsnu
+    top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
+    return max(min(sensor.full_well, top - spread), 0.0)
+
+
+def near_limit(s: Situation) -> bool:
+    """Whether any pixel can come within seven standard deviations of being clipped."""
+    most = brightest(s)
+    return most + 7 * math.sqrt(most) + 20 > limit(s.camera.sensor)
+
+
+def near_zero(sensor: Sensor) -> bool:
+    """Whether noise and offsets of a dark pixel can reach the converter's lower end."""
+    room = sensor.black_level * sensor.gain - FURTHEST * sensor.dsnu
+    return room < 8 * sensor.read_noise + sensor.gain
+
+
+def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
+    """What a change of the picture's electrons does to mean, variance and σ of what is read.
+
+    change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
+    they are of electrons anywhere up to the brightest pixel, with read noise and without. σ:
+    |√a - √b| is |a - b| over the sum of both, of which read noise is the least, and at most
+    √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
+    read_noise: whether it may be counted on; without it, few electrons more make much of σ.
+    """
+    sensor = s.camera.sensor
+    mean, variance, least = _steepest(sensor, _round(brightest(s)))
+    varied = variance * change
+    sigma = math.sqrt(varied * root_pixels(s))
+    if read_noise and least:
+        sigma = min(sigma, varied / (2 * least))
+    return Bound(mean * change, varied, sigma, how=how)
+
+
+def _round(electrons: float) -> float:
+    return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
+
+
+@functools.lru_cache(maxsize=64)
+def _steepest(sensor: Sensor, most: float) -> tuple[float, float, float]:
+    """Largest slopes of mean and variance by electrons, and the least σ with read noise."""
+    whole, smooth, quiet = (
+        pieces(sensor, stages, most)
+        for stages in (Stages(), Stages(quantisation=False), Stages(read_noise=False))
+    )
+    slopes = [table.steepest(most) for tables in (whole, smooth, quiet) for table in tables]
+    mean, variance = np.array(slopes).max(axis=0)
+    least = min(table.least(most) for tables in (whole, smooth) for table in tables)
+    return (
+        max(float(mean), 1.0),
+        max(float(variance), 1.0),
+        math.sqrt(least) if sensor.read_noise else 0.0,
+    )

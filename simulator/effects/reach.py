@@ -1,0 +1,66 @@
+"""How far from its image a point's light is followed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from optics.edge import as_number
+from simulator.effects.blurs import NOTHING, spread_otherwise
+from simulator.effects.costs import REACH, WINDOWS, added, smallest_above, window
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_MARGIN = 1.5
+"""Audited: with some of the panel's effects off, or all on, more light may go far."""
+
+_FADING = 6.0
+"""Sensor pixels beyond a period, over which the next order comes in."""
+
+
+class Reach(Effect):
+    name = REACH
+    kind = "stage"
+    physics = "a PSF's skirts reach far, and hold little light at a time"
+    source = "far field of the shown pattern"
+    levels = tuple(f"{n} px" for n in WINDOWS)
+
+    def caused(self, s: Situation) -> bool:
+        return not s.picture.dark
+
+    def finest(self, s: Situation) -> int:
+        """All of the panel's middle order, at the longest wavelength."""
+        longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
+        period = longest * as_number(s.camera.lever) / s.camera.panel.pitch
+        return smallest_above(WINDOWS, period / s.camera.sensor.pitch + _FADING)
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level >= self.finest(s) else 0.5 * _beyond(s, level)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest(s):
+            return NOTHING
+        how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
+        return spread_otherwise(s, _MARGIN * _beyond(s, level), how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return added(s, levels, self.name)
+
+    def why(self, s: Situation) -> str:
+        half = WINDOWS[0] / 2
+        return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(window=max(recipe.window, WINDOWS[level]))
+
+
+def _beyond(s: Situation, level: int) -> float:
+    half = (window(s, level) / 2 - 1) * s.camera.sensor.pitch
+    # Long waves are spread the farthest.
+    scale = s.wavelength / s.band.support[1]
+    turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
+    return s.pattern.beyond(half * scale / (math.sqrt(2) if turned else 1.0))

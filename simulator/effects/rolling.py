@@ -1,0 +1,67 @@
+"""Rows that are exposed one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optics.sensor.shutter import skew
+from simulator.effects.on_pixels import light, pixels, through_sensor
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+
+class RollingShutter(Effect):
+    name = "rolling shutter"
+    kind = "stage"
+    physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
+    source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"
+
+    def caused(self, s: Situation) -> bool:
+        return s.camera.sensor.shutter == "rolling" and self._changing(s) and not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else self._share(s)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level:
+            return Bound(how="proved: nothing changes")
+        return through_sensor(
+            s, self._share(s) * light(s), "proved: light of the times that a row doesn't share"
+        )
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return float(pixels(s)) if levels[self.name] else 0.0
+
+    def why(self, s: Situation) -> str:
+        sensor = s.camera.sensor
+        late = (sensor.shape[0] - 1) * skew(sensor)
+        return (
+            f"the last row starts {late * 1e3:.3g} ms after the first, of an exposure of "
+            f"{s.exposure * 1e3:.3g} ms"
+        )
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(rolling=True)
+
+    def _changing(self, s: Situation) -> bool:
+        lamp = s.target.lamp
+        return bool(s.target.moves or s.shown.moves or not (lamp is None or lamp.constant))
+
+    def _share(self, s: Situation) -> float:
+        """Of the light, what is another in some row than in the first, at most."""
+        sensor = s.camera.sensor
+        late = skew(sensor) * np.arange(sensor.shape[0])
+        if s.target.moves or s.shown.moves:
+            # Both windows have light of their own, of the time by which they are apart.
+            return float(2 * min(late[-1] / s.exposure, 1.0))
+        begins = s.moment + late
+        lamp = s.target.lamp
+        assert lamp is not None
+        seen = lamp.mean(begins, begins + s.exposure)
+        return float(np.abs(seen - seen[0]).max())

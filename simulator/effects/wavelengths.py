@@ -1,0 +1,103 @@
+"""The filter's band: how many wavelengths stand for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.blurs import NOTHING, hiding, relative
+from simulator.effects.costs import BAND, WAVELENGTHS, added
+from simulator.effects.on_pixels import light, seconds, through_sensor
+from simulator.effects.spectra import Measure, colours, measure
+from simulator.planning import Bound, Effect
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+_SHARES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 0.0)
+"""Of the light that may fall beyond the radius to which a PSF's scaling is followed."""
+
+_CONVERGED = 2e-5
+"""Relative change from which on more nodes are no finer."""
+
+_MARGIN = 1.5
+
+
+class Bandwidth(Effect):
+    """A PSF grows with the wavelength, and a pattern's phase falls with it."""
+
+    name = BAND
+    kind = "axis"
+    physics = "each wavelength of the band has a PSF of its own, wider and less turned"
+    source = "Golub and Welsch 1969; Goodman, Introduction to Fourier Optics 6.1"
+    levels = tuple(str(n) for n in WAVELENGTHS)
+
+    def caused(self, s: Situation) -> bool:
+        return not s.picture.dark and not measure(s, "band").empty
+
+    def finest(self, s: Situation) -> int:
+        return len(_changes(s)) - 1
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.3 * relative(s, self.bound(s, level))
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest(s):
+            return NOTHING
+        change = _changes(s)[level]
+        how = f"audited ×{_MARGIN:g}: quadrature of exp(i 2π k r λ) for all light within r"
+        return through_sensor(s, hiding(s) * change, how)
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return added(s, levels, self.name)
+
+    def why(self, s: Situation) -> str:
+        width = s.band.fwhm * 1e9
+        return f"a band of {width:.3g} nm around {s.wavelength * 1e9:.4g} nm scales the PSF"
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(wavelengths=WAVELENGTHS[level])
+
+
+@lru_cache(maxsize=8)
+def _changes(s: Situation) -> tuple[float, ...]:
+    """Electrons, L2, of each level down from 1 node until it has converged; a coarser level is
+    never told to be better than a finer one."""
+    found, whole, changes = measure(s, "band"), light(s), []
+    for count in WAVELENGTHS:
+        changes.append(_change(s, found, count))
+        if changes[-1] <= _CONVERGED * whole:
+            break
+    return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
+
+
+def _change(s: Situation, found: Measure, count: int) -> float:
+    """Electrons, L2, that so few nodes make wrong at most."""
+    path, errors = _path(s), found.errors(count)
+    best = math.inf
+    for share in _SHARES:
+        # All of the middle order's light lies within half a period along each axis.
+        radius = s.pattern.reach(share) if share else s.pattern.period / math.sqrt(2)
+
+        def gain(
+            k: NDArray[np.float64], radius: float = radius, share: float = share
+        ) -> NDArray[np.float64]:
+            # A phase goes with 1/λ; near the centre that is as far as with λ.
+            shift = 2 * math.pi * k * radius + path
+            wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
+            # Even light has no fringes: nothing is wrong with it but what rounding is.
+            return np.where(k > 0, np.minimum(wrong + 2 * share, 2.0), 0.0)
+
+        best = min(best, math.fsum(one.changed(gain) for one in colours(s)))
+    return _MARGIN * seconds(s) * best
+
+
+def _path(s: Situation) -> float:
+    """Radians that the shown phases span."""
+    return max(float(one.max() - one.min()) for one in s.pattern.phases)

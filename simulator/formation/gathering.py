@@ -1,0 +1,132 @@
+"""Pictures and kernels on samples of the sensor plane, and from samples to pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+
+from optics.camera import Sensor
+from optics.formation import frequencies
+from optics.fourier import fft, irfft2, rfft2
+from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
+from optics.sensor import pixel_transfer
+from simulator.formation.work import transform_operations
+from simulator.ledger import Ledger
+from simulator.scene.drawable import Drawable
+
+Array = NDArray[np.float64]
+
+
+class Gathering:
+    """The samples of a picture: the sensor with half a PSF around it, `finer` samples a pixel.
+
+    Spectra are on its rfft2 grid, complex64, with the origin in the corner. What a PSF carries
+    around the plane's edges stays outside the sensor.
+    """
+
+    def __init__(self, sensor: Sensor, window: int, finer: int, ledger: Ledger) -> None:
+        shape = tuple(scipy.fft.next_fast_len(n + window, real=True) for n in sensor.shape)
+        self.sensor, self.finer, self._ledger = sensor, finer, ledger
+        self._pixels = (shape[0], shape[1])
+        self.plane: Plane = sensor.window(self._pixels).finer(finer)
+
+    @property
+    def operations(self) -> float:
+        """Of one transform of all samples."""
+        return transform_operations(*self.plane.shape)
+
+    def _count(self, effect: str) -> None:
+        self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
+
+    def dark(self, count: int) -> list[torch.Tensor]:
+        """Spectra of no light."""
+        rows, columns = self.plane.shape
+        return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
+
+    def spectrum(
+        self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
+    ) -> torch.Tensor:
+        """Of a picture, moved by (y, x) metres on the object."""
+        self._count(effect)
+        return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
+
+    def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
+        """The picture of a spectrum, (rows, columns) of the plane."""
+        self._count(effect)
+        return origin_to_centre(irfft2(spectrum, self.plane.shape))
+
+    def transformed(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
+        """The spectrum of a picture on the plane."""
+        self._count(effect)
+        return rfft2(origin_to_corner(samples)).to(torch.complex64)
+
+    def transfers(
+        self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
+    ) -> list[torch.Tensor]:
+        """Transfer functions of weighted sums of PSFs; weights: (sums, PSFs).
+
+        Sums are formed before the transform or behind it, whichever takes fewer of them.
+        """
+        if len(psfs) <= len(weights):
+            known = [self._transfer(psf, effect) for psf in psfs]
+            return [_sum(known, row) for row in weights]
+        return [self._transfer(_sum(psfs, row), effect) for row in weights]
+
+    def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
+        return self.transformed(centred_pad(psf.to(torch.float32), self.plane.shape), effect)
+
+    def smear(self, path: tuple[float, float]) -> torch.Tensor | None:
+        """What a straight path on the sensor, (y, x) metres, makes of a spectrum; None if none."""
+        if not any(path):
+            return None
+        fy, fx = frequencies(self.plane)
+        return torch.sinc(fy * path[0] + fx * path[1]).to(torch.float32)
+
+    @cached_property
+    def _aperture(self) -> torch.Tensor:
+        return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
+
+    def pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
+        """Light on the sensor's pixels, (rows, columns): its mean over each, or at its centre."""
+        if aperture:
+            self._ledger.add("pixel aperture", 2.0 * spectrum.numel(), 4 * spectrum.numel())
+            spectrum = spectrum * self._aperture
+        light = folded(spectrum, self._pixels, self.finer)
+        self._ledger.add("picture", transform_operations(*self._pixels), 4 * light.numel())
+        return centred_crop(origin_to_centre(light), self.sensor.shape)
+
+
+def folded(spectrum: torch.Tensor, shape: tuple[int, int], factor: int) -> torch.Tensor:
+    """Every `factor`th sample, from the origin on, of a picture whose rfft2 is given, (rows,
+    columns) of shape with the origin in the corner: frequencies that look alike are added before
+    they are transformed."""
+    if factor == 1:
+        return irfft2(spectrum, shape)
+    rows, columns = shape
+    lines = spectrum.reshape(factor, rows, spectrum.shape[1]).sum(0) / factor
+    # Now a real picture's spectrum along x alone: what is beyond its end is known by symmetry.
+    lines = fft(lines, rows, 0, inverse=True)
+    kept = columns // 2 + 1
+    total = torch.zeros((rows, kept), dtype=lines.dtype)
+    whole = factor * columns
+    for k in range(factor):
+        first = k * columns
+        index = torch.arange(first, first + kept)
+        beyond = index > whole // 2
+        part = lines[:, torch.where(beyond, whole - index, index)]
+        total += torch.where(beyond, part.conj(), part)
+    picture = scipy.fft.irfft(total.resolve_conj().numpy() / factor, columns, axis=1)
+    return torch.from_numpy(picture)
+
+
+def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
+    total = float(weights[0]) * parts[0]
+    for part, weight in zip(parts[1:], weights[1:], strict=True):
+        total = total + float(weight) * part
+    return total

@@ -1,0 +1,251 @@
+"""How the light of a point spreads: by one wavelength, one distance, one place in the field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+
+from optics.camera import Camera
+from optics.edge import as_number
+from optics.plane import Plane
+from optics.psf import PSFOperator, modulated_psf
+from optics.slm import Modulator
+from optics.slm.reflection import front_share
+from optics.stop.shadow import share_through
+from simulator.caching import ByteCache
+from simulator.formation.panels import Fields, fields_of, modulator_at
+from simulator.formation.rays import RayOperator
+from simulator.formation.work import psf_operations, ray_operations
+from simulator.ledger import Ledger
+from simulator.recipe import Recipe
+from simulator.shown import Mixture, Procession
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+_FADING = 4.0
+"""Sensor pixels over which one order of the panel's pixels fades into the next."""
+
+Order = tuple[int, int]
+"""Of the panel's pixel grid, (y, x) in the panel's axes."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Whose light spreads: metres of wavelength, of distance from the panel, and (y, x) metres on
+    the sensor from the axis to its geometric image."""
+
+    wavelength: float
+    distance: float
+    place: tuple[float, float] = (0.0, 0.0)
+
+
+class Kernels:
+    """PSFs as a recipe wants them; each is computed once as long as the cache holds it.
+
+    A PSF is (rows, columns) of samples around the point's geometric image, or around an order of
+    it, each the share of the point's light that it gets. Vignetting is apart: a PSF at a place has
+    the light that one on the axis would have.
+    """
+
+    def __init__(
+        self,
+        s: Situation,
+        recipe: Recipe,
+        cache: ByteCache,
+        ledger: Ledger,
+        check: Callable[[], None],
+    ) -> None:
+        self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
+        self._check = check
+        camera = replace(s.camera, panel=recipe.panel)
+        if not s.mount.aligned:
+            camera = replace(camera, lens=s.mount.lens(camera.lens))
+        self.camera: Camera = camera
+        window = (recipe.window, recipe.window)
+        self.plane = camera.sensor.window(window).finer(recipe.finer)
+
+    @property
+    def causes(self) -> tuple[object, ...]:
+        """What all PSFs follow from besides the point, and what is on the panel."""
+        r = self._recipe
+        beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
+        axes = (r.window, r.finer, r.dispersion, beats, r.wave)
+        return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
+
+    def psf(
+        self,
+        seen: Mixture | Procession,
+        point: Point,
+        effect: str,
+        order: Order | None = None,
+    ) -> torch.Tensor:
+        """effect: that it is computed for, in the ledger. order: whose cell alone is wanted; all
+        that the window holds if None."""
+        causes = ("psf", self.causes, seen, point, order)
+        return self._cache.get(causes, lambda: self._computed(seen, point, effect, order))
+
+    def central(self, wavelength: float) -> Order | None:
+        """The order that stays in the middle, where the window holds more than that."""
+        period, side = self.period(wavelength), self.plane.shape[0] * self.plane.pitch[0]
+        wide = side > period - self._fading(period)
+        return (0, 0) if wide and self._recipe.wave else None
+
+    def _fading(self, period: float) -> float:
+        """Metres over which one order fades into the next."""
+        return min(_FADING * self.camera.sensor.pitch, period / 4)
+
+    def period(self, wavelength: float) -> float:
+        """Metres on the sensor from one order of the panel's pixels to the next."""
+        return wavelength * as_number(self.camera.lever) / self.camera.panel.pitch
+
+    def centre(self, wavelength: float, order: Order) -> tuple[float, float]:
+        """(y, x) metres on the sensor from a point's image to where an order's PSF is centred."""
+        y, x = self._aside(wavelength, order)
+        mount = self._s.mount
+        y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
+        cos, sin = math.cos(mount.rotation), math.sin(mount.rotation)
+        return y * cos + x * sin, x * cos - y * sin
+
+    def _aside(self, wavelength: float, order: Order) -> tuple[float, float]:
+        """In the panel's axes, by whole samples: where two orders meet, one goes on as the other
+        ends."""
+        y, x = (
+            round(k * self.period(wavelength) / pitch) * pitch
+            for k, pitch in zip(order, self.plane.pitch, strict=True)
+        )
+        return y, x
+
+    def _computed(
+        self, seen: Mixture | Procession, point: Point, effect: str, order: Order | None
+    ) -> torch.Tensor:
+        mount, operator = self._s.mount, self._operator(point, order or (0, 0))
+        modulator = modulator_at(self.camera.panel, point.wavelength)
+        light = self._light(operator, modulator, self._counted(seen, modulator, effect))
+        if order is not None:
+            light = light * self._cell(operator.pixels, point.wavelength, order).to(light)
+        light = light * self._evened(point)
+        if not mount.aligned:
+            light = mount.turned(light, self.plane)
+        return light
+
+    def _light(
+        self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: Fields
+    ) -> torch.Tensor:
+        if isinstance(operator, RayOperator):
+            return _of_rays(operator, modulator, parts)
+        if not self._recipe.interference or self._s.path is None:
+            return modulated_psf(operator, modulator, parts)
+        return _interfering(operator, modulator, parts, complex(self._s.path.interference))
+
+    def _evened(self, point: Point) -> float:
+        """What a place's light has to be multiplied with to be as much as on the axis."""
+        if not (self.camera.separation and any(point.place)):
+            return 1.0
+        here = share_through(self.camera, point.distance, self._s.mount.place(point.place))
+        axis = share_through(self.camera, point.distance, (0.0, 0.0))
+        return axis / here if here else 0.0
+
+    def _operator(self, point: Point, order: Order) -> PSFOperator | RayOperator:
+        """Unmodulated light is the modulator's."""
+        plane = self.plane
+        if not self._s.mount.aligned:
+            plane = self._s.mount.plane(plane)
+        plane = replace(plane, centre=self._aside(point.wavelength, order))
+        place = self._s.mount.place(point.place)
+        camera, recipe = self.camera, self._recipe
+        if not recipe.wave:
+            return RayOperator(camera, point.distance, point.wavelength, plane, place)
+        causes = ("operator", camera, self._s.numerics, point, plane)
+        return self._cache.get(
+            causes,
+            lambda: PSFOperator(
+                camera,
+                point.distance,
+                point.wavelength,
+                plane,
+                field=place,
+                integrate=False,
+                unmodulated=0.0,
+                tol=self._s.numerics,
+            ),
+        )
+
+    def _counted(self, seen: Mixture | Procession, modulator: Modulator, effect: str) -> Fields:
+        """The fields of a cell, with a check and an entry for each: they are made in between."""
+        count = psf_operations if self._recipe.wave else ray_operations
+        samples, panel = max(self.plane.shape), self.camera.panel
+        self._check()
+        for part in self._fields(seen, modulator):
+            self._ledger.add(effect, count(panel, samples), 4 * samples**2)
+            yield part
+            self._check()
+
+    def _fields(
+        self, seen: Mixture | Procession, modulator: Modulator
+    ) -> Iterable[tuple[float, torch.Tensor]]:
+        """Kept where they will be asked for again: at other depths, places or wavelengths."""
+        r, s = self._recipe, self._s
+        panel, pictures, tol = self.camera.panel, s.shown.pictures, s.numerics
+        if not r.dispersion:
+            modulator = modulator_at(panel, s.wavelength)
+        elif r.depths == 1 and r.places == 1 and not r.orders:
+            return fields_of(modulator, seen, pictures, tol)
+        causes = ("fields", panel, modulator.wavelength, seen, tol)
+        return self._cache.get(causes, lambda: list(fields_of(modulator, seen, pictures, tol)))
+
+    def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
+        """How much of the light on each sample counts as an order's own, in the panel's axes.
+
+        All orders' shares add up to 1. Where two meet, one fades out as the other fades in: a
+        PSF that ended at once would ring.
+        """
+        period = self.period(wavelength)
+        inside = []
+        for at, k in zip(plane.mesh(), order, strict=True):
+            depth = period / 2 - (at - k * period).abs()
+            ramp = (depth / self._fading(period) + 0.5).clamp(0, 1)
+            inside.append(torch.sin(math.pi / 2 * ramp) ** 2)
+        return inside[0] * inside[1]
+
+
+def _of_rays(operator: RayOperator, modulator: Modulator, parts: Fields) -> torch.Tensor:
+    """As modulated_psf(): what jitter scatters goes evenly over all orders, beyond the picture."""
+    light, time = torch.zeros(operator.pixels.shape, dtype=torch.float64), 0.0
+    for share, field in parts:
+        light += share * (1 - modulator.scattered) * operator(None, field)
+        time += share
+    light = (1 - modulator.unmodulated) * light
+    for share, straight in modulator.straight:
+        light += time * share * operator.straight(straight)
+    return light
+
+
+def _interfering(
+    operator: PSFOperator, modulator: Modulator, parts: Fields, strength: complex
+) -> torch.Tensor:
+    """modulated_psf(), and Re(strength conj(p) q) of the pattern's field p and that of light that
+    the panel doesn't turn, q (see optics.polarisation.PathEffect).
+
+    The panel's field and the sensor's are linear in each other, and |p + a q|² has the term: no
+    complex answer is needed. What the cover glass reflects is too far away to interfere, and what
+    jitter scatters has no phase.
+    """
+    kept = list(parts)
+    light = modulated_psf(operator, modulator, kept)
+    coherent = (1 - front_share(modulator.panel)) * math.sqrt(1 - modulator.scattered)
+    amount = abs(strength) * coherent
+    if not amount:
+        return light
+    turn = strength / abs(strength)
+    still = modulator.straight[-1][1] if modulator.straight else None
+    for share, field in kept:
+        other = torch.ones_like(field) if still is None else still.to(field)
+        both = operator(None, field + turn * other)
+        term = both - operator(None, field) - operator.straight(still, keep=True).to(both)
+        light = light + share * amount / 2 * term
+    return light

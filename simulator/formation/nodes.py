@@ -1,0 +1,228 @@
+"""The nodes of the axes: wavelengths, depths, places in the field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.camera import Camera
+from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
+from optics.pupil import open_area
+from optics.sensor import Mosaic
+from simulator.recipe import Recipe
+from simulator.scene.target import Part
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+
+_FINE = 24
+"""Gauss-Legendre nodes between two neighbouring kinks of all the spectra."""
+
+_LONGEST_PIECE = 0.05
+"""Of the band's support, that so many nodes are spread over at most."""
+
+
+@dataclass(frozen=True)
+class Wavelength:
+    """A node, metres; leak: whether it stands for light beside the band."""
+
+    metres: float
+    leak: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Wavelengths:
+    """Nodes and what each counts: electrons per second and pixel where a part's picture is 1 and
+    all light arrives, (channels, parts, nodes), from electrons() of each part's distance."""
+
+    nodes: tuple[Wavelength, ...]
+    weights: Array
+
+
+def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
+    """Gauss' nodes of all the light that counts, and each part's weights at them.
+
+    A part's weights are those of the polynomial that goes through its nodes: they add up to all
+    of its electrons, however few nodes there are. Without any light there are no nodes.
+    """
+    curves = efficiencies(s, recipe)
+    nodes: list[Wavelength] = []
+    weights: list[Array] = []
+    low, high = s.band.support
+    low, high = seen_range(parts, curves, low, high)
+    if low < high:
+        x, w = fine_points(parts, curves, low, high)
+        of = density(parts, curves, x) * (w * s.band.transmission(x))
+        found, each = interpolating(x, of, recipe.wavelengths)
+        nodes += [Wavelength(float(one)) for one in found]
+        weights.append(each)
+    if recipe.leak and s.band.leak:
+        low, high = seen_range(parts, curves, *s.band.leak_range)
+        if low < high:
+            x, w = fine_points(parts, curves, low, high)
+            of = density(parts, curves, x) * (w * s.band.leak)
+            found, each = interpolating(x, of, recipe.leak)
+            nodes += [Wavelength(float(one), leak=True) for one in found]
+            weights.append(each)
+    empty = np.zeros((len(curves), len(parts), 0))
+    return Wavelengths(tuple(nodes), np.concatenate([empty, *weights], axis=2))
+
+
+def efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
+    """Electrons per photon of each channel; of all pixels alike where filters don't count: a
+    mosaic's is then the mean over its pixels."""
+    sensor = s.camera.sensor
+    if sensor.colour is not None:
+        curves = tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
+        return curves if recipe.mosaic else (mean_curve(sensor.colour),)
+    return (sensor.spectral_efficiency or Spectrum.even(sensor.quantum_efficiency),)
+
+
+def mean_curve(colour: Mosaic) -> Spectrum:
+    """Electrons per photon of a mosaic's mean pixel."""
+    letters = "".join(colour.pattern)
+    curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
+    nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
+    total = np.zeros(len(nodes))
+    for curve, count in curves:
+        total += curve.at(nodes) * (count / len(letters))
+    return Spectrum(tuple(nodes), tuple(total))
+
+
+def seen_range(
+    parts: Sequence[Part], curves: Sequence[Spectrum], low: float, high: float
+) -> tuple[float, float]:
+    """The part of a range in which anything shines and is seen."""
+    if not parts:
+        return low, low
+    low = max(low, min(p.spectrum.low for p in parts), min(c.low for c in curves))
+    return low, min(high, max(p.spectrum.high for p in parts), max(c.high for c in curves))
+
+
+def fine_points(
+    parts: Sequence[Part], curves: Sequence[Spectrum], low: float, high: float
+) -> tuple[Array, Array]:
+    """Points and weights that integrate everything: Gauss-Legendre between the kinks."""
+    kinks = {low, high}
+    for one in [p.spectrum for p in parts] + list(curves):
+        kinks.update(x for x in one.wavelengths if low < x < high)
+    steps = max(1, math.ceil(1 / _LONGEST_PIECE))
+    kinks.update(np.linspace(low, high, steps + 1).tolist())
+    edges = np.array(sorted(kinks))
+    # Tables may have a hundred kinks: as many points in all, whatever there are.
+    count = max(4, min(_FINE, 4000 // len(edges)))
+    node, weight = np.polynomial.legendre.leggauss(count)
+    half = np.diff(edges)[:, None] / 2
+    x = (edges[:-1] + edges[1:])[:, None] / 2 + half * node
+    return x.ravel(), (half * weight).ravel()
+
+
+def density(parts: Sequence[Part], curves: Sequence[Spectrum], x: Array) -> Array:
+    """Electrons per metre of wavelength and joule of white light, (channels, parts, x)."""
+    photons = x / (PLANCK * SPEED_OF_LIGHT)
+    sent = np.stack([part.spectrum.at(x) for part in parts])
+    return np.stack([curve.at(x) for curve in curves])[:, None] * (sent * photons)
+
+
+def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
+    """Gauss' nodes for the sum of some measures of points x, and each measure's weights there.
+
+    measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
+    degree below the number of nodes as the measure does; all together, as Gauss' rule, up to
+    twice that. Fewer nodes than count where fewer points have any weight.
+    Golub and Welsch (1969), from the three-term recursion that Lanczos' method finds.
+    """
+    total = measures.reshape(-1, len(x)).sum(0)
+    mass = total.sum()
+    if not mass > 0:
+        return np.zeros(0), np.zeros((*measures.shape[:-1], 0))
+    scale = (x.max() - x.min()) / 2 or 1.0
+    away = (x - (x.max() + x.min()) / 2) / scale
+    root = np.sqrt(total / mass)
+    basis, diagonal, beside = [root], [], []
+    while True:
+        rest = away * basis[-1]
+        diagonal.append(float(basis[-1] @ rest))
+        if len(diagonal) == count:
+            break
+        for _ in range(2):  # once isn't orthogonal enough
+            for known in basis:
+                rest = rest - (known @ rest) * known
+        length = float(np.linalg.norm(rest))
+        if length < 1e-12:
+            break
+        basis.append(rest / length)
+        beside.append(length)
+    matrix = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
+    nodes, vectors = np.linalg.eigh(matrix)
+    # A measure's moments by the orthogonal polynomials, taken to the nodes.
+    lit = root > 0
+    polynomials = np.stack(basis)[:, lit] / root[lit]
+    moments = measures[..., lit] @ polynomials.T
+    each = moments @ (vectors * vectors[0])
+    return (x.max() + x.min()) / 2 + scale * nodes, each
+
+
+def electrons(camera: Camera, distance: float) -> float:
+    """What turns radiance times photons' electrons into electrons per second and pixel, m² sr:
+    the camera equation of optics.light.electron_rate, without its light."""
+    spread = 1 + camera.separation / distance
+    area = open_area(camera) * spread**2 / camera.lens.image_distance**2
+    return area * camera.panel.reflectivity * camera.transmission * camera.sensor.pitch**2
+
+
+def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
+    """For each distance, the distances whose PSFs stand for its own, and their weights.
+
+    count nodes, evenly spaced in 1/distance from the farthest to the nearest; one is in the
+    middle. PSFs between two nodes are their weighted mean. As many nodes as there are distances,
+    or more, are these distances.
+    """
+    if count < 1:
+        raise ValueError(f"{count} depths; there is one at least")
+    different = sorted({1 / d for d in distances})
+    if count >= len(different):
+        return {d: [(d, 1.0)] for d in distances}
+    low, high = different[0], different[-1]
+    if count == 1:
+        middle = 2 / (low + high)
+        return {d: [(middle, 1.0)] for d in distances}
+    step = (high - low) / (count - 1)
+    found = {}
+    for d in distances:
+        below = min(int((1 / d - low) / step), count - 2)
+        share = (1 / d - low) / step - below
+        ends = ((below, 1 - share), (below + 1, share))
+        found[d] = [(_distance(low + k * step), w) for k, w in ends if w > 1e-12]
+    return found
+
+
+def _distance(vergence: float) -> float:
+    return 1 / vergence if vergence > 0 else math.inf
+
+
+def places(count: int, half: float) -> list[float]:
+    """Chebyshev points of the second kind along an axis, from -half to half; one is the middle."""
+    if count == 1:
+        return [0.0]
+    return [-half * math.cos(math.pi * k / (count - 1)) for k in range(count)]
+
+
+def place_weights(nodes: Sequence[float], at: Array) -> Array:
+    """Of the values at the nodes in the polynomial through them, (nodes, points); beyond the
+    outermost it stays as it is there."""
+    if len(nodes) == 1:
+        return np.ones((1, len(at)))
+    where = np.clip(at, nodes[0], nodes[-1])
+    weights = np.ones((len(nodes), len(at)))
+    for i, one in enumerate(nodes):
+        for other in (*nodes[:i], *nodes[i + 1 :]):
+            weights[i] *= (where - other) / (one - other)
+    return weights

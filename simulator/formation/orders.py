@@ -1,0 +1,90 @@
+"""The diffraction orders of the panel's pixel grid: pale copies of the picture, far away."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from simulator.formation.gathering import Gathering
+from simulator.formation.kernels import Order
+from simulator.formation.objects import Objects
+from simulator.formation.spreading import Spreading
+from simulator.formation.time import Cell
+
+_ONE = np.ones((1, 1))
+
+
+def orders_up_to(most: int) -> list[Order]:
+    """All but the one in the middle."""
+    span = range(-most, most + 1)
+    return [(y, x) for y in span for x in span if y or x]
+
+
+class Aside:
+    """Light that the grid sends aside, by wavelength over its pitch, where it meets the sensor.
+
+    Every wavelength goes elsewhere. An order's PSF is computed around where it lands, and
+    convolved with the object as if that had been there.
+    """
+
+    def __init__(
+        self, gathering: Gathering, objects: Objects, spreading: Spreading, most: int
+    ) -> None:
+        self._gathering, self._objects, self._spreading = gathering, objects, spreading
+        self._orders = orders_up_to(most)
+
+    def all(self, number: int, cell: Cell, count: int) -> list[torch.Tensor]:
+        """As Straight."""
+        total = self._gathering.dark(self._spreading.channels)
+        for node in range(len(self._spreading.nodes)):
+            for channel, light in enumerate(self.front(number, node, cell, count)):
+                total[channel] += light
+        return total
+
+    def front(self, number: int, node: int, cell: Cell, count: int) -> list[torch.Tensor]:
+        """As Straight."""
+        del count
+        layer, weights = self._spreading.layers[number], self._spreading.weights(number)
+        total = self._gathering.dark(self._spreading.channels)
+        for order in self._orders:
+            off = self._spreading.centre(self._spreading.nodes[node], order)
+            where = self._objects.where(layer, cell, off)
+            if where is None:
+                continue
+            for part, one in enumerate(layer.parts):
+                shining = self._objects.shining(one.picture, layer, where, off)
+                light = self._sent(number, node, order, cell, shining)
+                if light is None:
+                    continue
+                for channel in range(self._spreading.channels):
+                    total[channel] += float(weights[channel, part, node]) * light
+        return total
+
+    def hidden(self, number: int, node: int, cell: Cell, count: int) -> torch.Tensor:
+        """As Straight."""
+        del count
+        layer = self._spreading.layers[number]
+        assert layer.cover is not None
+        total = self._gathering.dark(1)[0]
+        for order in self._orders:
+            off = self._spreading.centre(self._spreading.nodes[node], order)
+            where = self._objects.where(layer, cell, off)
+            if where is None:
+                continue
+            covers = self._objects.hiding(layer.cover, where)
+            light = self._sent(number, node, order, cell, covers)
+            if light is not None:
+                total += light
+        return total
+
+    def _sent(
+        self, number: int, node: int, order: Order, cell: Cell, spectra: list[torch.Tensor]
+    ) -> torch.Tensor | None:
+        """The spectrum of a picture that an order carries; None if nothing of it comes near."""
+        if not any(bool(one.any()) for one in spectra):
+            return None
+        total = self._gathering.dark(1)[0]
+        for place, spectrum in zip(self._objects.places, spectra, strict=True):
+            psf = self._spreading.order(number, node, place, cell, order)
+            total += self._gathering.transfers([psf], _ONE, "panel orders")[0] * spectrum
+        return total

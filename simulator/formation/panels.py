@@ -1,0 +1,57 @@
+"""What leaves the panel at a wavelength: its effects that are on, with dispersion or without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import torch
+
+from optics.camera import Panel
+from optics.slm import Modulator, Response
+from optics.slm.dispersion import max_phase
+from simulator.motion import Pictures, exposures
+from simulator.shown import Mixture, Procession
+
+LOWEST, HIGHEST = 0.9, 1.15
+"""Of the shortest and longest wavelength of a panel's table: where it is trusted."""
+
+Fields = Iterator[tuple[float, torch.Tensor]]
+
+
+def known_range(panel: Panel) -> tuple[float, float]:
+    """Metres between which the panel's phase range is known."""
+    known = [wavelength for wavelength, _ in panel.max_phase]
+    return LOWEST * min(known), HIGHEST * max(known)
+
+
+def panel_at(panel: Panel, wavelength: float) -> Panel:
+    """The panel for light of any wavelength: beyond its table the path stays as at its end.
+
+    A crystal's birefringence changes by a few per cent there, and so does the phase.
+    """
+    low, high = known_range(panel)
+    if low <= wavelength <= high:
+        return panel
+    end = min(max(wavelength, low), high)
+    return standing_in(panel, end, wavelength, end / wavelength)
+
+
+def standing_in(panel: Panel, known: float, wavelength: float, factor: float) -> Panel:
+    """A panel that does at a wavelength what this one does at a known one, times a factor."""
+    response = panel.response
+    if response is not None:
+        response = Response((wavelength,), response.at(known)[None])
+    reach = max_phase(panel, known) * factor
+    return replace(panel, max_phase=((wavelength, reach),), response=response)
+
+
+def modulator_at(panel: Panel, wavelength: float) -> Modulator:
+    return Modulator(panel_at(panel, wavelength), wavelength)
+
+
+def fields_of(
+    modulator: Modulator, seen: Mixture | Procession, pictures: Pictures, tol: float
+) -> Fields:
+    """Shares of a cell and fields on the panel's pixels, one after the other."""
+    return exposures(modulator, seen, pictures, tol)

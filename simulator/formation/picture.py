@@ -1,0 +1,110 @@
+"""The mean picture of a situation, as a recipe says: electrons on each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import torch
+
+from simulator.caching import ByteCache
+from simulator.formation.gathering import Gathering
+from simulator.formation.kernels import Kernels
+from simulator.formation.layered import Adding, Hiding, Straight, Way
+from simulator.formation.nodes import efficiencies, wavelengths
+from simulator.formation.objects import Objects
+from simulator.formation.orders import Aside
+from simulator.formation.spreading import Spreading
+from simulator.formation.time import Cell, cells
+from simulator.ledger import Ledger
+from simulator.recipe import Recipe
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+
+def expected(
+    s: Situation,
+    recipe: Recipe,
+    cache: ByteCache,
+    ledger: Ledger,
+    check: Callable[[], None] = lambda: None,
+) -> torch.Tensor:
+    """Photo-electrons on each pixel over the exposure, (rows, columns) float32, in the mean.
+
+    What the sensor does with them comes afterwards; its filters and its pixels' area are in it.
+    check: is called between the steps of a long computation, and may raise. Raises ValueError for
+    an exposure that isn't positive, and for a recipe that nothing can be rendered by.
+    """
+    _require(recipe)
+    target = s.target.for_camera(s.camera)
+    channels = len(efficiencies(s, recipe))
+    total = torch.zeros((channels, *s.camera.sensor.shape), dtype=torch.float32)
+    found = wavelengths(s, recipe, [part for layer in target.layers for part in layer.parts])
+    if found.nodes and found.weights.any():
+        render = _Rendering(s, recipe, cache, ledger, check)
+        for number, cell in enumerate(cells(s, recipe)):
+            check()
+            light = render.light(cell, number)
+            total += light * torch.from_numpy(cell.weight).to(torch.float32)[:, None]
+    colour = s.camera.sensor.colour
+    if colour is not None and recipe.mosaic:
+        ledger.add("colour filter array", total[0].numel(), 4 * total[0].numel())
+        return colour.gather(total).clamp(min=0)
+    return total[0].clamp(min=0)
+
+
+def _require(recipe: Recipe) -> None:
+    for name in ("window", "finer", "wavelengths", "depths", "places", "motion"):
+        if getattr(recipe, name) < 1:
+            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
+    for name in ("leak", "orders"):
+        if getattr(recipe, name) < 0:
+            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 0 at least")
+
+
+class _Rendering:
+    """What is the same for all cells of an exposure."""
+
+    def __init__(
+        self,
+        s: Situation,
+        recipe: Recipe,
+        cache: ByteCache,
+        ledger: Ledger,
+        check: Callable[[], None],
+    ) -> None:
+        self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
+        self._gathering = Gathering(s.camera.sensor, recipe.window, recipe.finer, ledger)
+        kernels = Kernels(s, recipe, cache, ledger, check)
+        objects = Objects(s, recipe, self._gathering, kernels, cache)
+        spreading = Spreading(s, recipe, kernels, objects)
+        ways: list[Way] = [Straight(self._gathering, objects, spreading)]
+        if recipe.orders and recipe.wave:
+            ways.append(Aside(self._gathering, objects, spreading, recipe.orders))
+        layered = Hiding if recipe.occlusion else Adding
+        self._layered = layered(self._gathering, spreading, ways)
+
+    def light(self, cell: Cell, number: int) -> torch.Tensor:
+        """Electrons per second, (channels, rows, columns), of a cell."""
+        s, r = self._s, self._recipe
+        # Of the recipe, what a cell and the sensor's own stages don't already say.
+        axes = r.having(
+            lamp=False, rolling=False, motion=1, crystal=False, dark_current=False,
+            fixed_pattern=False, shot="none", clipping=False, read_noise=False,
+            quantisation=False,
+        )  # fmt: skip
+        beats = complex(s.path.interference) if s.path else 0j
+        causes = (
+            "light", s.camera, s.mount, s.target, s.band, beats, s.numerics, axes,
+            cell.seen, cell.shift, cell.path,
+        )  # fmt: skip
+        return self._cache.get(causes, lambda: self._formed(cell, number))
+
+    def _formed(self, cell: Cell, number: int) -> torch.Tensor:
+        aperture = self._recipe.pixel_aperture
+        light = []
+        for spectrum in self._layered.spectra(cell, number):
+            self._check()
+            light.append(self._gathering.pixels(spectrum, aperture))
+        return torch.stack(light)

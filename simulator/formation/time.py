@@ -1,0 +1,173 @@
+"""The exposure, cut into cells in which nothing needs to be told apart any more.
+
+What the panel shows, where the object is and how bright its lamp shines all change with time.
+A cell is light of one mean PSF and one path of the object; its weight is the time for which a
+pixel's row sees it, by the lamp's brightness meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.recipe import Recipe
+from simulator.shown import Mixture, Procession, Span
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+
+_FOLLOWED = 8
+"""Parts of a video's frame for which rows, or a lamp, weigh a liquid crystal on its way."""
+
+_MOST_INTERVALS = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """seen: on the panel, whose PSFs' mean is the cell's. shift: (y, x) metres on the object, of
+    the middle of its path. path: (y, x) metres that it moves on. weight: seconds of the lamp's
+    mean light that each row sees, (rows,), or (1,) where all see the same."""
+
+    seen: Mixture | Procession
+    shift: tuple[float, float]
+    path: tuple[float, float]
+    weight: Array
+
+
+def cells(s: Situation, recipe: Recipe) -> list[Cell]:
+    """Of an exposure. Raises ValueError for one that isn't positive and finite."""
+    if not 0 < s.exposure < math.inf:
+        raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
+    starts = _row_starts(s, recipe)
+    crystal = recipe.crystal and s.shown.moves
+    found = []
+    for begin, end in _cuts(s, recipe, starts):
+        shift, path = _moved(s, recipe, begin, end)
+        if len(starts) == 1 and not recipe.lamp:
+            look = s.shown.procession if crystal else s.shown.mixture
+            found.append(Cell(look(begin, end - begin), shift, path, np.array([end - begin])))
+            continue
+        pieces = _Pieces(s, recipe, starts, begin, end)
+        follow = pieces.following if crystal else pieces.standing
+        found += [Cell(seen, shift, path, weight) for seen, weight in follow()]
+    return found
+
+
+def _row_starts(s: Situation, recipe: Recipe) -> Array:
+    sensor = s.camera.sensor
+    if not recipe.rolling or sensor.shutter == "global":
+        return np.array([s.moment])
+    return np.asarray(s.moment + sensor.line_time * np.arange(sensor.shape[0]), dtype=np.float64)
+
+
+def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
+    """As many parts as a motion asks for of every exposure's length."""
+    first, whole = float(starts[0]), float(starts[-1] - starts[0]) + s.exposure
+    count = 1
+    if s.target.moves and recipe.motion > 1:
+        count = recipe.motion * max(1, math.ceil(whole / s.exposure))
+    ends = first + whole * (np.arange(count + 1) / count)
+    yield from zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+
+
+def _moved(
+    s: Situation, recipe: Recipe, begin: float, end: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    if not s.target.moves:
+        return (0.0, 0.0), (0.0, 0.0)
+    vy, vx = s.target.velocity
+    if recipe.motion == 1:
+        middle = s.moment + s.exposure / 2
+        return (vy * middle, vx * middle), (0.0, 0.0)
+    middle, seconds = (begin + end) / 2, end - begin
+    return (vy * middle, vx * middle), (vy * seconds, vx * seconds)
+
+
+class _Pieces:
+    """What each row sees of the panel between two times."""
+
+    def __init__(
+        self, s: Situation, recipe: Recipe, starts: Array, begin: float, end: float
+    ) -> None:
+        self._s, self._recipe, self._starts = s, recipe, starts
+        self._begin, self._end = begin, end
+
+    def standing(self) -> list[tuple[Mixture, Array]]:
+        """Of pictures that stand while they last: all in one if all rows see them alike."""
+        weights: defaultdict[str, Array] = defaultdict(lambda: np.zeros(len(self._starts)))
+        for frames, begins, ends in self._intervals(1):
+            seen = self._seen(begins, ends)
+            for frame in np.unique(frames):
+                name = self._s.shown.names[frame]
+                weights[name] = weights[name] + seen[:, frames == frame].sum(1)
+        present = {name: w for name, w in weights.items() if w.any()}
+        if len(self._starts) > 1:
+            return [(Mixture(((name, 1.0),)), w) for name, w in sorted(present.items())]
+        total = sum(float(w[0]) for w in present.values())
+        shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
+        return [(Mixture(shares), np.array([total]))] if present else []
+
+    def following(self) -> list[tuple[Procession, Array]]:
+        """Of a crystal that is on its way: parts of frames."""
+        shown, seconds = self._s.shown, self._s.shown.frame_time / _FOLLOWED
+        rows = len(self._starts)
+        weights: defaultdict[tuple[int, int], Array] = defaultdict(lambda: np.zeros(rows))
+        for parts, begins, ends in self._intervals(_FOLLOWED):
+            seen = self._seen(begins, ends)
+            for part in np.unique(parts):
+                key = divmod(int(part), _FOLLOWED)
+                weights[key] = weights[key] + seen[:, parts == part].sum(1)
+        spans = {
+            (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
+            for frame, part in sorted(weights)
+            if weights[frame, part].any()
+        }
+        if rows > 1:
+            return [
+                (Procession(shown.names, shown.frame_time, (span,)), weights[key])
+                for key, span in spans.items()
+            ]
+        total = sum(float(weights[key][0]) for key in spans)
+        shares = tuple(
+            Span(one.frame, one.begin, one.end, float(weights[key][0]) / total)
+            for key, one in spans.items()
+        )
+        if not spans:
+            return []
+        return [(Procession(shown.names, shown.frame_time, shares), np.array([total]))]
+
+    def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
+        """(which part of which frame, begins, ends), in batches, of all that is shown."""
+        shown = self._s.shown
+        if not shown.moves or math.isinf(shown.frame_time):
+            yield np.zeros(1, dtype=np.int64), np.array([self._begin]), np.array([self._end])
+            return
+        unit = shown.frame_time / parts
+        first, last = math.floor(self._begin / unit), math.ceil(self._end / unit)
+        if last - first > _MOST_INTERVALS:
+            raise ValueError(
+                f"the video shows {last - first} parts of frames within the exposure, more than "
+                "are weighed one by one; expose shorter, or without flicker and rolling shutter"
+            )
+        for low in range(first, last, 4096):
+            index = np.arange(low, min(low + 4096, last))
+            begins = np.maximum(index * unit, self._begin)
+            ends = np.minimum((index + 1) * unit, self._end)
+            yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
+
+    def _seen(self, begins: Array, ends: Array) -> Array:
+        """Seconds of mean light that rows see of intervals, (rows, intervals)."""
+        low = np.maximum(begins, self._starts[:, None])
+        high = np.maximum(np.minimum(ends, self._starts[:, None] + self._s.exposure), low)
+        lamp = self._s.target.lamp
+        if not self._recipe.lamp or lamp is None:
+            return high - low
+        return (high - low) * lamp.mean(low, high)

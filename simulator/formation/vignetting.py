@@ -1,0 +1,62 @@
+"""How much of a point's light arrives, by where its image lies."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.camera import Camera
+from optics.plane import Plane
+from optics.stop.shadow import share_through
+from simulator.mount import Mount
+
+_PLACES = 33
+"""Along each axis of the field, at which the stop's shadow is looked at."""
+
+
+def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
+    """Share of the light that a point on the axis would send, (rows, columns) of plane, float32.
+
+    camera: in the panel's axes. cos⁴ of the angle at which the lens is seen from the sensor, and
+    by how much more the stop cuts of the panel's light than on the axis (see share_through),
+    linear between places; beyond the outermost, on the plane's edges, there is nothing.
+    """
+    y, x = plane.mesh()
+    z = camera.lens.image_distance
+    share = (1 + (y**2 + x**2) / z**2) ** -2
+    if camera.separation:
+        share = share * _through(camera, mount, plane, distance)
+    return share.to(torch.float32)
+
+
+def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
+    axis = share_through(camera, distance, (0.0, 0.0))
+    if not axis:
+        raise ValueError(
+            "the stop hides the panel from the middle of the field; no light passes: move the "
+            "panel nearer to the lens, or open the stop"
+        )
+    ends = [(float(one.min()), float(one.max())) for one in plane.mesh()]
+    grid = [np.linspace(low, high, _PLACES) for low, high in ends]
+    known = np.array(
+        [
+            [share_through(camera, distance, mount.place((float(y), float(x)))) for x in grid[1]]
+            for y in grid[0]
+        ]
+    )
+    down = _linear(known / axis, plane.coordinates(0).numpy(), grid[0])
+    return torch.from_numpy(_linear(down.T, plane.coordinates(1).numpy(), grid[1]).T)
+
+
+def _linear(
+    values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Along the first axis, between even nodes."""
+    step = nodes[1] - nodes[0]
+    if not step:
+        return np.repeat(values[:1], len(at), axis=0)
+    place = np.clip((at - nodes[0]) / step, 0, len(nodes) - 1)
+    low = np.minimum(place.astype(int), len(nodes) - 2)
+    share = (place - low)[:, None]
+    return values[low] * (1 - share) + values[low + 1] * share

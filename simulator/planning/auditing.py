@@ -1,0 +1,167 @@
+"""Whether bounds hold: what a plan leaves out is switched on, singly and in pairs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import torch
+
+from simulator.planning.bound import Bound
+from simulator.planning.effect import Effect
+from simulator.planning.plan import EffectPlan, recipe_of
+from simulator.recipe import Recipe
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+Rendered = tuple[torch.Tensor, torch.Tensor]
+Levels = Mapping[str, int]
+Pairs = Iterable[tuple[str, str]]
+
+_ARITHMETIC = 1e-6
+"""Of a picture's own norms, what two renderings may differ by without a cause."""
+
+
+@dataclass(frozen=True)
+class Audited:
+    """One or two effects at their finest against what the plan has of them.
+
+    others: whether all others were as the plan has them, or at their finest. bound: the most
+    that the change may be. mean, variance, sigma: L2 norms of what it was, in the same units.
+    """
+
+    effects: tuple[str, ...]
+    others: Literal["as planned", "finest"]
+    bound: Bound
+    mean: float
+    variance: float
+    sigma: float
+    slack: Bound
+
+    @property
+    def share(self) -> float:
+        """The largest of what was measured over its bound; above 1 the bound is broken."""
+        allowed = self.bound.plus(self.slack)
+        return max(
+            _over(getattr(self, name), getattr(allowed, name))
+            for name in ("mean", "variance", "sigma")
+        )
+
+    @property
+    def broken(self) -> bool:
+        return self.share > 1
+
+
+def audit(
+    effects: Sequence[Effect],
+    situation: Situation,
+    plan: EffectPlan,
+    render: Callable[[Recipe], Rendered],
+    *,
+    pairs: Pairs | None = None,
+) -> tuple[Audited, ...]:
+    """Every effect that a plan has below its finest, and every pair of them, against its bound.
+
+    render: gives mean and variance maps of a recipe, (rows, columns) in electrons and
+    electrons². Effects are switched by themselves with the others as planned, and with the
+    others at their finest; pairs with the others as planned, against the sum of their bounds.
+    What they require is switched with the rest. pairs: those to be tried; all by default.
+    Raises ValueError for a pair of which the plan has one at its finest.
+    """
+    bench = _Bench(effects, situation, plan, render)
+    singles = [
+        bench.tried((name,), others) for name in bench.below for others in ("as planned", "finest")
+    ]
+    wanted = itertools.combinations(bench.below, 2) if pairs is None else pairs
+    return (*singles, *(bench.tried(pair, "as planned") for pair in wanted))
+
+
+class _Bench:
+    """Where plans are rendered, each once."""
+
+    def __init__(
+        self,
+        effects: Sequence[Effect],
+        situation: Situation,
+        plan: EffectPlan,
+        render: Callable[[Recipe], Rendered],
+    ) -> None:
+        self._effects = {one.name: one for one in effects if one.caused(situation)}
+        self._s, self._render, self._planned = situation, render, plan.levels
+        self._finest = {name: one.finest(situation) for name, one in self._effects.items()}
+        self._kept: dict[tuple[tuple[str, int], ...], Rendered] = {}
+        self.below = [name for name in self._finest if plan.level(name) < self._finest[name]]
+
+    def tried(self, names: tuple[str, ...], others: Literal["as planned", "finest"]) -> Audited:
+        for name in names:
+            if name not in self.below:
+                raise ValueError(
+                    f"the plan has {name!r} at its finest, or not at all; audit one of "
+                    f"{', '.join(self.below) or 'none'}"
+                )
+        around = self._planned if others == "as planned" else self._finest
+        low = {name: self._planned[name] for name in names}
+        high = {name: self._finest[name] for name in names}
+        coarse, fine = self._sound({**around, **low}, {**around, **high}, names)
+        mean, variance = self._picture(coarse)
+        best_mean, best_variance = self._picture(fine)
+        bound = Bound()
+        for name in names:
+            bound = bound.plus(self._effects[name].bound(self._s, self._planned[name]))
+        return Audited(
+            names,
+            others,
+            bound,
+            _norm(best_mean - mean),
+            _norm(best_variance - variance),
+            _norm(best_variance.sqrt() - variance.sqrt()),
+            Bound(
+                _ARITHMETIC * _norm(mean),
+                _ARITHMETIC * _norm(variance),
+                _ARITHMETIC * _norm(variance.sqrt()),
+            ),
+        )
+
+    def _sound(
+        self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]
+    ) -> tuple[dict[str, int], dict[str, int]]:
+        """Both with what is required: what is switched on brings it, what can't be without one
+        that is off goes; whatever isn't switched is the same in both."""
+        for levels in (fine, coarse):
+            for name in self._all_required(levels):
+                if name not in names:
+                    coarse[name] = fine[name] = self._finest[name]
+        for one in self._effects.values():
+            if one.name not in names and any(not coarse.get(need, 1) for need in one.requires):
+                coarse[one.name] = fine[one.name] = 0
+        return coarse, fine
+
+    def _all_required(self, levels: Levels) -> list[str]:
+        missing: list[str] = []
+        queue = [one for name, one in self._effects.items() if levels[name]]
+        while queue:
+            for need in queue.pop().requires:
+                if need in self._effects and not levels[need] and need not in missing:
+                    missing.append(need)
+                    queue.append(self._effects[need])
+        return missing
+
+    def _picture(self, levels: Levels) -> Rendered:
+        key = tuple(sorted(levels.items()))
+        if key not in self._kept:
+            mean, variance = self._render(recipe_of(tuple(self._effects.values()), self._s, levels))
+            self._kept[key] = mean.to(torch.float64), variance.to(torch.float64)
+        return self._kept[key]
+
+
+def _norm(change: torch.Tensor) -> float:
+    return float(torch.linalg.vector_norm(change))
+
+
+def _over(measured: float, allowed: float) -> float:
+    if measured == 0:
+        return 0.0
+    return measured / allowed if allowed > 0 else float("inf")

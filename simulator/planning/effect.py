@@ -1,0 +1,60 @@
+"""The contract of all effects."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from simulator.planning.bound import Bound
+
+if TYPE_CHECKING:
+    from simulator.recipe import Recipe
+    from simulator.situation import Situation
+
+
+class Effect(ABC):
+    """One thing that optics or electronics do to a picture, at levels from off to finest.
+
+    name: in words, as in files. kind: an axis of the image-formation integral, which is sampled,
+    or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
+    the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
+    must not be off if this one isn't.
+
+    An effect decides by numbers from the situation alone: it never renders anything.
+    """
+
+    name: ClassVar[str]
+    kind: ClassVar[Literal["axis", "stage"]]
+    physics: ClassVar[str]
+    source: ClassVar[str]
+    levels: ClassVar[tuple[str, ...]] = ("off", "on")
+    requires: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def caused(self, s: Situation) -> bool:
+        """Whether bench and scene have anything of it; without, it isn't in a plan."""
+
+    def finest(self, s: Situation) -> int:
+        """The level beyond which nothing changes any more."""
+        return len(self.levels) - 1
+
+    @abstractmethod
+    def estimate(self, s: Situation, level: int) -> float:
+        """About the relative change of the picture at a level against the finest."""
+
+    @abstractmethod
+    def bound(self, s: Situation, level: int) -> Bound:
+        """The most that it can be; falls with the level, and is 0 at the finest."""
+
+    @abstractmethod
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        """Operations that its level adds, given the levels of all that are caused."""
+
+    @abstractmethod
+    def why(self, s: Situation) -> str:
+        """In words of this situation: what there is of it."""
+
+    @abstractmethod
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        """The recipe with this effect at a level above off; never called for one that is off."""

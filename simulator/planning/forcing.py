@@ -1,0 +1,53 @@
+"""What somebody has decided about effects, whatever the numbers say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from simulator.planning.effect import Effect
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+
+def forced_level(effects: Sequence[Effect], s: Situation, name: str, wanted: str | bool) -> int:
+    """The level that is meant by True, the finest, False, off, or a level's name.
+
+    Raises ValueError for an effect that doesn't exist, or a level that it hasn't.
+    """
+    named = {one.name: one for one in effects}
+    if name not in named:
+        raise ValueError(f"effect {name!r} is unknown; choose among {', '.join(named)}")
+    one = named[name]
+    if isinstance(wanted, bool):
+        finest = one.finest(s) if one.caused(s) else len(one.levels) - 1
+        return finest if wanted else 0
+    if wanted not in one.levels:
+        raise ValueError(
+            f"effect {name!r} has no level {wanted!r}; choose among {', '.join(one.levels)}"
+        )
+    return one.levels.index(wanted)
+
+
+def settled(effects: Sequence[Effect], fixed: Mapping[str, int]) -> dict[str, int]:
+    """The levels of forced effects that are there, and of those that fall with them.
+
+    What requires an effect that is forced off is off too; ValueError if it is forced to be on.
+    """
+    there = {one.name for one in effects}
+    found = {name: level for name, level in fixed.items() if name in there}
+    while falling := [one for one in effects if _falls(one, found)]:
+        for one in falling:
+            if found.get(one.name, 0):
+                off = next(name for name in one.requires if found.get(name) == 0)
+                raise ValueError(
+                    f"effect {one.name!r} is forced on, and requires {off!r}, which is forced "
+                    "off; change one of the two"
+                )
+            found[one.name] = 0
+    return found
+
+
+def _falls(one: Effect, found: Mapping[str, int]) -> bool:
+    return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -1,0 +1,142 @@
+"""All plans for a situation, from everything at its finest to everything off, one inside the next.
+
+Which effect goes down next is decided without knowing any tolerance: the one that saves most work
+for what it may change. A tolerance says only how far down to go. So a larger one never adds work,
+a smaller one never removes an effect, and what all steps change at most is the sum of their
+bounds, whichever effects meet (each holds whatever the others are).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from simulator.planning.bound import Bound, Floor
+from simulator.planning.costing import Work
+from simulator.planning.effect import Effect
+from simulator.planning.forcing import settled
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step down: an effect to a coarser level, what that changes at most beyond what it did
+    before, the same relative, and the operations that it saves."""
+
+    effect: str
+    to: int
+    bound: Bound
+    price: float
+    saved: float
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Free steps come first, then those that save most for their price, then the cheapest."""
+        free = self.price == 0
+        return free, self.saved if free else self.saved / self.price, -self.price
+
+
+class Ladder:
+    """The steps from the top, for the effects that a situation causes.
+
+    effects: in the order of the physics. fixed: levels of effects that somebody has forced; they
+    stay there, and cost nothing of what a tolerance allows. What requires one that is forced off
+    is off with it. Raises ValueError where it is forced to another level.
+    """
+
+    def __init__(
+        self,
+        effects: Sequence[Effect],
+        situation: Situation,
+        floor: Floor,
+        fixed: Mapping[str, int] | None = None,
+    ) -> None:
+        self.effects = [one for one in effects if one.caused(situation)]
+        finest = {one.name: one.finest(situation) for one in self.effects}
+        self.fixed = {
+            name: min(level, finest[name])
+            for name, level in settled(self.effects, fixed or {}).items()
+        }
+        self._named = {one.name: one for one in self.effects}
+        self._floor = floor
+        self._bounds = {
+            one.name: [one.bound(situation, level) for level in range(finest[one.name] + 1)]
+            for one in self.effects
+        }
+        self._works = {one.name: Work(one, situation) for one in self.effects}
+        self.top = finest | self.fixed
+        self.steps = tuple(self._walked())
+
+    def work(self, levels: Mapping[str, int]) -> float:
+        """Operations of a picture."""
+        return sum(work(levels) for work in self._works.values())
+
+    def levels(self, tol: float) -> dict[str, int]:
+        """As far down as the sum of all bounds keeps within a tolerance."""
+        levels, spent = dict(self.top), Bound()
+        for step in self.steps:
+            spent = spent.plus(step.bound)
+            if self._floor.relative(spent) > tol:
+                break
+            levels[step.effect] = step.to
+        return levels
+
+    def bound(self, levels: Mapping[str, int]) -> Bound:
+        """What a plan changes at most, forced effects included."""
+        total = Bound()
+        for name, level in levels.items():
+            total = total.plus(self._bounds[name][level])
+        return total
+
+    def bound_of(self, effect: str, level: int) -> Bound:
+        """What one effect changes at a level, at most."""
+        return self._bounds[effect][level]
+
+    def relative(self, bound: Bound) -> float:
+        return self._floor.relative(bound)
+
+    def _walked(self) -> Iterator[Step]:
+        """What others save shrinks while any goes down, for work is made of products: so what
+        was found earlier is only looked at again where it seems to be the best."""
+        levels = dict(self.top)
+        self.work(levels)
+        known = {one.name: self._best_of(one, levels) for one in self.effects}
+        fresh = set(known)
+        while found := [step for step in known.values() if step is not None]:
+            best = max(found, key=lambda step: step.rank)
+            if best.effect not in fresh:
+                known[best.effect] = self._best_of(self._named[best.effect], levels)
+                fresh.add(best.effect)
+                continue
+            yield best
+            levels[best.effect] = best.to
+            fresh.clear()
+            for name in (best.effect, *self._named[best.effect].requires):
+                if name in known:
+                    known[name] = self._best_of(self._named[name], levels)
+
+    def _best_of(self, one: Effect, levels: dict[str, int]) -> Step | None:
+        return max(self._steps_of(one, levels), key=lambda step: step.rank, default=None)
+
+    def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[Step]:
+        """One effect's steps down, over one level or several."""
+        name, now = one.name, levels[one.name]
+        if name in self.fixed or not now:
+            return
+        touched = [work for work in self._works.values() if name in work.looked_at]
+        bounds, before = self._bounds[name], sum(work(levels) for work in touched)
+        for to in range(now):
+            if to == 0 and self._needed(name, levels):
+                continue
+            levels[name] = to
+            saved = max(before - sum(work(levels) for work in touched), 0.0)
+            levels[name] = now
+            more = bounds[to].minus(bounds[now])
+            yield Step(name, to, more, self._floor.relative(more), saved)
+
+    def _needed(self, name: str, levels: Mapping[str, int]) -> bool:
+        """Whether an effect that is still on requires this one."""
+        return any(name in one.requires and levels[one.name] for one in self.effects)

@@ -1,0 +1,177 @@
+"""What is done for a picture and why: the plan that a person reads, and that is rendered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from simulator.planning.bound import Bound, Floor
+from simulator.planning.effect import Effect
+from simulator.planning.forcing import forced_level
+from simulator.planning.ladder import Ladder
+from simulator.recipe import Recipe
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+EFFECTS_SHARE = 0.9
+"""Of a tolerance, what effects may be left out for; the rest is for sampling and arithmetic."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One effect's line: its level, the bound of what that may change, and the physics.
+
+    level: in words. levels: all there are. relative: bound over the picture's own norms, in
+    the worst of the measures. estimate: about what it is. work: operations that it takes.
+    """
+
+    effect: str
+    kind: str
+    level: str
+    levels: tuple[str, ...]
+    bound: Bound
+    relative: float
+    estimate: float
+    work: float
+    why: str
+    physics: str
+    source: str
+    forced: bool = False
+
+    @property
+    def on(self) -> bool:
+        return self.level != self.levels[0]
+
+
+class EffectPlan:
+    """The levels of all effects that a situation causes, for a tolerance.
+
+    error: relative, at most, that leaving out what is left out makes (0 to infinity; above tol
+    only where somebody forced an effect). everything: whether each is at its finest.
+    """
+
+    def __init__(
+        self,
+        ladder: Ladder,
+        situation: Situation,
+        tol: float,
+        levels: dict[str, int],
+        forced: Mapping[str, int],
+    ) -> None:
+        self.tol, self._s = tol, situation
+        self._effects = {one.name: one for one in ladder.effects}
+        self._levels = levels
+        self.bound = ladder.bound(levels)
+        self.error = ladder.relative(self.bound)
+        self.work, self.most_work = ladder.work(levels), ladder.work(ladder.top)
+        self.decisions = tuple(
+            _decision(one, situation, ladder, levels, forced) for one in ladder.effects
+        )
+
+    @property
+    def everything(self) -> bool:
+        return all(self._levels[name] == one.finest(self._s) for name, one in self._effects.items())
+
+    def __getitem__(self, effect: str) -> Decision:
+        for decision in self.decisions:
+            if decision.effect == effect:
+                return decision
+        raise KeyError(effect)
+
+    def is_on(self, effect: str) -> bool:
+        """Whether it takes part; one that nothing causes doesn't."""
+        return self._levels.get(effect, 0) > 0
+
+    def level(self, effect: str) -> int:
+        return self._levels.get(effect, 0)
+
+    @property
+    def levels(self) -> dict[str, int]:
+        return dict(self._levels)
+
+    @property
+    def recipe(self) -> Recipe:
+        """What is to be rendered: the barest, and what every effect that is on adds to it."""
+        return recipe_of(tuple(self._effects.values()), self._s, self._levels)
+
+    def as_data(self) -> dict[str, Any]:
+        """As plain data; bounds that aren't finite are None."""
+        return {
+            "tol": self.tol,
+            "error": _finite(self.error),
+            "work": self.work,
+            "most_work": self.most_work,
+            "decisions": [
+                {
+                    **asdict(one),
+                    "bound": {
+                        name: _finite(value) if isinstance(value, float) else value
+                        for name, value in asdict(one.bound).items()
+                    },
+                    "relative": _finite(one.relative),
+                    "on": one.on,
+                }
+                for one in self.decisions
+            ],
+        }
+
+
+def recipe_of(effects: Sequence[Effect], situation: Situation, levels: Mapping[str, int]) -> Recipe:
+    """What is to be rendered for the effects' levels; those that aren't named are off."""
+    recipe = Recipe.barest(situation)
+    for one in effects:
+        if level := levels.get(one.name, 0):
+            recipe = one.apply(recipe, situation, level)
+    return recipe
+
+
+def planned(
+    effects: Sequence[Effect],
+    situation: Situation,
+    floor: Floor,
+    tol: float,
+    forced: Mapping[str, str | bool] | None = None,
+) -> EffectPlan:
+    """The plan for a tolerance; forced effects win: True for the finest, False for off, or a
+    level by its name.
+
+    Raises ValueError for a tol that is negative or not finite, a forced effect that doesn't
+    exist, a level that it hasn't, or one that is on and requires one that is off.
+    """
+    if not 0 <= tol < math.inf:
+        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
+    fixed = {
+        name: forced_level(effects, situation, name, wanted)
+        for name, wanted in (forced or {}).items()
+    }
+    ladder = Ladder(effects, situation, floor, fixed)
+    return EffectPlan(ladder, situation, tol, ladder.levels(EFFECTS_SHARE * tol), ladder.fixed)
+
+
+def _decision(
+    one: Effect, s: Situation, ladder: Ladder, levels: dict[str, int], forced: Mapping[str, int]
+) -> Decision:
+    level = levels[one.name]
+    bound = ladder.bound_of(one.name, level)
+    off = {**levels, one.name: 0}
+    return Decision(
+        one.name,
+        one.kind,
+        one.levels[level],
+        one.levels[: one.finest(s) + 1],
+        bound,
+        ladder.relative(bound),
+        one.estimate(s, level),
+        max(ladder.work(levels) - ladder.work(off), 0.0),
+        one.why(s),
+        one.physics,
+        one.source,
+        one.name in forced,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

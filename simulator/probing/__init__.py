@@ -1,0 +1,1 @@
+"""What is known before anything is rendered: of the target, of the pattern."""

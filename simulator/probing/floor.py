@@ -1,0 +1,199 @@
+"""The least that a picture with every effect has in it: what errors are relative to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from optics.formation import spectrum_of_samples
+from optics.plane import Plane, centred_crop
+from simulator.effects.spectra import measure
+from simulator.formation.vignetting import vignetting
+from simulator.planning.bound import Floor
+from simulator.probing.picture import MARGIN
+from simulator.probing.radial import RadialProfile
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+_MARGIN = 0.8
+"""Audited: of what is estimated, what is counted on, for effects that blur besides."""
+
+_SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
+"""Of the light that may fall beyond a square around each point."""
+
+
+def floor(s: Situation) -> Floor:
+    """Lower bounds of the norms of mean, variance and σ, electrons over the sensor's pixels.
+
+    Of the mean: the largest of three. A pixel has the light of the darkest place that its own
+    light may come from, at least. The light that surely stays on the sensor is least of all seen
+    if it is even (Cauchy-Schwarz); and by frequency no less is left of the sharp picture than
+    the least of its transfer function lets through. All that attenuates counts, and clipping at
+    its worst. Noise: shot noise of that light, dark current and read noise, where nothing clips.
+    """
+    sensor = s.camera.sensor
+    pixels = sensor.shape[0] * sensor.shape[1]
+    dark = sensor.dark_current * s.exposure
+    attenuated = _MARGIN * _attenuation(s)
+    total, norm = 0.0, 0.0
+    if not s.picture.dark:
+        seconds = s.exposure * _lamp(s) * attenuated
+        spread = [(seconds * one, area) for one, area in _staying(s)]
+        total = max((one for one, _ in spread), default=0.0)
+        norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
+        norm = max(norm, seconds * _by_frequency(s), seconds * _surrounded(s))
+    mean = math.hypot(norm, dark * math.sqrt(pixels))
+    clipped = _clipped(s)
+    noise = dark + sensor.read_noise**2
+    left = 1 - _burnt(s) / pixels
+    lit = norm if clipped == 1 else 0.0
+    lit_total = total if clipped == 1 else 0.0
+    variance = math.hypot(lit, noise * math.sqrt(pixels * left))
+    sigma = math.sqrt(lit_total + noise * pixels * left)
+    return Floor(mean * clipped, variance, sigma)
+
+
+def _attenuation(s: Situation) -> float:
+    """The least of vignetting in the frame, and of what a mosaic's channels see of the light that
+    the best one sees."""
+    rows, columns = s.camera.sensor.shape
+    pitch = s.camera.sensor.pitch
+    # Corners and some places between them.
+    frame = Plane((9, 9), (rows * pitch / 8, columns * pitch / 8))
+    camera = s.camera
+    if not s.mount.aligned:
+        camera = replace(camera, lens=s.mount.lens(camera.lens))
+    maps = [vignetting(camera, s.mount, frame, d) for d in set(s.picture.distances)]
+    return float(torch.stack(maps).min()) * _channels(s) * min(s.pattern.power, 1.0)
+
+
+def _channels(s: Situation) -> float:
+    colour = s.camera.sensor.colour
+    if colour is None:
+        return 1.0
+    masses = measure(s, "band").of.sum(-1)[: len(colour.channels)]
+    letters = "".join(colour.pattern)
+    shares = np.array([letters.count(name) / len(letters) for name in colour.channels])
+    best = masses.max(0)
+    lit = best > 0
+    if not lit.any():
+        return 0.0
+    relative = masses[:, lit] / best[lit]
+    return float((shares @ relative).min())
+
+
+def _lamp(s: Situation) -> float:
+    """The least mean light of the lamp that any row sees."""
+    lamp = s.target.lamp
+    if lamp is None or lamp.constant:
+        return 1.0
+    sensor = s.camera.sensor
+    late = sensor.line_time if sensor.shutter == "rolling" else 0.0
+    begins = s.moment + late * np.arange(sensor.shape[0])
+    return float(lamp.mean(begins, begins + s.exposure).min())
+
+
+def _inner(s: Situation, half: float) -> torch.Tensor:
+    """The sharp picture in the frame, but for a margin of `half` metres; electrons per second."""
+    rows, columns = s.camera.sensor.shape
+    picture = s.picture.picture
+    edge = math.ceil(half / s.camera.sensor.pitch)
+    y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
+    kept = torch.zeros_like(picture)
+    if rows > 2 * edge and columns > 2 * edge:
+        part = slice(y, y + rows - 2 * edge), slice(x, x + columns - 2 * edge)
+        kept[part] = picture[part].clamp(min=0)
+    return kept
+
+
+def _reach(s: Situation, share: float) -> float:
+    """Metres, with what a moving object adds."""
+    scale = max(s.camera.magnification(d) for d in s.picture.distances)
+    sensor = s.camera.sensor
+    late = sensor.line_time * sensor.shape[0] if sensor.shutter == "rolling" else 0.0
+    speed = math.hypot(*s.target.velocity)
+    moved = speed * (s.exposure + late) * scale
+    return s.pattern.reach(share) * s.band.support[1] / s.wavelength + moved
+
+
+def _staying(s: Situation) -> list[tuple[float, float]]:
+    """Electrons per second that surely fall on so many pixels."""
+    rows, columns = s.camera.sensor.shape
+    pitch, found = s.camera.sensor.pitch, []
+    for share in _SHARES:
+        half = _reach(s, share)
+        light = _inner(s, half)
+        total = float(light.double().sum())
+        if not total:
+            continue
+        kept = 1 - share - s.pattern.order_light
+        lit = (light > 0).nonzero()
+        sides = (lit.max(0).values - lit.min(0).values + 1).tolist()
+        frame = zip((rows, columns), sides, strict=True)
+        wide = [min(n, side + 2 * half / pitch + 2) for n, side in frame]
+        found.append((max(kept, 0.0) * total, wide[0] * wide[1]))
+    return found
+
+
+def _surrounded(s: Situation) -> float:
+    """Norm, electrons per second, if every pixel had the least light of those around it."""
+    picture, (rows, columns) = s.picture.picture.clamp(min=0), s.camera.sensor.shape
+    best = 0.0
+    for share in _SHARES:
+        edge = math.ceil(_reach(s, share) / s.camera.sensor.pitch)
+        if edge > MARGIN or any(layer.cover is not None for layer in s.target.layers):
+            continue
+        side = 2 * edge + 1
+        least = -picture[None, None]
+        for kernel, around in (((side, 1), (edge, 0)), ((1, side), (0, edge))):
+            least = torch.nn.functional.max_pool2d(least, kernel, 1, around)
+        frame = centred_crop(-least[0, 0], (rows, columns))
+        kept = max(1 - share - s.pattern.order_light, 0.0)
+        best = max(best, kept * float(frame.double().norm()))
+    return best
+
+
+def _by_frequency(s: Situation) -> float:
+    """Norm, electrons per second, that the transfer function surely leaves of the picture."""
+    if s.target.moves or any(layer.cover is not None for layer in s.target.layers):
+        return 0.0
+    transfer, best = s.pattern.transfer, 0.0
+    for share in _SHARES[2:]:
+        light = _inner(s, _reach(s, share))
+        if not light.any():
+            continue
+        power = RadialProfile.of(spectrum_of_samples(light), s.picture.plane)
+        least = transfer.least_between(power.low, power.high)
+        mean = transfer.mean_square_between(power.low, power.high)
+        pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+        squares = np.maximum(power.power * least**2, power.least * mean) * pixel
+        # What falls beyond the frame isn't seen.
+        best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
+    return best
+
+
+def _clipped(s: Situation) -> float:
+    """By how much clipping shrinks the mean's norm, at the worst."""
+    most = s.picture.brightest * s.exposure * 2 + s.camera.sensor.dark_current * s.exposure
+    well = _well(s)
+    return 1.0 if most + 7 * math.sqrt(most) <= well else min(1.0, well / most)
+
+
+def _well(s: Situation) -> float:
+    sensor = s.camera.sensor
+    return min(sensor.full_well, (2**sensor.bits - 1 - sensor.black_level) * sensor.gain)
+
+
+def _burnt(s: Situation) -> float:
+    """Pixels that may be clipped, at most: each takes three quarters of a well of light."""
+    sensor = s.camera.sensor
+    pixels = sensor.shape[0] * sensor.shape[1]
+    if _clipped(s) == 1:
+        return 0.0
+    total = float(s.picture.picture.clamp(min=0).double().sum()) * s.exposure * 2
+    return min(total / (0.75 * _well(s)), float(pixels))

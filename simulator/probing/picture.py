@@ -1,0 +1,222 @@
+"""What is known of a target's picture without any blur."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from optics.camera import Camera
+from optics.formation import spectrum_of_samples
+from optics.light.bands import Band
+from optics.plane import Plane
+from simulator.probing.radial import Gain, RadialProfile
+from simulator.probing.rates import electron_rates
+from simulator.scene.disc import Disc
+from simulator.scene.merging import merged
+from simulator.scene.target import Layer, Target
+
+MARGIN = 128
+"""Sensor pixels around the frame that are looked at: their light may be blurred into it."""
+
+_COVERED = 1e-3
+"""Share of a pixel from which on what it covers it with is told by its light."""
+
+
+@dataclass(frozen=True, eq=False)
+class PictureProbe:
+    """The geometric picture of a target, on a camera's pixels, in electrons per second.
+
+    Nothing is blurred or lost on the way but what the aperture takes near the axis; the filter's
+    leak is in it; of a colour sensor, each part counts with the channel that sees it best. The
+    lamp is as it is on average. shift: (y, x) metres on the object by which it has moved.
+
+    What is said "however blurred" holds for any PSFs whose light sums up to one or less, of
+    layers of which each hides what is behind it.
+    """
+
+    target: Target
+    camera: Camera
+    band: Band
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def distances(self) -> tuple[float, ...]:
+        """Metres from the panel, of each layer, the nearest first."""
+        return tuple(layer.distance for layer in self.target.layers)
+
+    @cached_property
+    def plane(self) -> Plane:
+        """Samples of the size of pixels, with the margin around the frame."""
+        sensor = self.camera.sensor
+        rows, columns = sensor.shape
+        return Plane((rows + 2 * MARGIN, columns + 2 * MARGIN), sensor.plane.pitch)
+
+    @cached_property
+    def rates(self) -> tuple[tuple[float, ...], ...]:
+        """Electrons per second on a pixel that a picture of 1 fills, of each layer's parts."""
+        area = self.camera.sensor.pitch**2
+        return tuple(
+            tuple(
+                area * max(electron_rates(part.spectrum, self.band, self.camera, layer.distance))
+                for part in layer.parts
+            )
+            for layer in self.target.layers
+        )
+
+    @cached_property
+    def lights(self) -> tuple[torch.Tensor, ...]:
+        """Each layer's light, hidden or not, (rows, columns) of the plane."""
+        pairs = zip(self.target.layers, self.rates, strict=True)
+        return tuple(self._drawn(layer, rates) for layer, rates in pairs)
+
+    @cached_property
+    def covers(self) -> tuple[torch.Tensor | None, ...]:
+        """Share of each pixel that a layer hides from what is behind it; None hides nothing.
+
+        The farthest has nothing behind it.
+        """
+        near = self.target.layers[:-1]
+        return (*(self._covering(layer) for layer in near), None)
+
+    @cached_property
+    def picture(self) -> torch.Tensor:
+        """All layers, sharp, the near before the far: (rows, columns) of the plane."""
+
+        seen = self.lights[-1]
+        for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
+            seen = seen + light if cover is None else seen * (1 - cover) + light
+        return seen
+
+    @cached_property
+    def total(self) -> float:
+        """Electrons per second on the frame."""
+        rows, columns = self.camera.sensor.shape
+        inside = self.picture[MARGIN : MARGIN + rows, MARGIN : MARGIN + columns]
+        return float(inside.double().sum())
+
+    @cached_property
+    def brightest(self) -> float:
+        """Electrons per second of a pixel, at most, however blurred."""
+        return self.brightest_behind(0) + self._beside
+
+    def brightest_behind(self, first: int) -> float:
+        """The same of the layers from a number on: 0 is the nearest.
+
+        Of layers that hide, a pixel sees shares that add up to one at most (their covers blurred
+        as they are), and of each no more than the brightest of its surface.
+        """
+        hiding, adding = [0.0], 0.0
+        for number in range(first, len(self.lights)):
+            light, cover = self.lights[number], self.covers[number]
+            if cover is not None:
+                seen = cover > _COVERED
+                surface = light[seen] / cover[seen]
+                hiding.append(float(surface.max()) if surface.numel() else 0.0)
+            elif number == len(self.lights) - 1:
+                hiding.append(float(light.max()))
+            else:
+                adding += max(float(light.max()), 0.0)
+        return max(hiding) + adding
+
+    @cached_property
+    def l2(self) -> float:
+        """Root of the sum of squares over the frame, electrons per second, at most, however
+        blurred: no blur adds light (Young)."""
+        if len(self.lights) == 1:
+            apart = self.power.norm
+        else:
+            apart = sum(float(light.double().norm()) for light in self.lights)
+        return min(apart + self._beside, self._full)
+
+    @property
+    def _full(self) -> float:
+        """The same of a frame that is everywhere as bright as it may be."""
+        return self.brightest * math.sqrt(math.prod(self.camera.sensor.shape))
+
+    @cached_property
+    def power(self) -> RadialProfile:
+        """By cycles per metre on the sensor, (electrons per second)² a pixel."""
+        return self._profile(self.picture)
+
+    @cached_property
+    def powers(self) -> tuple[RadialProfile, ...]:
+        """Of each layer's light, hidden or not."""
+        if len(self.lights) == 1:
+            return (self.power,)
+        return tuple(self._profile(light) for light in self.lights)
+
+    @cached_property
+    def cover_powers(self) -> tuple[RadialProfile | None, ...]:
+        """Of what each layer hides; no unit."""
+        return tuple(None if one is None else self._profile(one) for one in self.covers)
+
+    def changed(self, gains: Sequence[Gain]) -> float:
+        """The most that the picture changes, L2 in electrons per second, where each layer's
+        light, and what it hides, changes by a gain in every frequency, one for each layer.
+
+        From C = F + (1 - a) C', a layer's light F and cover a before all that is behind:
+        |ΔC| is no more than |ΔF|, and |Δa| times the brightest C', and |ΔC'|.
+        """
+        total = 2 * self._beside
+        for number, gain in enumerate(gains):
+            total += self.powers[number].changed(gain)
+            hidden = self.cover_powers[number]
+            if hidden is not None:
+                total += hidden.changed(gain) * self.brightest_behind(number + 1)
+        # Neither of two pictures is brighter than the brightest.
+        return min(total, self._full)
+
+    @cached_property
+    def edge_length(self) -> float:
+        """Metres on the sensor of edges at which something near hides something far.
+
+        Counted along rows and columns, and so never too short, and by √2 too long at most.
+        """
+        covers = [one for one in self.covers if one is not None]
+        steps = sum(
+            float(torch.diff(cover, dim=axis).abs().double().sum())
+            for cover in covers
+            for axis in (0, 1)
+        )
+        return steps * self.camera.sensor.pitch
+
+    @cached_property
+    def _beside(self) -> float:
+        """Electrons per second of stars that aren't on the plane, and whose blur may be: all that
+        they send counts, for one pixel may get it."""
+        total = 0.0
+        for layer, light, rates in zip(self.target.layers, self.lights, self.rates, strict=True):
+            if not light.any():
+                scale = self._scale(layer) / self.camera.sensor.pitch
+                for part, rate in zip(layer.parts, rates, strict=True):
+                    if isinstance(part.picture, Disc):
+                        total += rate * math.pi * (part.picture.diameter * scale) ** 2 / 4
+        return total
+
+    @property
+    def dark(self) -> bool:
+        """Whether no light comes from the target at all."""
+        return not any(rate for rates in self.rates for rate in rates)
+
+    def _profile(self, picture: torch.Tensor) -> RadialProfile:
+        return RadialProfile.of(spectrum_of_samples(picture), self.plane)
+
+    def _scale(self, layer: Layer) -> float:
+        return self.camera.magnification(layer.distance)
+
+    def _covering(self, layer: Layer) -> torch.Tensor | None:
+        if layer.cover is None:
+            return None
+        return layer.cover.light(self.plane, self._scale(layer), self.shift)
+
+    def _drawn(self, layer: Layer, rates: tuple[float, ...]) -> torch.Tensor:
+        light = torch.zeros(self.plane.shape)
+        pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
+        for picture, weight in merged(pictures):
+            drawn = picture.light(self.plane, self._scale(layer), self.shift)
+            light.add_(drawn, alpha=weight)
+        return light

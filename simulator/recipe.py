@@ -1,0 +1,87 @@
+"""What is rendered of a situation: the nodes on each axis, and the stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from optics.camera import Panel
+from optics.sensor import Shot, Stages
+from optics.sensor.chain import FEW
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """The barest picture by default; effects that are on add to it.
+
+    Panel: `panel` has the data of effects that are on; `dispersion` whether each wavelength has
+    a phase of its own, or that of the filter's centre; `crystal` whether a video's frames are
+    left on the way; `interference` whether unmodulated light beats with the rest.
+
+    Axes: wavelengths in the band (Gauss nodes), wavelengths of the leak beside it, depth layers,
+    places along each axis of the field (Chebyshev nodes), nodes of a motion within the exposure.
+    0 of the leak is none; 1 of the others is one.
+
+    Light: `occlusion` whether near things hide far ones at their blurred edges, or are added;
+    `wave` diffraction, or the geometric blur of the same wavefront; `orders` of the pixel grid on
+    each side; `vignetting`; `lamp` whether the lamp's waveform weighs times and rows; `rolling`
+    whether rows are exposed in turn.
+
+    Window: PSF's side in sensor pixels, and samples a pixel along each axis.
+
+    Sensor: in the order of the physics. `poisson_below`: electrons below which shot noise is
+    Poisson's where it is else normal.
+    """
+
+    panel: Panel
+    window: int
+    finer: int
+    dispersion: bool = False
+    crystal: bool = False
+    interference: bool = False
+    wavelengths: int = 1
+    leak: int = 0
+    depths: int = 1
+    occlusion: bool = False
+    places: int = 1
+    motion: int = 1
+    wave: bool = False
+    orders: int = 0
+    vignetting: bool = False
+    lamp: bool = False
+    rolling: bool = False
+    pixel_aperture: bool = False
+    mosaic: bool = False
+    dark_current: bool = False
+    fixed_pattern: bool = False
+    shot: Shot = "none"
+    poisson_below: float = FEW
+    clipping: bool = False
+    read_noise: bool = False
+    quantisation: bool = False
+
+    @staticmethod
+    def barest(s: Situation) -> Recipe:
+        """An ideal panel and lens at one wavelength, place and time, and a sensor that counts
+        electrons."""
+        return Recipe(s.ideal_panel, s.smallest_window, s.coarsest_sampling)
+
+    @property
+    def stages(self) -> Stages:
+        """What of the sensor is done."""
+        return Stages(
+            self.dark_current,
+            self.fixed_pattern,
+            self.shot,
+            self.poisson_below,
+            self.clipping,
+            self.read_noise,
+            self.quantisation,
+        )
+
+    def having(self, **changes: object) -> Recipe:
+        """The same with some entries changed."""
+        return replace(self, **changes)  # type: ignore[arg-type]

@@ -1,0 +1,39 @@
+"""What stands before the camera: targets with distance, size, spectrum and radiance."""
+
+from simulator.scene.colours import basis_of, mixed, primaries
+from simulator.scene.cube import Cube
+from simulator.scene.dark import Dark
+from simulator.scene.display import Display, display_primaries
+from simulator.scene.drawable import Drawable, Even
+from simulator.scene.flat import Flat
+from simulator.scene.photograph import Photograph
+from simulator.scene.pinhole import Pinhole
+from simulator.scene.relief import Relief, distances_of
+from simulator.scene.scene import Scene
+from simulator.scene.sheets import Sheet, Sheets
+from simulator.scene.star import Star
+from simulator.scene.target import Layer, Part, Target
+
+__all__ = [
+    "Cube",
+    "Dark",
+    "Display",
+    "Drawable",
+    "Even",
+    "Flat",
+    "Layer",
+    "Part",
+    "Photograph",
+    "Pinhole",
+    "Relief",
+    "Scene",
+    "Sheet",
+    "Sheets",
+    "Star",
+    "Target",
+    "basis_of",
+    "display_primaries",
+    "distances_of",
+    "mixed",
+    "primaries",
+]

@@ -1,0 +1,65 @@
+"""A disc: a pinhole, however small against a pixel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from optics.edge import require_positive
+from optics.formation import frequencies, spectrum_of_disc
+from optics.plane import Plane
+from simulator.scene.drawable import STILL, Drawable, Shift
+from simulator.scene.polygons import covered
+
+_CORNERS = 360
+"""Of the polygon of the same area that stands for it on cells: 4e-5 of its radius from it."""
+
+
+@dataclass(frozen=True)
+class Disc(Drawable):
+    """Even light in a circle. diameter, offset (y, x): metres on the object."""
+
+    diameter: float
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_positive("diameter", self.diameter, "m")
+        if not all(math.isfinite(part) for part in self.offset):
+            raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
+
+    def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        size, y, x = self._placed(magnification, shift)
+        if not size:
+            return torch.zeros(plane.shape)
+        angles = np.arange(_CORNERS) * (2 * np.pi / _CORNERS)
+        # A regular polygon's area is n r² sin(2π/n) / 2.
+        radius = size / 2 * math.sqrt(2 * math.pi / (_CORNERS * math.sin(2 * math.pi / _CORNERS)))
+        corners = np.stack([y + radius * np.sin(angles), x + radius * np.cos(angles)], axis=1)
+        return torch.from_numpy(covered(plane, [corners], [1.0]))
+
+    def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        """Exact, a jinc, of a disc that is wholly on the plane."""
+        size, y, x = self._placed(magnification, shift)
+        if not _holds(plane, y, x, size / 2):
+            return super().spectrum(plane, magnification, shift)
+        samples = math.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
+        spectrum = spectrum_of_disc(plane, size, samples)
+        if y or x:
+            fy, fx = frequencies(plane)
+            turns = fy * y + fx * x
+            spectrum = spectrum * torch.polar(torch.ones_like(turns), -2 * math.pi * turns)
+        return spectrum.to(torch.complex64)
+
+    def _placed(self, magnification: float, shift: Shift) -> tuple[float, float, float]:
+        """Diameter and centre on the sensor, in metres."""
+        y, x = ((part + s) * magnification for part, s in zip(self.offset, shift, strict=True))
+        return self.diameter * magnification, y, x
+
+
+def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
+    """Whether what reaches so far around a point lies within a plane around the axis."""
+    halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+    return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))

@@ -1,0 +1,120 @@
+"""A display at the object, pixel by pixel (thesis §6.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from optics.edge import require_positive
+from optics.light.bands import Band
+from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+from optics.plane import Plane
+from simulator.scene.colours import Basis
+from simulator.scene.drawable import STILL, Drawable, Shift
+from simulator.scene.photograph import require_colours
+from simulator.scene.picture import edges
+from simulator.scene.resampling import apertures
+from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+
+PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))
+"""Centres and full widths at half maximum, metres, of red, green and blue as a liquid-crystal
+display with white diodes behind it shows them, about."""
+
+
+def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
+    """Spectra of red, green and blue, each 1 at its best; bands: centres and widths, metres."""
+    nodes = np.linspace(SHORTEST, LONGEST, 801)
+    red, green, blue = (
+        Spectrum(tuple(nodes), tuple(Band(centre, fwhm).transmission(nodes)))
+        for centre, fwhm in bands
+    )
+    return red, green, blue
+
+
+@dataclass(frozen=True, eq=False)
+class Windows(Drawable):
+    """Pixels in rows and columns, each lit evenly in a window within it, and black beside.
+
+    image: (rows, columns). pitch: of the pixels at the object, metres. rows, columns: where the
+    windows begin and end, in pitches.
+    """
+
+    image: torch.Tensor
+    pitch: float
+    rows: tuple[float, float]
+    columns: tuple[float, float]
+
+    def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        side = self.pitch * magnification
+        if side == 0:
+            return torch.zeros(plane.shape)
+        windows = (self.rows, self.columns)
+        down, across = (
+            apertures(
+                self.image.shape[axis],
+                side,
+                shift[axis] * magnification,
+                windows[axis],
+                edges(plane, axis),
+            )
+            for axis in (0, 1)
+        )
+        values = self.image.to(torch.float32).numpy()
+        return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
+
+
+@dataclass(frozen=True, eq=False)
+class Display(Target):
+    """A display that shines by itself: red, green and blue stripes beside each other.
+
+    image: (rows, columns, 3), linear red, green and blue of its pixels, 0 to 1. pitch: of the
+    pixels, metres. distance: metres. radiance: of a stripe that is fully on, at its primary's
+    peak, W / (sr m² m). primaries: spectra of the three. fill: side of a stripe's window over
+    the room it has, along each axis.
+    """
+
+    image: torch.Tensor
+    pitch: float
+    distance: float
+    radiance: float
+    primaries: Basis
+    fill: float = 0.9
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_colours(self.image)
+        require_positive("pitch", self.pitch, "m")
+        require_distance(self.distance)
+        require_radiance(self.radiance)
+        if not 0 < self.fill <= 1:
+            raise ValueError(f"fill is {self.fill:g}; give a share above 0, up to 1")
+        if self.light is not None:
+            raise ValueError("a display shines by itself; give it no light")
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """(height, width) in metres."""
+        rows, columns = self.image.shape[:2]
+        return rows * self.pitch, columns * self.pitch
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        margin = (1 - self.fill) / 2
+        rows = (margin, 1 - margin)
+        parts = tuple(
+            Part(
+                spectrum.scaled(self.radiance),
+                Windows(
+                    self.image[..., k].contiguous(),
+                    self.pitch,
+                    rows,
+                    ((k + margin) / 3, (k + 1 - margin) / 3),
+                ),
+            )
+            for k, spectrum in enumerate(self.primaries)
+        )
+        return (Layer(self.distance, parts),)

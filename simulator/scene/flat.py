@@ -1,0 +1,39 @@
+"""An evenly lit field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from optics.camera import Camera
+from optics.formation import spectrum_of_samples
+from optics.plane import Plane
+from simulator.scene.drawable import Even
+from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+
+
+@dataclass(frozen=True)
+class Flat(Target):
+    """An evenly lit field without an end: a diffuser that fills more than the frame.
+
+    distance: metres; an even field has nothing to blur, but the blur is rendered, and is
+    smallest in focus. radiance: W / (sr m² m).
+    """
+
+    distance: float
+    radiance: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_distance(self.distance)
+        require_radiance(self.radiance)
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (Layer(self.distance, (Part(self.lit(), Even()),)),)
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        """Of samples that are all one: white everywhere."""
+        return spectrum_of_samples(torch.ones(plane.shape, dtype=torch.float64))

@@ -1,0 +1,97 @@
+"""Pictures of pixels, which are as large as the frame asks for or as somebody says."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+
+from optics.camera import Camera
+from optics.edge import require_finite, require_positive
+from optics.light.spectrum import Spectrum
+from simulator.scene.picture import Picture
+from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+
+_FRAMES = 4
+"""Sizes for which a target is kept: it is one object for each camera that looks at it in turn."""
+
+
+def require_image(image: torch.Tensor, bands: str) -> None:
+    """Raise a ValueError for what isn't a finite picture (rows, columns, bands)."""
+    if image.ndim != 3 or image.numel() == 0:
+        raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and {bands}")
+    require_finite("image", image)
+
+
+def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
+    """Side on the sensor, in metres, of the pixels of a picture that covers the frame.
+
+    shape: (rows, columns) of the picture. cover: side of the picture over side of the frame,
+    where it just covers it.
+    """
+    sensor = camera.sensor
+    sides = zip(sensor.shape, shape, strict=False)
+    return cover * max(n * sensor.pitch / size for n, size in sides)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Framed(Target):
+    """A picture of pixels.
+
+    cover: side of the picture over side of the frame, where it just covers it; what exceeds the
+    frame lies beyond its edges. height: of the picture at the object in metres, which counts
+    instead of `cover` where it is given. offset: (y, x) metres from the axis to its middle.
+    side: of its pixels on the sensor, metres, where a camera is known: see for_camera().
+    """
+
+    cover: float = 1.05
+    height: float | None = None
+    offset: tuple[float, float] = (0.0, 0.0)
+    side: float | None = None
+    _fitted: dict[float, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive("cover", self.cover, "")
+        if self.height is not None:
+            require_positive("height", self.height, "m")
+        require_distance(self.distance)
+        require_radiance(self.radiance)
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the picture."""
+
+    @property
+    @abstractmethod
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        """What adds up to it: reflectances and pictures (rows, columns)."""
+
+    def for_camera(self, camera: Camera) -> Target:
+        if self.height is not None:
+            return self
+        side = covering(self.shape, self.cover, camera)
+        if self.side == side:
+            return self
+        if side not in self._fitted:
+            if len(self._fitted) >= _FRAMES:
+                self._fitted.clear()
+            self._fitted[side] = replace(self, side=side, _fitted={})
+        return self._fitted[side]
+
+    def placed(self, image: torch.Tensor) -> Picture:
+        """A picture (rows, columns) where and as large as this is."""
+        if self.height is not None:
+            return Picture(image, self.height / self.shape[0], self.offset)
+        if self.side is None:
+            raise ValueError("a print's size follows from the frame; use for_camera() first")
+        return Picture(image, self.side, self.offset, on_sensor=True)
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        parts = tuple(Part(self.lit(s), self.placed(image)) for s, image in self.images)
+        return (Layer(self.distance, parts),)

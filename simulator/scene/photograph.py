@@ -1,0 +1,67 @@
+"""A print of a photograph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+
+from optics.camera import Camera
+from optics.formation import spectrum_of_samples
+from optics.light.spectrum import Spectrum
+from optics.plane import Plane, centred_crop, centred_pad
+from simulator.scene.colours import Basis, primaries
+from simulator.scene.framed import Framed, require_image
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph(Framed):
+    """A flat, matt print across the axis, evenly lit.
+
+    image: (rows, columns, 3), linear red, green and blue, 1 = white. distance: metres.
+    radiance: of white, W / (sr m² m). basis: what its colours reflect by wavelength.
+    """
+
+    image: torch.Tensor
+    distance: float
+    radiance: float
+    basis: Basis = field(default_factory=primaries)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_colours(self.image)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.image.shape[0], self.image.shape[1]
+
+    @property
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
+        return tuple(zip(self.basis, colours, strict=True))
+
+    def reflectance(self, wavelength: float) -> torch.Tensor:
+        """The picture at a wavelength."""
+        shares = [float(one.at(wavelength)) for one in self.basis]
+        return (self.image * torch.tensor(shares, dtype=self.image.dtype)).sum(-1)
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        picture = self.reflectance(wavelength)
+        sensor = camera.sensor
+        scale = self.cover * max(
+            n * sensor.pitch / (size * pitch)
+            for n, size, pitch in zip(sensor.shape, picture.shape, plane.pitch, strict=True)
+        )
+        size = (round(picture.shape[0] * scale), round(picture.shape[1] * scale))
+        shown = torch.nn.functional.interpolate(
+            picture[None, None].to(torch.float64), size, mode="bicubic", antialias=scale < 1
+        )[0, 0].clamp(0, 1)
+        cropped = centred_crop(shown, (min(size[0], plane.shape[0]), min(size[1], plane.shape[1])))
+        return spectrum_of_samples(centred_pad(cropped, plane.shape))
+
+
+def require_colours(image: torch.Tensor) -> None:
+    """Raise a ValueError for what isn't a finite picture in three colours."""
+    require_image(image, "3 colours")
+    if image.shape[2] != 3:
+        raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and 3 colours")

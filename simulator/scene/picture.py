@@ -1,0 +1,62 @@
+"""A picture of pixels, as a print of some size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.edge import require_finite
+from optics.plane import Plane
+from simulator.scene.drawable import STILL, Drawable, Shift
+from simulator.scene.resampling import averaging
+
+
+@dataclass(frozen=True, eq=False)
+class Picture(Drawable):
+    """Values 0 to 1 with nothing around them; linear between the middles of pixels.
+
+    image: (rows, columns). side: of its pixels, metres on the object; or, where `on_sensor`, on
+    the sensor, whatever the distance. offset: (y, x) metres on the object from the axis to its
+    middle.
+    """
+
+    image: torch.Tensor
+    side: float
+    offset: tuple[float, float] = (0.0, 0.0)
+    on_sensor: bool = False
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 2 or self.image.numel() == 0:
+            raise ValueError(f"image is {tuple(self.image.shape)}; it needs rows and columns")
+        require_finite("image", self.image)
+        if not 0 < self.side < math.inf:
+            raise ValueError(f"side is {self.side:g} m; a pixel's must be positive and finite")
+        if not all(math.isfinite(part) for part in self.offset):
+            raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
+
+    def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        side = self.side if self.on_sensor else self.side * magnification
+        if side == 0:
+            return torch.zeros(plane.shape)
+        along = [
+            averaging(
+                self.image.shape[axis],
+                side,
+                (self.offset[axis] + shift[axis]) * magnification,
+                edges(plane, axis),
+            )
+            for axis in (0, 1)
+        ]
+        values = self.image.to(torch.float32).numpy()
+        return torch.from_numpy(np.ascontiguousarray((along[1] @ (along[0] @ values).T).T))
+
+
+def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
+    """Between the cells of a plane along an axis, in metres: one more than there are cells."""
+    n, pitch = plane.shape[axis], plane.pitch[axis]
+    index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5
+    return np.asarray(index * pitch + plane.centre[axis])

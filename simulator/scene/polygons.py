@@ -1,0 +1,148 @@
+"""Polygons, as exactly as they cover each cell of a plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.plane import Plane
+from simulator.scene.drawable import STILL, Drawable, Shift
+
+Corners = tuple[tuple[float, float], ...]
+"""(y, x) in metres on the object, in either order around; the last joins the first."""
+
+
+@dataclass(frozen=True)
+class Polygons(Drawable):
+    """Areas of even light on an even ground; where two overlap their differences from it add.
+
+    corners: of each polygon. values: 0 to 1, of each. ground: of all that is around them.
+    """
+
+    corners: tuple[Corners, ...]
+    values: tuple[float, ...]
+    ground: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.corners) != len(self.values):
+            raise ValueError(
+                f"{len(self.corners)} polygons and {len(self.values)} values are given; give one "
+                "for each"
+            )
+        for polygon in self.corners:
+            if len(polygon) < 3 or not np.isfinite(polygon).all():
+                raise ValueError("a polygon has fewer than 3 corners, or one that isn't finite")
+
+    def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        origin = [s * magnification for s in shift]
+        placed = [np.asarray(polygon) * magnification + origin for polygon in self.corners]
+        weights = [value - self.ground for value in self.values]
+        return torch.from_numpy(covered(plane, placed, weights, self.ground))
+
+
+def covered(
+    plane: Plane,
+    polygons: Sequence[NDArray[np.float64]],
+    weights: Sequence[float],
+    ground: float = 0.0,
+) -> NDArray[np.float32]:
+    """Sum over polygons of weight times the share of each cell that it covers, plus `ground`.
+
+    polygons: (corners, 2), y and x in metres on the plane. Every edge leaves in the cells that it
+    crosses what lies to the right of it, exactly; sums along the rows do the rest (as renderers
+    of fonts do, e.g. R. Levien's font-rs).
+    """
+    if not polygons:
+        return np.full(plane.shape, ground, dtype=np.float32)
+    rows, columns = plane.shape
+    origin = np.array(plane.centre) - (np.array(plane.shape) // 2 + 0.5) * plane.pitch
+    cells = [(np.asarray(corners) - origin) / plane.pitch for corners in polygons]
+    starts = np.concatenate(cells)
+    ends = np.concatenate([np.roll(one, -1, axis=0) for one in cells])
+    signed = np.repeat(
+        [w * _orientation(one) for w, one in zip(weights, cells, strict=True)],
+        [len(one) for one in cells],
+    )
+    marks = _marks(plane.shape, starts, ends, signed)
+    shares = np.cumsum(marks.reshape(rows, columns + 1)[:, :columns], axis=1)
+    return (shares + ground).astype(np.float32)
+
+
+def _orientation(corners: NDArray[np.float64]) -> float:
+    """1 where edges that go down have the polygon on their right, or else -1."""
+    y, x = (corners - corners.mean(axis=0)).T
+    area = float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    return -math.copysign(1.0, area)
+
+
+def _marks(
+    shape: tuple[int, int],
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """What edges leave in the cells that they cross, and a column beyond the last.
+
+    starts, ends: (edges, 2), y and x in cells from the plane's corner.
+    """
+    rows, columns = shape
+    edge, t = _cut(shape, starts, ends)
+    at = starts[edge] + t[:, None] * (ends - starts)[edge]
+    piece = np.flatnonzero(edge[1:] == edge[:-1])
+    middle = (at[piece] + at[piece + 1]) / 2
+    seen = (middle[:, 0] > 0) & (middle[:, 0] < rows) & (middle[:, 1] < columns)
+    piece, middle = piece[seen], middle[seen]
+    down = (at[piece + 1, 0] - at[piece, 0]) * weights[edge[piece]]
+    row = np.floor(middle[:, 0]).astype(np.int64)
+    # What lies to the left of the plane has all of each row on its right.
+    position = np.maximum(middle[:, 1], 0.0)
+    column = np.minimum(np.floor(position).astype(np.int64), columns - 1)
+    beyond = position - column
+    index = row * (columns + 1) + column
+    size = rows * (columns + 1)
+    own = np.bincount(index, down * (1 - beyond), size)
+    return np.asarray(own + np.bincount(index + 1, down * beyond, size), dtype=np.float64)
+
+
+def _cut(
+    shape: tuple[int, int], starts: NDArray[np.float64], ends: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Edges and places on them, 0 to 1 and rising, at which they begin, end, or cross from cell
+    to cell."""
+    every = np.arange(len(starts))
+    edges, places = [every, every], [np.zeros(len(starts)), np.ones(len(starts))]
+    for axis in (0, 1):
+        a, b = starts[:, axis], ends[:, axis]
+        first = np.ceil(np.clip(np.minimum(a, b), 0, shape[axis])).astype(np.int64)
+        last = np.floor(np.clip(np.maximum(a, b), 0, shape[axis])).astype(np.int64)
+        count = np.where(a == b, 0, np.maximum(last - first + 1, 0))
+        edge = np.repeat(every, count)
+        line = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[edge]
+        t = (line - a[edge]) / (b - a)[edge]
+        inner = (t > 0) & (t < 1)
+        edges.append(edge[inner])
+        places.append(t[inner])
+    edge, t = np.concatenate(edges), np.concatenate(places)
+    order = np.lexsort((t, edge))
+    return edge[order], t[order]
+
+
+def rectangle(
+    centre: tuple[float, float], size: tuple[float, float], angle: float = 0.0
+) -> Corners:
+    """Of (height, width) around a centre (y, x), in metres; angle: radians, from x towards y."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    half_y, half_x = size[0] / 2, size[1] / 2
+    signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
+    return tuple(
+        (
+            centre[0] + sy * half_y * cos + sx * half_x * sin,
+            centre[1] + sx * half_x * cos - sy * half_y * sin,
+        )
+        for sy, sx in signs
+    )

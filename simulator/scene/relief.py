@@ -1,0 +1,136 @@
+"""A photograph of things at many distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from optics.edge import require_positive
+from optics.light.spectrum import Spectrum
+from simulator.scene.colours import Basis, primaries
+from simulator.scene.framed import Framed
+from simulator.scene.photograph import require_colours
+from simulator.scene.target import Layer, Part
+
+
+def distances_of(
+    disparity: NDArray[np.floating], baseline: float, focal: float, offset: float = 0.0
+) -> NDArray[np.float64]:
+    """Metres, from a pair of cameras: baseline x focal length over disparity and offset.
+
+    baseline: metres. focal, disparity, offset: pixels; NaN where nothing is known stays so.
+    Raises ValueError for a disparity that isn't in front of the cameras.
+    """
+    require_positive("baseline", baseline, "m")
+    require_positive("focal", focal, "pixels")
+    whole = np.asarray(disparity, dtype=np.float64) + offset
+    if (whole <= 0).any() or np.isinf(whole).any():
+        raise ValueError(
+            f"disparity and offset come to {np.nanmin(whole):g} pixels somewhere; they must be "
+            "positive and finite (NaN where nothing is known)"
+        )
+    return baseline * focal / whole
+
+
+@dataclass(frozen=True, eq=False)
+class Relief(Framed):
+    """A photograph whose pixels have distances, in layers.
+
+    image: (rows, columns, 3), linear red, green and blue, 1 = white. depths: (rows, columns),
+    metres; where NaN, as the nearest pixel in the picture. radiance: of white, W / (sr m² m).
+    levels: layers, at even steps of one over the distance. basis: what colours reflect.
+
+    What a nearer layer hides, and its blurred edge shows, looks like the nearest pixel in the
+    picture that is farther away.
+    """
+
+    image: torch.Tensor
+    depths: torch.Tensor
+    radiance: float
+    levels: int = 8
+    basis: Basis = field(default_factory=primaries)
+
+    def __post_init__(self) -> None:
+        require_colours(self.image)
+        if self.depths.shape != self.image.shape[:2]:
+            raise ValueError(
+                f"depths is {tuple(self.depths.shape)}; it must be as the image, "
+                f"{tuple(self.image.shape[:2])}"
+            )
+        if not 1 <= self.levels <= 64:
+            raise ValueError(f"levels is {self.levels}; give 1 to 64 layers")
+        known = self.depths[~torch.isnan(self.depths)]
+        if not len(known) or not (known > 0).all() or torch.isinf(known).any():
+            raise ValueError("depths must be positive and finite, and known somewhere")
+        object.__setattr__(self, "distance", float(known.min()))
+        super().__post_init__()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.image.shape[0], self.image.shape[1]
+
+    @property
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        """Without distances."""
+        colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
+        return tuple(zip(self.basis, colours, strict=True))
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        owner, distances = _sorted_into(_known_everywhere(self.depths.numpy()), self.levels)
+        colours = self.image.to(torch.float32).numpy()
+        shown = [np.where((owner == k)[..., None], colours, 0) for k in range(len(distances))]
+        covers = [(owner == k).astype(np.float32) for k in range(len(distances))]
+        for k in range(len(distances) - 1):
+            # Behind what is filled there may be something again, where three layers meet.
+            near, where = owner <= k, _nearest(owner > k)
+            behind = owner[where]
+            for far in range(k + 1, len(distances)):
+                filled = near & (behind == far) & (covers[far] == 0)
+                covers[far][filled] = 1
+                shown[far][filled] = colours[where][filled]
+        return tuple(
+            self._layer(distance, picture, cover)
+            for distance, picture, cover in zip(distances, shown, covers, strict=True)
+        )
+
+    def _layer(
+        self, distance: float, picture: NDArray[np.float32], cover: NDArray[np.float32]
+    ) -> Layer:
+        planes = (torch.from_numpy(np.ascontiguousarray(picture[..., k])) for k in range(3))
+        parts = tuple(
+            Part(self.lit(reflectance), self.placed(plane))
+            for reflectance, plane in zip(self.basis, planes, strict=True)
+        )
+        return Layer(distance, parts, self.placed(torch.from_numpy(cover)))
+
+
+def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of each pixel the row and column of the nearest one in a mask."""
+    rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return rows, columns
+
+
+def _known_everywhere(depths: NDArray[np.floating]) -> NDArray[np.floating]:
+    known = ~np.isnan(depths)
+    return depths if known.all() else depths[_nearest(known)]
+
+
+def _sorted_into(
+    depths: NDArray[np.floating], levels: int
+) -> tuple[NDArray[np.int64], list[float]]:
+    """The layer of each pixel, the nearest being 0, and the layers' distances; none is empty."""
+    vergence = 1 / depths
+    near, far = float(vergence.max()), float(vergence.min())
+    step = (near - far) / levels
+    if step <= 1e-9 * near:
+        return np.zeros(depths.shape, dtype=np.int64), [1 / near]
+    level = np.minimum(((near - vergence) / step).astype(np.int64), levels - 1)
+    used, owner = np.unique(level, return_inverse=True)
+    distances = [1 / (near - (k + 0.5) * step) for k in used.tolist()]
+    return owner.reshape(depths.shape), distances

@@ -1,0 +1,42 @@
+"""An artificial star, and a pinhole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from optics.camera import Camera
+from optics.plane import Plane
+from simulator.scene.disc import Disc
+from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+
+
+@dataclass(frozen=True)
+class Star(Target):
+    """An artificial star: a lit pinhole (thesis §3.4).
+
+    diameter, distance: metres. radiance: W / (sr m² m). offset: (y, x) metres from the axis to
+    it; like a print it stands upright in the picture, y down the rows.
+    """
+
+    diameter: float
+    distance: float
+    radiance: float
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Disc(self.diameter, self.offset)
+        require_distance(self.distance)
+        require_radiance(self.radiance)
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (Layer(self.distance, (Part(self.lit(), Disc(self.diameter, self.offset)),)),)
+
+    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
+        """Of its geometric image: a disc whose samples count one where it covers them."""
+        disc = Disc(self.diameter, self.offset)
+        return disc.spectrum(plane, camera.magnification(self.distance)).to(torch.complex128)

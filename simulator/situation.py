@@ -1,0 +1,83 @@
+"""Everything that a decision may look at: what stands, shines, is shown and looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from optics.camera import Camera, Panel
+from optics.light.bands import Band
+from optics.polarisation import PathEffect
+from simulator.mount import Mount
+from simulator.probing.pattern import PatternProbe
+from simulator.probing.picture import PictureProbe
+from simulator.scene.target import Target
+from simulator.shown import Shown
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """A picture that is about to be taken.
+
+    camera: what it really is, with its sensor. mount: how the panel sits. target: what stands
+    before it, with its light. band: what the filter passes. shown: on the panel. moment,
+    exposure: seconds; of a first row that is exposed in turn with others. path: what polariser,
+    panel and splitter do to the two polarisations, where the bench says.
+    """
+
+    camera: Camera
+    mount: Mount
+    target: Target
+    band: Band
+    shown: Shown
+    moment: float
+    exposure: float
+    path: PathEffect | None = None
+    numerics: float = field(default=1e-3)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "target", self.target.for_camera(self.camera))
+
+    @property
+    def wavelength(self) -> float:
+        """Metres, the band's centre."""
+        return self.band.centre
+
+    @cached_property
+    def picture(self) -> PictureProbe:
+        """What is known of the target's picture without any blur."""
+        middle = self.moment + self.exposure / 2
+        shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
+        return PictureProbe(self.target, self.camera, self.band, shift)
+
+    @cached_property
+    def pattern(self) -> PatternProbe:
+        """What is known of the PSF of what is shown."""
+        return PatternProbe(self.camera, self.shown, self.wavelength, self.picture.distances)
+
+    @property
+    def ideal_panel(self) -> Panel:
+        """The panel without any of its effects."""
+        return replace(
+            self.camera.panel,
+            response=None,
+            response_time=0.0,
+            coupling=0.0,
+            flicker=0.0,
+            jitter=0.0,
+            front_reflection=0.0,
+            gap_reflection=0.0,
+            flatness=None,
+            illumination=None,
+            unmodulated=0.0,
+        )
+
+    @property
+    def smallest_window(self) -> int:
+        """Sensor pixels across the smallest PSF that is rendered."""
+        return 64
+
+    @property
+    def coarsest_sampling(self) -> int:
+        """Samples a pixel along each axis, at least."""
+        return 1

@@ -1,0 +1,144 @@
+"""Colour filters, fixed patterns, shutters and draws of chosen stages."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import scipy.stats as st
+import torch
+
+from optics.camera import Sensor
+from optics.light import Spectrum
+from optics.sensor import Mosaic, draw, fixed_pattern, row_starts
+from optics.sensor.shutter import span
+
+SENSOR = Sensor(shape=(300, 400), prnu=0.01, dsnu=2.0, dead=0.002, hot=0.004, hot_current=500.0,
+                fixed_seed=5)  # fmt: skip
+EVEN = Spectrum.even(0.5)
+BAYER = Mosaic(("RG", "GB"), {"R": EVEN, "G": EVEN.scaled(0.5), "B": EVEN})
+
+
+def test_maps_have_the_spreads_and_shares_that_were_given():
+    """Within five standard errors of 120,000 pixels."""
+    maps = fixed_pattern(SENSOR)
+    good = maps.gain[maps.gain > 0]
+    error = 1 / math.sqrt(2 * 120_000)
+    assert float(good.std()) == pytest.approx(0.01, rel=5 * error)
+    assert float(good.mean()) == pytest.approx(1.0, abs=5 * 0.01 / math.sqrt(120_000))
+    assert float(maps.offset.std()) == pytest.approx(2.0, rel=5 * error + 0.001)
+    assert int((maps.gain == 0).sum()) == pytest.approx(240, abs=5 * math.sqrt(240))
+    assert int((maps.current == 500).sum()) == pytest.approx(480, abs=5 * math.sqrt(480))
+    assert not bool(((maps.gain == 0) & (maps.current > 0)).any())
+
+
+def test_maps_belong_to_the_camera():
+    again = fixed_pattern(replace(SENSOR, gain=3.0))
+    assert torch.equal(again.gain, fixed_pattern(SENSOR).gain)
+    assert not torch.equal(again.gain, fixed_pattern(replace(SENSOR, fixed_seed=6)).gain)
+
+
+def test_hot_and_dead_pixels_stay_where_they_are_in_all_frames():
+    quiet = {"read_noise": False, "shot": "none"}
+    frames = [
+        draw(torch.full(SENSOR.shape, 300.0), 10.0, SENSOR, torch.Generator().manual_seed(n),
+             **quiet)
+        for n in (1, 2)
+    ]  # fmt: skip
+    assert torch.equal(*frames)
+    maps = fixed_pattern(SENSOR)
+    electrons = (frames[0] - 64) * 2.6
+    # 500 e-/s over 10 s and 10 of dark current; steps of 2.6 and offsets of 9 at most.
+    assert float((electrons[maps.current > 0] - 5310).abs().max()) < 5 * 0.01 * 300 + 11
+    assert float((electrons[maps.gain == 0] - 10).abs().max()) < 11
+
+
+def test_an_even_sensor_draws_the_same_pixels_whatever_their_shape():
+    frame = draw(torch.full((10,), 50.0), 1.0, Sensor(), torch.Generator().manual_seed(0))
+    assert frame.shape == (10,)
+    assert frame.dtype == torch.int32
+
+
+def test_numbers_are_whole_only_if_they_are_rounded():
+    frame = draw(torch.tensor([10.0]), 1.0, Sensor(dark_current=0.0), torch.Generator(),
+                 shot="none", read_noise=False, quantisation=False)  # fmt: skip
+    assert frame.dtype == torch.float64
+    assert float(frame) == 64 + 10 / 2.6
+
+
+def test_nothing_clips_where_clipping_is_off():
+    frame = draw(torch.tensor([1e6]), 1.0, Sensor(dark_current=0.0), torch.Generator(), shot="none",
+                 read_noise=False, clipping=False)  # fmt: skip
+    assert int(frame) == round(64 + 1e6 / 2.6)
+
+
+@pytest.mark.parametrize("shot", ["Poisson", "Gaussian"])
+@pytest.mark.parametrize("electrons", [3.0, 40.0])
+def test_electrons_come_as_poissons_or_nearly_so(shot, electrons):
+    """Kolmogorov's distance from scipy's distribution; 0.0665 / sqrt(electrons) of the normal."""
+    sensor = Sensor(gain=1.0, black_level=0.0, dark_current=0.0)
+    numbers = draw(torch.full((200_000,), electrons), 1.0, sensor, torch.Generator().manual_seed(3),
+                   shot=shot, read_noise=False)  # fmt: skip
+    counts = torch.bincount(numbers, minlength=100) / 200_000
+    distance = abs(counts.cumsum(0).numpy() - st.poisson.cdf(range(len(counts)), electrons)).max()
+    normal = 0.0665 / math.sqrt(electrons) if shot == "Gaussian" and electrons > 10 else 0.0
+    assert distance < normal + 2 / math.sqrt(200_000)
+    if normal:
+        assert distance > normal / 2
+
+
+def test_a_mosaic_repeats_from_the_first_pixel():
+    assert BAYER.channels == ("R", "G", "B")
+    assert BAYER.channel_map((3, 5)).tolist() == [
+        [0, 1, 0, 1, 0], [1, 2, 1, 2, 1], [0, 1, 0, 1, 0]
+    ]  # fmt: skip
+
+
+def test_a_mosaic_takes_each_pixel_from_its_channel():
+    channels = torch.stack([torch.full((2, 2), value) for value in (1.0, 2.0, 3.0)])
+    assert BAYER.gather(channels).tolist() == [[1, 2], [2, 3]]
+    with pytest.raises(ValueError, match=r"channels is \(2, 4, 4\); it must be 3 pictures, of R"):
+        BAYER.gather(torch.ones(2, 4, 4))
+
+
+def test_mosaics_are_equal_by_what_they_hold():
+    same = Mosaic(("RG", "GB"), {"B": EVEN, "G": EVEN.scaled(0.5), "R": EVEN})
+    assert same == BAYER
+    assert hash(replace(SENSOR, colour=same)) == hash(replace(SENSOR, colour=BAYER))
+    assert Mosaic(("RG", "GB"), {"R": EVEN, "G": EVEN, "B": EVEN}) != BAYER
+
+
+@pytest.mark.parametrize(
+    ("pattern", "message"),
+    [
+        ((), "pattern is ()"), (("RG", "G"), "as long"), (("RG", "GW"), "pattern has W, which"),
+    ],
+)  # fmt: skip
+def test_patterns_without_sense_are_refused(pattern, message):
+    with pytest.raises(ValueError, match=message):
+        Mosaic(pattern, {"R": EVEN, "G": EVEN})
+
+
+def test_rows_start_one_after_the_other():
+    rolling = Sensor(shape=(4, 4), shutter="rolling", line_time=1e-5)
+    assert row_starts(rolling, 2.0).tolist() == pytest.approx([2.0, 2.00001, 2.00002, 2.00003])
+    assert row_starts(rolling, 2.0, rolling=False).tolist() == [2.0] * 4
+    assert row_starts(Sensor(shape=(3, 4))).tolist() == [0.0] * 3
+    assert span(rolling, 0.01) == pytest.approx(0.01003)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"prnu": -0.1}, "prnu is -0.1; it can't be negative"),
+        ({"prnu": 0.3}, "prnu is 0.3; it is a share of the response, 0.2 at most"),
+        ({"dsnu": math.nan}, "dsnu is nan; it can't be negative"),
+        ({"dead": 1.5}, "dead is 1.5; it is a share and must lie between 0 and 1"),
+        ({"dead": 0.6, "hot": 0.6}, "dead is 0.6 and hot 0.6; no more than all pixels"),
+        ({"hot_current": -1.0}, "hot_current is -1; it can't be negative"),
+        ({"shutter": "slow"}, "shutter is 'slow'; choose global or rolling"),
+        ({"shutter": "rolling"}, "a rolling shutter needs its line_time, more than 0 s"),
+    ],
+)
+def test_sensors_that_cant_be_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        Sensor(**change)

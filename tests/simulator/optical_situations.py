@@ -1,0 +1,175 @@
+"""Small situations by chance, for the effects of optics: panels and sensors that are quick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.light import Band, Spectrum, Waveform, halogen
+from optics.slm import Map, Response
+from simulator.caching import ByteCache
+from simulator.effects.crystal import CrystalResponse
+from simulator.effects.diffraction import Diffraction
+from simulator.effects.dispersion import PanelDispersion
+from simulator.effects.interference import Interference
+from simulator.effects.leak import Leak
+from simulator.effects.orders import PanelOrders
+from simulator.effects.panel_effects import PANEL_EFFECTS
+from simulator.effects.places import FieldPosition
+from simulator.effects.reach import Reach
+from simulator.effects.sampling import Sampling
+from simulator.effects.unmodulated import UnmodulatedLight
+from simulator.effects.vignetting import Vignetting
+from simulator.effects.wavelengths import Bandwidth
+from simulator.formation.picture import expected
+from simulator.ledger import Ledger
+from simulator.mount import Mount
+from simulator.planning import Effect
+from simulator.recipe import Recipe
+from simulator.scene import Flat, Photograph, Star, Target
+from simulator.shown import Shown
+from simulator.situation import Situation
+
+EFFECTS: tuple[Effect, ...] = (
+    Reach(),
+    Sampling(),
+    Diffraction(),
+    Bandwidth(),
+    Leak(),
+    PanelDispersion(),
+    *PANEL_EFFECTS,
+    CrystalResponse(),
+    UnmodulatedLight(),
+    Interference(),
+    FieldPosition(),
+    Vignetting(),
+    PanelOrders(),
+)
+
+PANEL = Panel(shape=(24, 32), pitch=40e-6, fill_factor=0.81, unmodulated=0.05)
+CAMERA = Camera(
+    PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16)
+)
+STAR = Star(40e-6, 1.0, 2e12, (2e-4, 1e-4))
+STILL = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+
+
+def situation(
+    target: Target = STAR,
+    camera: Camera = CAMERA,
+    band: Band | None = None,
+    shown: Shown | None = None,
+    exposure: float = 0.01,
+    moment: float = 0.0,
+    mount: Mount | None = None,
+    numerics: float = 1e-6,
+    **more,
+) -> Situation:
+    if shown is None:
+        shown = Shown.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
+    return Situation(
+        camera,
+        mount or Mount(),
+        target.for_camera(camera),
+        band or Band(550e-9, 20e-9),
+        shown,
+        moment,
+        exposure,
+        numerics=numerics,
+        **more,
+    )
+
+
+def pattern(rng: np.random.Generator, panel: Panel) -> np.ndarray:
+    """A smooth, a steep or a random one, (rows, columns) uint8."""
+    y, x = np.mgrid[-1 : 1 : panel.shape[0] * 1j, -1 : 1 : panel.shape[1] * 1j]
+    kind = rng.integers(4)
+    if kind == 0:
+        phase = np.full(panel.shape, 10.0)
+    elif kind == 1:
+        phase = 40 + 30 * np.sin(rng.uniform(1, 6) * x + rng.uniform(1, 6) * y)
+    elif kind == 2:
+        phase = rng.uniform(20, 60) * np.hypot(x, y) % 60
+    else:
+        phase = rng.integers(0, rng.integers(10, 200), panel.shape)
+    return phase.astype(np.uint8)
+
+
+def random_panel(rng: np.random.Generator) -> Panel:
+    y, x = np.mgrid[-1:1:6j, -1:1:8j]
+    data = {
+        "illumination": Map(np.exp(-(x**2) - y**2) * rng.uniform(0.5, 2) + 0.1),
+        "front_reflection": rng.uniform(0, 0.05),
+        "response": Response.tabulated(
+            550e-9, rng.uniform(0.9, 1.1) * (np.arange(256) / 255) ** rng.uniform(0.8, 1.3)
+        ),
+        "coupling": rng.uniform(2e-6, 15e-6),
+        "flicker": rng.uniform(0.005, 0.1),
+        "jitter": rng.uniform(0.01, 0.3),
+        "gap_reflection": rng.uniform(0.05, 0.7),
+        "flatness": Map((x**2 - y + x * y) * rng.uniform(5e-9, 60e-9)),
+    }
+    chosen = {name: value for name, value in data.items() if rng.random() < 0.5}
+    return replace(PANEL, unmodulated=rng.uniform(0, 0.1), **chosen)
+
+
+def random_target(rng: np.random.Generator) -> Target:
+    light = halogen() if rng.random() < 0.5 else None
+    distance = float(rng.choice([1.0, 0.9, 1.2]))
+    kind = rng.integers(3)
+    if kind == 0:
+        place = tuple(rng.uniform(-2e-3, 2e-3, 2))
+        return Star(rng.uniform(20e-6, 400e-6), distance, 2e11, place, light=light)
+    if kind == 1:
+        return Flat(distance, 1e7, light=light)
+    image = torch.from_numpy(rng.random((16, 20, 3)).astype(np.float32))
+    smooth = torch.nn.functional.avg_pool2d(image.permute(2, 0, 1)[None], 3, 1, 1)[0]
+    cover = float(rng.choice([0.7, 1.2]))
+    return Photograph(smooth.permute(1, 2, 0), distance, 1e7, cover=cover, light=light)
+
+
+def random_situation(seed: int, *, video: bool = False) -> Situation:
+    rng = np.random.default_rng(seed)
+    camera = replace(CAMERA, panel=random_panel(rng))
+    shape = str(rng.choice(["gaussian", "interference"]))
+    leak = float(rng.choice([0.0, 1e-4, 3e-3]))
+    band = Band(rng.uniform(500e-9, 600e-9), rng.uniform(5e-9, 40e-9), shape, leak)
+    target = random_target(rng)
+    if rng.random() < 0.3:
+        lamp = Waveform("sine", 100.0, rng.uniform(0, 0.5), rng.uniform(0, 6))
+        target = replace(target, lamp=lamp)
+    shown = Shown.of(pattern(rng, camera.panel)[None], math.inf)
+    if video:
+        camera = replace(camera, panel=replace(camera.panel, response_time=rng.uniform(1e-3, 8e-3)))
+        video = np.stack([pattern(rng, camera.panel) for _ in range(3)])
+        shown = Shown.of(video, 1 / 60)
+    return situation(
+        target, camera, band, shown, exposure=rng.uniform(3e-3, 40e-3), moment=rng.uniform(0, 0.1),
+        numerics=1e-4,
+    )  # fmt: skip
+
+
+def colour_curve(centre: float, width: float) -> Spectrum:
+    return Spectrum(
+        (300e-9, centre - width, centre, centre + width, 1100e-9), (0.0, 0.1, 0.8, 0.1, 0.0)
+    )
+
+
+def finest(s: Situation) -> dict[str, int]:
+    return {one.name: one.finest(s) for one in EFFECTS if one.caused(s)}
+
+
+def recipe(s: Situation, levels: dict[str, int]) -> Recipe:
+    made = Recipe.barest(s).having(lamp=s.target.lamp is not None, pixel_aperture=True)
+    for one in EFFECTS:
+        if levels.get(one.name, 0):
+            made = one.apply(made, s, levels[one.name])
+    return made
+
+
+def rendered(s: Situation, levels: dict[str, int], cache: ByteCache) -> np.ndarray:
+    return expected(s, recipe(s, levels), cache, Ledger()).double().numpy()

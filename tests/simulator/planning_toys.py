@@ -1,0 +1,52 @@
+"""Effects whose bounds, work and demands are simply given, for tests of planning."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+from optics.camera import Panel
+from simulator.planning import Bound, Effect
+
+SITUATION = SimpleNamespace(ideal_panel=Panel(), smallest_window=64, coarsest_sampling=1)
+
+
+@dataclass
+class Toy(Effect):
+    """bounds, works: by level, from off to the finest. coupled: effects by whose level its work
+    is multiplied. sets: what its level does to a recipe."""
+
+    name: str = "toy"
+    bounds: tuple[Bound, ...] = (Bound(1.0), Bound())
+    works: tuple[float, ...] = (0.0, 1.0)
+    coupled: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
+    sets: dict[str, tuple[object, ...]] = field(default_factory=dict)
+    there: bool = True
+    kind = "stage"
+    physics = "a toy"
+    source = "none"
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        return ("off", *(f"level {n}" for n in range(1, len(self.bounds))))
+
+    def caused(self, s):
+        return self.there
+
+    def estimate(self, s, level):
+        return self.bounds[level].mean / 2
+
+    def bound(self, s, level):
+        return self.bounds[level]
+
+    def work(self, s, levels):
+        work = self.works[levels[self.name]]
+        for other in self.coupled:
+            work *= 1 + levels[other]
+        return work
+
+    def why(self, s):
+        return "it was made so"
+
+    def apply(self, recipe, s, level):
+        assert level > 0
+        return recipe.having(**{key: values[level] for key, values in self.sets.items()})

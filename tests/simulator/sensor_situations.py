@@ -1,0 +1,57 @@
+"""Situations that have only what the sensor's effects look at: a sharp picture on its pixels."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+
+from optics.camera import Camera, Sensor
+from optics.plane import Plane
+from simulator.probing.radial import RadialProfile
+
+
+def sensor(rng: np.random.Generator, **more) -> Sensor:
+    """Any sensor of 12 x 12 pixels, with small wells, so that they are often full."""
+    bits = int(rng.integers(6, 11))
+    gain = float(np.exp(rng.uniform(np.log(0.3), np.log(8))))
+    return Sensor(**{
+        "shape": (12, 12), "bits": bits, "gain": gain,
+        "full_well": float(gain * 2**bits * rng.uniform(0.3, 1.2)),
+        # A well ends above its read noise, or nothing could be seen of it.
+        "read_noise": float(rng.choice([0.0, 0.3, 1.0, 2.5])),
+        "dark_current": float(rng.choice([0.0, 0.1, 5.0, 60.0])),
+        "black_level": float(rng.choice([0.0, 2.0, 2 ** (bits - 3)])),
+        "fixed_seed": int(rng.integers(1000)),
+    } | more)  # fmt: skip
+
+
+def picture(rng: np.random.Generator, most: float) -> torch.Tensor:
+    """Electrons per second: a star, a gradient, an edge, or noise."""
+    kind = rng.integers(4)
+    light = np.zeros((12, 12))
+    if kind == 0:
+        light[tuple(rng.integers(12, size=2))] = most
+    elif kind == 1:
+        light += np.linspace(0, most, 12)
+    elif kind == 2:
+        light[:, 6:] = most
+    else:
+        light = rng.random((12, 12)) * most
+    return torch.from_numpy(light)
+
+
+def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -> SimpleNamespace:
+    """light: electrons per second on each pixel, as sharp as it is."""
+    plane = Plane(tuple(light.shape), (one.pitch, one.pitch))
+    probe = SimpleNamespace(
+        l2=float(light.square().sum().sqrt()),
+        brightest=float(light.max()),
+        total=float(light.sum()),
+        dark=not bool(light.any()),
+        power=RadialProfile.of(torch.fft.rfft2(light), plane),
+    )
+    return SimpleNamespace(**{
+        "camera": Camera(sensor=one), "picture": probe, "exposure": exposure, "moment": 0.0,
+        "target": SimpleNamespace(lamp=None, moves=False, layers=()),
+        "shown": SimpleNamespace(moves=False),
+    } | more)  # fmt: skip

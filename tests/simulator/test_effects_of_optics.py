@@ -1,0 +1,255 @@
+"""Bounds of the effects of optics against what they change, by chance; floors against pictures."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from optical_situations import (
+    CAMERA,
+    EFFECTS,
+    PANEL,
+    STAR,
+    finest,
+    pattern,
+    random_situation,
+    recipe,
+    rendered,
+    situation,
+)
+
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.light import Band
+from optics.polarisation import PathEffect
+from optics.psf import PSFOperator
+from simulator.caching import ByteCache
+from simulator.effects.costs import operations
+from simulator.effects.interference import Interference
+from simulator.effects.places import FieldPosition
+from simulator.effects.wavelengths import Bandwidth
+from simulator.formation import expected
+from simulator.ledger import Ledger
+from simulator.planning import Effect
+from simulator.probing.floor import floor
+from simulator.probing.pattern import PatternProbe
+from simulator.recipe import Recipe
+from simulator.scene import Flat, Photograph, Star
+from simulator.shown import Shown
+
+NUMERICS = 2e-4
+"""Relative, of pictures rendered for NUMERICS / 2."""
+
+STRUCTURE = ("PSF reach", "light sampling", "diffraction")
+
+
+def capped(s):
+    """All effects that are caused at their finest, or at as fine as these tests can wait for."""
+    most = {"filter bandwidth": 4, "panel orders": 1, "light sampling": 2, "out-of-band leak": 2}
+    return {name: min(level, most.get(name, level)) for name, level in finest(s).items()}
+
+
+def broken(s, effect: Effect, context, cache):
+    """What an effect changes beyond its bound, from each level to its top in a context."""
+    top = capped(s)[effect.name]
+    with_it = rendered(s, {**context, effect.name: top}, cache)
+    whole, found = np.linalg.norm(with_it), []
+    for level in range(top):
+        bound = effect.bound(s, level).mean
+        if math.isinf(bound):
+            continue
+        without = rendered(s, {**context, effect.name: level}, cache)
+        changed = np.linalg.norm(without - with_it)
+        if changed > bound + NUMERICS * whole:
+            found.append((effect.name, level, changed / whole, bound / whole))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_effect_changes_more_than_its_bound(seed):
+    s, cache = random_situation(1000 + seed), ByteCache()
+    full = capped(s)
+    bare = {name: level if name in STRUCTURE else 0 for name, level in full.items()}
+    for effect in EFFECTS:
+        if effect.name in full:
+            assert not broken(s, effect, bare, cache)
+            if effect.kind == "stage":
+                assert not broken(s, effect, full, cache)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_nor_does_a_crystal_on_its_way(seed):
+    s, cache = random_situation(seed, video=True), ByteCache()
+    full = capped(s)
+    bare = {name: level if name in STRUCTURE else 0 for name, level in full.items()}
+    crystal = next(one for one in EFFECTS if one.name == "liquid-crystal response")
+    assert not broken(s, crystal, bare, cache)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_bounds_fall_with_the_level_and_are_nothing_at_the_finest(seed):
+    s = random_situation(seed, video=seed % 2 == 0)
+    for effect in EFFECTS:
+        if not effect.caused(s):
+            continue
+        levels = range(effect.finest(s) + 1)
+        bounds = [effect.bound(s, level) for level in levels]
+        for name in ("mean", "variance", "sigma"):
+            values = [getattr(one, name) for one in bounds]
+            assert values == sorted(values, reverse=True)
+            assert values[-1] == 0
+        assert all(one.how.startswith(("proved", "audited")) for one in bounds)
+        assert all(0 <= effect.estimate(s, level) < math.inf for level in levels)
+        assert effect.why(s)
+        names = {one.name: one.finest(s) for one in EFFECTS if one.caused(s)}
+        assert effect.work(s, names) >= 0
+        assert effect.work(s, {**names, effect.name: 0}) == 0
+
+
+def test_what_interferes_stays_within_its_bound():
+    path = PathEffect(torch.tensor(0.5), torch.tensor(0.05), torch.tensor(0.3 + 0.2j))
+    grey = pattern(np.random.default_rng(8), PANEL)
+    s = situation(path=path, shown=Shown.of(grey[None], math.inf), numerics=1e-4)
+    bare = {name: level if name in STRUCTURE else 0 for name, level in capped(s).items()}
+    bare["unmodulated light"] = 1
+    assert not broken(s, Interference(), bare, ByteCache())
+    assert Interference().caused(s)
+    assert not Interference().caused(situation())
+
+
+def test_places_in_the_field_stay_within_their_bound():
+    camera = replace(CAMERA, separation=0.02)
+    star = Star(40e-6, 1.0, 2e12, (3e-3, 3e-3))
+    s = situation(star, camera, numerics=1e-3)
+    effect = FieldPosition()
+    waves = Recipe(PANEL, 64, 2, wave=True)
+    one, many = (
+        expected(s, waves.having(places=n), ByteCache(), Ledger()).double().numpy() for n in (1, 3)
+    )
+    assert np.linalg.norm(one - many) <= effect.bound(s, 0).mean
+    assert not effect.caused(situation())
+
+
+def test_wide_bands_take_more_wavelengths_than_narrow_ones():
+    counts = [Bandwidth().finest(situation(band=Band(550e-9, w))) for w in (1e-9, 20e-9, 80e-9)]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+def test_a_dark_scene_causes_nothing():
+    s = situation(Flat(1.0, 0.0))
+    assert not [one.name for one in EFFECTS if one.caused(s)]
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_the_floor_lies_below_the_picture_with_everything(seed):
+    s = random_situation(200 + seed)
+    sensor = s.camera.sensor
+    light = rendered(s, {**capped(s), "filter bandwidth": 2, "panel orders": 0}, ByteCache())
+    known = floor(s)
+    electrons = light + sensor.dark_current * s.exposure
+    variance = electrons + sensor.read_noise**2
+    clipped = np.minimum(electrons, (2**sensor.bits - 1 - sensor.black_level) * sensor.gain)
+    assert 0 <= known.mean <= np.linalg.norm(clipped)
+    assert 0 < known.variance <= np.linalg.norm(variance)
+    assert 0 < known.sigma <= np.linalg.norm(np.sqrt(variance))
+
+
+def test_a_floor_isnt_far_below_a_photograph_nor_an_even_field():
+    camera = Camera(
+        Panel(shape=(96, 128), pitch=20e-6, unmodulated=0.0),
+        Lens(0.05, 20.0, 1.0),
+        Sensor(shape=(90, 96), pitch=10e-6, full_well=1e7, bits=16, gain=200.0),
+    )
+    image = torch.full((9, 9, 3), 0.5)
+    for target in (Photograph(image, 1.0, 1e7, cover=1.5), Flat(1.0, 1e7)):
+        s = situation(target, camera, numerics=1e-4)
+        light = rendered(s, {"PSF reach": 2, "light sampling": 2, "diffraction": 1}, ByteCache())
+        assert floor(s).mean >= 0.3 * np.linalg.norm(light)
+
+
+def test_a_dark_frames_floor_is_its_dark_current_and_read_noise():
+    s = situation(Flat(1.0, 0.0), exposure=2.0)
+    sensor, n = s.camera.sensor, 20 * 24
+    assert floor(s).mean == pytest.approx(sensor.dark_current * 2.0 * math.sqrt(n))
+    noise = sensor.dark_current * 2.0 + sensor.read_noise**2
+    assert floor(s).variance == pytest.approx(noise * math.sqrt(n))
+    assert floor(s).sigma == pytest.approx(math.sqrt(noise * n))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("on", [True, False])
+def test_predicted_work_is_what_is_counted(seed, on):
+    """But for sizes of transforms that are rounded up, and orders that don't come near."""
+    s, ledger = random_situation(seed), Ledger()
+    levels = capped(s) if on else dict.fromkeys(finest(s), 0)
+    expected(s, recipe(s, levels), ByteCache(), ledger)
+    assert operations(s, levels) == pytest.approx(ledger.operations, rel=0.25)
+
+
+# What is known of a pattern.
+
+
+def probe(grey, camera=CAMERA, distances=(1.0,)):
+    return PatternProbe(camera, Shown.of(grey[None], math.inf), 550e-9, distances)
+
+
+def test_a_probes_light_is_that_of_the_rendered_psf():
+    """What falls beyond squares, by PSFs rendered over three orders."""
+    grey = pattern(np.random.default_rng(2), PANEL)
+    known = probe(grey, distances=(0.9,))
+    camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
+    plane = camera.sensor.window((121, 121)).finer(2)
+    operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
+    lights = [operator(None, known.field), operator.straight()]
+    y, x = (at.abs().numpy() for at in plane.mesh())
+    half = known.period / 2
+    inside = (y < half) & (x < half)
+    for side in (60e-6, 150e-6, 250e-6):
+        worst = 0.0
+        for light in lights:
+            central = light.double().numpy() * inside
+            within = central[(y <= side) & (x <= side)].sum() / central.sum()
+            worst = max(worst, 1 - within)
+        assert known.beyond(side) == pytest.approx(worst, abs=0.05)
+        assert known.beyond(side) >= worst - 0.01
+    aside = 1 - min(float((light.double().numpy() * inside).sum()) for light in lights)
+    assert known.order_light == pytest.approx(aside, abs=0.01)
+
+
+def test_reach_is_where_so_much_falls_beyond():
+    known = probe(pattern(np.random.default_rng(2), PANEL))
+    for share in (0.5, 0.1, 0.01):
+        assert known.beyond(known.reach(share)) <= share
+    assert known.beyond(known.period) == 0
+    assert known.beyond(0.0) == 1
+    with pytest.raises(ValueError, match="share"):
+        known.reach(0.0)
+
+
+def test_the_transfer_function_is_the_apertures_autocorrelation():
+    """Of a square pupil in focus a triangle along each axis."""
+    panel = replace(PANEL, shape=(32, 32), unmodulated=0.0)
+    camera = replace(CAMERA, panel=panel, lens=replace(CAMERA.lens, f_number=10.0))
+    transfer = probe(np.zeros((32, 32), np.uint8), camera).transfer
+    end = 32 * 40e-6 / (550e-9 * camera.lens.image_distance)
+    for low, high, mean in zip(transfer.low, transfer.high, transfer.mean_square, strict=True):
+        middle = (low + high) / 2
+        if 0.2 * end < middle < 0.5 * end and high - low < 0.05 * end:
+            angle = np.linspace(0, 2 * np.pi, 400)
+            along = [np.clip(1 - middle * np.abs(f(angle)) / end, 0, 1) for f in (np.sin, np.cos)]
+            mean = mean / transfer.mean_square[0]
+            assert mean == pytest.approx(((along[0] * along[1]) ** 2).mean(), rel=0.3, abs=0.02)
+    aside = probe(np.zeros((32, 32), np.uint8), camera).order_light
+    assert transfer.least[0] == pytest.approx(1 - aside, abs=1e-4)
+    assert transfer.lost_at(np.array([1e9]))[0] == 2
+
+
+def test_a_probe_without_distances_is_refused():
+    with pytest.raises(ValueError, match="distances"):
+        probe(np.zeros(PANEL.shape, np.uint8), distances=())
+
+
+def test_a_star_is_the_default_and_shines():
+    assert situation().picture.total > 0
+    assert STAR.distance == 1.0

@@ -1,0 +1,143 @@
+"""Bounds of the sensor's noises and stages against what they do, on any sensor and picture.
+
+Every effect is switched by itself while the others are on or off by chance; what mean, variance
+and σ change is the difference of exact moments.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats as st
+import torch
+from sensor_situations import picture, sensor, situation
+
+from optics.camera import Panel, Sensor
+from optics.sensor import moments
+from simulator.effects.clipping import Clipping
+from simulator.effects.dark_current import DarkCurrent
+from simulator.effects.fixed_pattern import FixedPattern
+from simulator.effects.on_pixels import through_sensor
+from simulator.effects.quantisation import Quantisation
+from simulator.effects.read_noise import ReadNoise
+from simulator.effects.shot_noise import ShotNoise
+from simulator.recipe import Recipe
+
+EFFECTS = [DarkCurrent(), ShotNoise(), Clipping(), ReadNoise(), FixedPattern(), Quantisation()]
+BARE = Recipe(Panel(), 64, 1)
+UNEVEN = {"prnu": 0.02, "dsnu": 1.5, "dead": 0.02, "hot": 0.02, "hot_current": 300.0}
+
+
+def read(light, one, exposure, recipe):
+    stages = {
+        name: getattr(recipe.stages, name)
+        for name in ("dark_current", "fixed_pattern", "shot", "poisson_below", "clipping",
+                     "read_noise", "quantisation")
+    }  # fmt: skip
+    return moments(light * exposure, exposure, one, **stages)
+
+
+def around(rng, effect, s):
+    """A recipe of the other effects, each on or off by chance; but no plan does without shot
+    noise, for its shape is another altogether."""
+    recipe = BARE
+    for other in EFFECTS:
+        chance = 1.0 if isinstance(other, ShotNoise) else 0.7
+        if other is not effect and other.caused(s) and rng.random() < chance:
+            recipe = other.apply(recipe, s, int(rng.integers(1, len(other.levels))))
+    return recipe
+
+
+def changes(one, other):
+    mean, variance = one[0] - other[0], one[1] - other[1]
+    sigma = one[1].sqrt() - other[1].sqrt()
+    return tuple(float(torch.linalg.vector_norm(part)) for part in (mean, variance, sigma))
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
+@pytest.mark.parametrize("seed", range(60))
+def test_no_bound_is_ever_broken(effect, seed):
+    rng = np.random.default_rng(seed)
+    one = sensor(rng, **(UNEVEN if seed % 3 == 0 else {}))
+    light = picture(rng, float(np.exp(rng.uniform(0, np.log(4 * one.full_well)))))
+    s = situation(light, one)
+    if not effect.caused(s):
+        return
+    recipe = around(rng, effect, s)
+    finest = read(light, one, 0.5, effect.apply(recipe, s, len(effect.levels) - 1))
+    before = (math.inf,) * 4
+    for level in range(len(effect.levels)):
+        coarse = effect.apply(recipe, s, level) if level else recipe
+        bound = effect.bound(s, level)
+        allowed = (bound.mean, bound.variance, bound.sigma, bound.shape)
+        for measured, most in zip(changes(read(light, one, 0.5, coarse), finest), allowed,
+                                  strict=False):  # fmt: skip
+            assert measured <= most * (1 + 1e-6) + 2e-4 * math.sqrt(144)
+        assert all(now <= was for now, was in zip(allowed, before, strict=True))
+        before = allowed
+    assert before == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_less_light_changes_no_more_than_is_told(seed):
+    """What any optical effect is turned into: some other picture, no brighter anywhere."""
+    rng = np.random.default_rng(1000 + seed)
+    one = sensor(rng)
+    light = picture(rng, float(np.exp(rng.uniform(0, np.log(4 * one.full_well)))))
+    s = situation(light, one)
+    recipe = ReadNoise().apply(around(rng, None, s), s, 1)
+    less = light * torch.from_numpy(rng.uniform(0.5, 1, light.shape))
+    norm = float(torch.linalg.vector_norm((light - less) * 0.5))
+    bound = through_sensor(s, norm, "proved: so")
+    found = changes(read(light, one, 0.5, recipe), read(less, one, 0.5, recipe))
+    for measured, most in zip(found, (bound.mean, bound.variance, bound.sigma), strict=True):
+        assert measured <= most * (1 + 1e-4) + 2e-4 * math.sqrt(144)
+
+
+@pytest.mark.parametrize("electrons", [10.0, 10.7, 35.0, 60.0, 700.0, 6000.0])
+def test_the_distance_from_poissons_distribution_is_below_its_bound(electrons):
+    """Cumulative, at every whole number, by scipy."""
+    s = situation(torch.full((12, 12), 2 * electrons), Sensor(shape=(12, 12)))
+    counts = np.arange(int(electrons + 12 * math.sqrt(electrons)))
+    spread = electrons / math.sqrt(electrons + 1 / 12)
+    normal = st.norm.cdf(counts + 0.5, electrons, spread)
+    distance = np.abs(normal - st.poisson.cdf(counts, electrons)).max()
+    level = {10.0: 1, 60.0: 2, 6000.0: 3}.get(electrons, 1)
+    assert distance <= ShotNoise().bound(s, level).shape
+    assert distance >= 0.8 * 0.068 / math.sqrt(electrons)
+
+
+def test_a_bright_picture_calls_for_no_clipping_only_far_from_the_well():
+    one = Sensor(shape=(12, 12), full_well=10_000.0)
+    far, near = (situation(torch.full((12, 12), 2 * level), one) for level in (8000.0, 9700.0))
+    assert Clipping().bound(far, 0).mean == 0
+    assert Clipping().bound(near, 0).variance > 0
+
+
+def test_a_lamp_that_flickers_is_as_bright_as_its_brightest_moment():
+    from types import SimpleNamespace
+
+    one = replace(Sensor(shape=(12, 12)), full_well=10_000.0)
+    lamp = SimpleNamespace(ripple=0.5)
+    s = situation(torch.full((12, 12), 14_000.0), one,
+                  target=SimpleNamespace(lamp=lamp, moves=False, layers=()))  # fmt: skip
+    assert Clipping().bound(s, 0).mean > 0
+
+
+def test_what_isnt_there_is_in_no_plan():
+    plain = situation(torch.zeros(12, 12), Sensor(shape=(12, 12), dark_current=0.0, read_noise=0.0))
+    there = [one.name for one in EFFECTS if one.caused(plain)]
+    assert there == ["clipping", "quantisation"]
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
+def test_effects_say_what_they_are(effect):
+    s = situation(torch.full((12, 12), 500.0), replace(Sensor(shape=(12, 12)), **UNEVEN))
+    assert effect.why(s)
+    assert effect.physics
+    assert effect.source
+    works = [effect.work(s, {effect.name: level}) for level in range(len(effect.levels))]
+    assert works[0] == 0
+    assert works == sorted(works)
+    assert effect.estimate(s, len(effect.levels) - 1) == 0

@@ -1,0 +1,273 @@
+"""The picture by a recipe with everything in it, against the same integral as plain loops."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from judges import relative
+from optical_situations import colour_curve, pattern, situation
+from virtual_bench import SCENE, WIDE_OPEN, light_of, ring_pattern, world
+
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
+from optics.polarisation import PathEffect
+from optics.sensor import Mosaic
+from optics.slm import Map, Response
+from simulator.caching import ByteCache
+from simulator.formation.picture import expected
+from simulator.formation.reference import Finest, reference
+from simulator.ledger import Ledger
+from simulator.mount import Mount
+from simulator.recipe import Recipe
+from simulator.scene import Flat, Photograph, Star
+from simulator.scene.polygons import Polygons, rectangle
+from simulator.scene.sheets import Sheet, Sheets
+from simulator.shown import Shown
+
+PANEL = Panel(shape=(12, 16), pitch=60e-6, fill_factor=0.81, unmodulated=0.05)
+CAMERA = Camera(PANEL, Lens(0.05, 50.0, 1.0), Sensor(shape=(14, 16), pitch=20e-6))
+"""Orders of its panel are 24 pixels apart, and fall on its sensor."""
+
+STAR = Star(40e-6, 1.0, 2e12, (2e-4, 1e-4))
+GREY = pattern(np.random.default_rng(5), PANEL)
+FULL = Recipe(
+    PANEL, 36, 3, wave=True, orders=1, wavelengths=7, dispersion=True, pixel_aperture=True,
+    vignetting=True, depths=9,
+)  # fmt: skip
+FINEST = Finest(band=16, leak=24, times=12, finer=3)
+VIDEO = Shown.of(np.stack([GREY, GREY[::-1], 200 - GREY]).astype(np.uint8), 1 / 300)
+EVEN = Band(550e-9, 10e-9, "open")
+QUICK = Finest(band=5, times=8, finer=3)
+"""Enough for a band that ends at once."""
+
+LAMP = Waveform("sine", 100.0, 0.3, 0.4)
+
+
+def taken(target=STAR, camera=CAMERA, **options):
+    options.setdefault("shown", Shown.of(GREY[None], math.inf))
+    return situation(target, camera, **options)
+
+
+def error(s, recipe, finest=FINEST):
+    light = expected(s, recipe, ByteCache(), Ledger())
+    assert light.dtype == torch.float32
+    assert light.shape == s.camera.sensor.shape
+    return relative(light.double().numpy(), reference(s, finest=finest).numpy())
+
+
+def test_a_star():
+    assert error(taken(), FULL) <= 1e-5
+
+
+def test_a_star_out_of_focus_behind_a_turned_panel():
+    s = taken(replace(STAR, distance=0.8), mount=Mount(0.3, True, False))
+    assert error(s, FULL.having(window=40)) <= 1e-5
+
+
+def test_a_photograph_in_a_lamps_light_through_a_mosaic():
+    colour = Mosaic(
+        ("RG", "GB"),
+        {"R": colour_curve(600e-9, 50e-9), "G": colour_curve(550e-9, 40e-9),
+         "B": colour_curve(450e-9, 50e-9)},
+    )  # fmt: skip
+    camera = replace(CAMERA, sensor=replace(CAMERA.sensor, colour=colour))
+    image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
+    s = taken(Photograph(image, 0.9, 1e9, cover=0.8, light=halogen()), camera)
+    assert error(s, FULL.having(mosaic=True)) <= 1e-5
+
+
+def test_light_beside_the_band_also_beyond_the_panels_table():
+    band = Band(550e-9, 20e-9, leak=2e-3, leak_range=(390e-9, 740e-9))
+    s = taken(band=band)
+    recipe = FULL.having(leak=16, window=44)
+    assert error(s, recipe) <= 2e-5
+    assert error(s, recipe.having(leak=0)) > 1e-2
+
+
+def test_everything_that_a_panel_does():
+    y, x = np.mgrid[-1:1:6j, -1:1:8j]
+    panel = replace(
+        PANEL,
+        coupling=15e-6,
+        flicker=0.05,
+        jitter=0.2,
+        front_reflection=0.02,
+        gap_reflection=0.3,
+        flatness=Map((x * x - y) * 40e-9),
+        illumination=Map(np.exp(-x * x - y * y)),
+        response=Response.tabulated(550e-9, (np.arange(256) / 255) ** 1.2),
+    )
+    s = taken(camera=replace(CAMERA, panel=panel))
+    assert error(s, FULL.having(panel=panel)) <= 2e-5
+
+
+def test_unmodulated_light_that_interferes():
+    path = PathEffect(torch.tensor(0.5), torch.tensor(0.05), torch.tensor(0.1 + 0.2j))
+    s = taken(path=path)
+    assert error(s, FULL.having(interference=True)) <= 1e-5
+    assert error(s, FULL) > 1e-2
+
+
+def test_a_video_under_a_flickering_lamp():
+    lit = replace(STAR, lamp=LAMP)
+    s = taken(lit, shown=VIDEO, exposure=0.008, moment=0.001, band=EVEN)
+    assert error(s, FULL.having(lamp=True), QUICK) <= 1e-5
+
+
+def test_a_crystal_on_its_way():
+    panel = replace(PANEL, response_time=0.004)
+    camera = replace(CAMERA, panel=panel)
+    s = taken(camera=camera, shown=VIDEO, exposure=0.008, moment=0.001, band=EVEN)
+    assert error(s, FULL.having(panel=panel, crystal=True), QUICK) <= 2e-5
+
+
+def test_rows_in_turn_under_a_lamp():
+    sensor = replace(CAMERA.sensor, shutter="rolling", line_time=5e-4)
+    s = taken(replace(STAR, lamp=LAMP), replace(CAMERA, sensor=sensor), band=EVEN)
+    assert error(s, FULL.having(lamp=True, rolling=True), QUICK) <= 1e-5
+
+
+def test_a_moving_star_is_smeared():
+    s = taken(replace(STAR, velocity=(0.2, 0.1)), band=EVEN)
+    finest = replace(QUICK, times=30)
+    assert error(s, FULL.having(motion=2), finest) <= 1e-5
+    assert error(s, FULL, finest) > 0.1
+
+
+def test_a_moving_star_under_a_lamp_converges():
+    s = taken(replace(STAR, velocity=(0.2, 0.1), lamp=LAMP), exposure=0.013, band=EVEN)
+    recipe, finest = FULL.having(lamp=True), replace(QUICK, times=30)
+    few, many = (error(s, recipe.having(motion=n), finest) for n in (4, 16))
+    assert many <= few / 8
+    assert many <= 1e-3
+
+
+def layers():
+    square, stripe = rectangle((0, 0), (0.003, 0.0015)), rectangle((0.001, 0.001), (0.001, 0.003))
+    things = (
+        rectangle((-0.001, 0.0005), (0.003, 0.002)),
+        rectangle((0.002, -0.001), (0.004, 0.001)),
+    )
+    near = Sheet(0.8, ((None, Polygons((square,), (0.9,))),), Polygons((square,), (1.0,)))
+    middle = Sheet(1.0, ((None, Polygons((stripe,), (0.5,))),), Polygons((stripe,), (1.0,)))
+    far = Sheet(1.5, ((None, Polygons(things, (0.8, 0.6), 0.3)),))
+    return Sheets((near, middle, far), 1e9)
+
+
+def test_layers_that_hide_each_other():
+    s = taken(layers(), band=EVEN)
+    recipe = FULL.having(occlusion=True)
+    assert error(s, recipe, QUICK) <= 1e-5
+    assert error(s, FULL, QUICK) > 0.02
+    coarse = [error(s, recipe.having(depths=n), QUICK) for n in (1, 2)]
+    assert coarse[0] > coarse[1] > 1e-5
+
+
+def test_fewer_wavelengths_are_worse():
+    s = taken(band=Band(550e-9, 60e-9))
+    errors = [error(s, FULL.having(wavelengths=n, window=44)) for n in (1, 3, 9)]
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]
+
+
+def test_an_even_field_is_the_camera_equation():
+    """All light that leaves the panel arrives, but for orders beyond the second."""
+    panel = replace(PANEL, fill_factor=1.0)
+    plain = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+    wide = replace(CAMERA, panel=panel, lens=replace(CAMERA.lens, f_number=30.0))
+    s = taken(Flat(1.0, 1e9), wide, exposure=0.02, shown=plain)
+    recipe = FULL.having(panel=panel, vignetting=False, orders=2)
+    light = expected(s, recipe, ByteCache(), Ledger())
+    z = 1 / (1 / 0.05 - 1 / 1.0)
+    width = 20e-9 * math.sqrt(math.pi / math.log(2)) / 2
+    area = 12 * 60e-6 * 16 * 60e-6  # the panel's, which is smaller than the stop
+    watts = 1e9 * width * area / z**2 * (20e-6) ** 2 * 0.6 * 0.6
+    electrons = watts * 550e-9 / (PLANCK * SPEED_OF_LIGHT) * 0.62 * 0.02
+    assert float(light.mean()) == pytest.approx(electrons, rel=0.01)
+    assert float(light.mean()) < electrons * 1.001
+
+
+@pytest.mark.parametrize("target", ["star", "near star", "card"])
+@pytest.mark.parametrize("ring", [False, True])
+def test_it_is_the_light_of_the_world_before_it(target, ring):
+    """Whose band has the area of a rectangle, and whose window is narrower than an order."""
+    camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, pitch=20e-6))
+    grey = ring_pattern(120e-6, camera) if ring else np.zeros(camera.panel.shape, np.uint8)
+    before = world(camera, tol=1e-4, forced={"filter bandwidth": True})
+    light = light_of(before, grey, target=target)
+    s = situation(
+        SCENE.targets[target],
+        camera,
+        Band(550e-9, 7e-9),
+        Shown.of(grey[None], math.inf),
+        exposure=1.0,
+        numerics=1e-5,
+    )
+    recipe = Recipe(
+        camera.panel, 256, 2, wave=True, wavelengths=5, dispersion=True, pixel_aperture=True
+    )
+    now = expected(s, recipe, ByteCache(), Ledger()).double().numpy()
+    area = math.sqrt(math.pi / math.log(2)) / 2
+    assert relative(now / area, light) <= 1e-3
+
+
+def test_nothing_is_dark():
+    s = taken(Flat(1.0, 0.0))
+    ledger = Ledger()
+    assert not expected(s, FULL, ByteCache(), ledger).any()
+    assert not ledger.entered
+
+
+def test_longer_exposures_take_nothing_but_the_weight():
+    cache, ledger = ByteCache(), Ledger()
+    short = expected(taken(exposure=0.01), FULL, cache, ledger)
+    work = ledger.operations
+    long = expected(taken(exposure=0.03), FULL, cache, ledger)
+    assert torch.allclose(long, 3 * short, rtol=1e-6)
+    assert work > 0
+
+
+def test_the_same_situation_again_takes_no_work():
+    cache, s = ByteCache(), taken()
+    first = expected(s, FULL, cache, Ledger())
+    ledger = Ledger()
+    assert torch.equal(expected(s, FULL, cache, ledger), first)
+    assert ledger.operations == 0
+
+
+def test_what_is_off_isnt_entered():
+    ledger = Ledger()
+    bare = Recipe(PANEL, 24, 3)
+    expected(taken(layers()), bare, ByteCache(), ledger)
+    assert ledger.entered == {"picture"}
+    ledger = Ledger()
+    expected(taken(layers()), bare.having(wave=True, wavelengths=3), ByteCache(), ledger)
+    assert ledger.entered == {"picture", "diffraction", "filter bandwidth"}
+
+
+def test_a_check_may_stop_it_on_the_way():
+    class Enough(Exception):
+        pass
+
+    left = iter(range(5))
+
+    def check():
+        if next(left, None) is None:
+            raise Enough
+
+    with pytest.raises(Enough):
+        expected(taken(), FULL, ByteCache(), Ledger(), check)
+
+
+@pytest.mark.parametrize(
+    "change", [{"window": 0}, {"finer": 0}, {"wavelengths": 0}, {"orders": -1}, {"leak": -1}]
+)
+def test_recipes_that_no_picture_follows_from_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        expected(taken(), FULL.having(**change), ByteCache(), Ledger())
+
+
+def test_the_reference_has_no_panel_apart_from_its_lens():
+    with pytest.raises(ValueError, match="separation"):
+        reference(taken(camera=replace(CAMERA, separation=0.01)), finest=FINEST)

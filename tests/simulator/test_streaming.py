@@ -1,0 +1,127 @@
+"""Frames of a stream have the moments that are told, whichever way they are drawn."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats as st
+import torch
+
+from optics.camera import Panel, Sensor
+from optics.sensor import moments
+from simulator.recipe import Recipe
+from simulator.streaming import Stream
+
+SENSOR = Sensor(shape=(6, 8), bits=10, full_well=900.0, gain=1.1, read_noise=1.5, black_level=20.0,
+                dark_current=3.0)  # fmt: skip
+ALL = Recipe(
+    Panel(), 64, 1, dark_current=True, fixed_pattern=True, shot="Poisson", clipping=True,
+    read_noise=True, quantisation=True,
+)  # fmt: skip
+# Well into the knee at 900, and burnt; in between, a frame in thousands would make the variance.
+LIGHT = torch.cat([torch.linspace(0, 890, 44), torch.full((4,), 2000.0)]).reshape(6, 8)
+MANY = 4000
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def drawn(light, sensor, recipe, count=MANY):
+    stream, chance = Stream(light, 0.5, sensor, recipe), generator()
+    return np.stack([stream.frame(chance) for _ in range(count)])
+
+
+@pytest.mark.parametrize("uneven", [{}, {"dsnu": 2.0, "prnu": 0.01, "hot": 0.1, "hot_current": 5}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {}, {"shot": "Gaussian"}, {"shot": "none"}, {"read_noise": False},
+        {"shot": "Gaussian", "read_noise": False}, {"shot": "none", "read_noise": False},
+        {"dark_current": False, "fixed_pattern": False}, {"shot": "Gaussian", "poisson_below": 300},
+    ],
+)  # fmt: skip
+def test_frames_have_the_mean_and_variance_of_their_stages(change, uneven):
+    """Each of 48 pixels from dark to burnt, within five standard errors of 4,000 frames."""
+    recipe, sensor = replace(ALL, **change), replace(SENSOR, **uneven)
+    frames = (drawn(LIGHT, sensor, recipe).astype(float) - 20) * 1.1
+    stages = {name: getattr(recipe.stages, name) for name in (
+        "dark_current", "fixed_pattern", "shot", "poisson_below", "clipping", "read_noise"
+    )}  # fmt: skip
+    mean, variance = (one.numpy() for one in moments(LIGHT, 0.5, sensor, **stages))
+    # A frame that never shows an electron that comes in one of 40,000 doesn't tell of it.
+    seldom = 1.1**2 / MANY
+    assert (np.abs(frames.mean(0) - mean) < 5.5 * np.sqrt(variance / MANY) + seldom).all()
+    fourth = ((frames - frames.mean(0)) ** 4).mean(0)
+    spread = np.sqrt(np.maximum(fourth - variance**2, variance**2) / MANY)
+    assert (np.abs(frames.var(0) - variance) < 5.5 * spread + seldom).all()
+
+
+def test_dim_pixels_beside_bright_ones_count_as_poisson_does():
+    """No read noise, a step an electron: Kolmogorov's test against scipy."""
+    sensor = replace(SENSOR, gain=1.0, dark_current=0.0, read_noise=0.0)
+    light = torch.full((6, 8), 400.0)
+    light[0] = 4.0
+    recipe = replace(ALL, shot="Gaussian")
+    numbers = drawn(light, sensor, recipe, 2000)[:, 0].ravel().astype(int) - 20
+    counts = np.bincount(numbers, minlength=40) / numbers.size
+    assert np.abs(counts.cumsum() - st.poisson.cdf(range(len(counts)), 4.0)).max() < 2 / math.sqrt(
+        numbers.size
+    )
+
+
+def test_a_frame_follows_from_the_generator_and_from_no_thread():
+    big = torch.linspace(0, 800, 300 * 400).reshape(300, 400)
+    sensor = replace(SENSOR, shape=(300, 400))
+    one, two = (Stream(big, 0.5, sensor, ALL, threads=n) for n in (1, 2))
+    chance, other = generator(3), generator(3)
+    first = one.frame(chance)
+    assert np.array_equal(first, two.frame(other))
+    second = one.frame(chance)
+    assert np.array_equal(second, two.frame(other))
+    assert not np.array_equal(first, second)
+
+
+def test_pixels_of_a_frame_dont_repeat_each_other():
+    """Blocks have seeds of their own: correlation of one with the next, of 32,768 pixels."""
+    sensor = replace(SENSOR, shape=(256, 256))
+    frame = Stream(torch.full((256, 256), 300.0), 0.5, sensor, ALL).frame(generator())
+    first, second = frame.ravel()[:32768].astype(float), frame.ravel()[32768:].astype(float)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 5 / math.sqrt(32768)
+
+
+def test_frames_are_whole_numbers_in_the_converters_range():
+    recipe = replace(ALL, clipping=False, quantisation=False)
+    frame = Stream(LIGHT * 100, 0.5, SENSOR, recipe).frame(generator())
+    assert frame.dtype == np.uint16
+    assert frame.shape == (6, 8)
+    assert frame.max() == 1023
+
+
+def test_without_noise_nothing_is_drawn():
+    """The generator gives seeds only, and all frames are the rounded mean."""
+    recipe = replace(ALL, shot="none", read_noise=False)
+    stream = Stream(LIGHT, 0.5, SENSOR, recipe)
+    expected = np.round(np.minimum(LIGHT.double().numpy() + 1.5, 900) / 1.1 + 20)
+    assert np.array_equal(stream.frame(generator(1)), expected)
+    assert np.array_equal(stream.frame(generator(2)), expected)
+    assert stream.bytes == 48 * 4
+
+
+def test_any_amount_of_light_can_be_drawn():
+    frame = Stream(torch.full((6, 8), 1e30), 0.5, SENSOR, ALL).frame(generator())
+    assert (np.abs(frame.astype(float) - round(900 / 1.1 + 20)) < 10).all()
+
+
+@pytest.mark.parametrize(
+    ("light", "exposure", "threads", "message"),
+    [
+        (torch.full((6, 8), math.nan), 1.0, 1, "electrons has 48 NaN or infinite values"),
+        (torch.ones(6, 8), -1.0, 1, "exposure is -1 s; it must be positive"),
+        (torch.ones(6, 8), 1.0, 0, "threads is 0; one at least has to draw"),
+    ],
+)
+def test_streams_that_cant_be_are_refused(light, exposure, threads, message):
+    with pytest.raises(ValueError, match=message):
+        Stream(light, exposure, SENSOR, ALL, threads)
