@@ -1,4 +1,4 @@
-"""Finding a plan: a file, or a ready plan by its name."""
+"""Files that come with the application, by name; and a user's own, by their paths."""
 
 from __future__ import annotations
 
@@ -10,19 +10,54 @@ from labapp.files.reading import bundled
 
 def ready_plans() -> dict[str, Path]:
     """The plans that come with the application, by name."""
-    return {path.stem: path for path in sorted(bundled("plans").glob("*.toml"))}
+    return _ready("plans")
+
+
+def ready_scenes() -> dict[str, Path]:
+    """The scenes that come with the application, by name."""
+    return _ready("scenes")
 
 
 def find_plan(name: Path | str) -> Path:
     """The plan file of a path, or of a ready plan's name; UserError lists the names."""
+    return _found(name, "plan", ready_plans())
+
+
+def find_scene(name: Path | str) -> Path:
+    """The scene file of a path, or of a ready scene's name; UserError lists the names."""
+    return _found(name, "scene", ready_scenes())
+
+
+def find_part(kind: str, file: str, folder: Path) -> Path:
+    """The file of a bench's part, which is a "panel" or a "sensor": of one that is bundled by its
+    name, or else looked for in `folder`. UserError lists the names."""
+    ready = _ready(f"{kind}s")
+    path = ready.get(file, folder / file)
+    if not path.exists():
+        raise UserError(
+            f"{path}: there is no such {kind}. Give its file, or one of those that come with "
+            f"labapp: {', '.join(ready)}."
+        )
+    return path
+
+
+def bundled_parts(kind: str) -> list[str]:
+    """The names of the panels or sensors that come with the application."""
+    return list(_ready(f"{kind}s"))
+
+
+def _ready(folder: str) -> dict[str, Path]:
+    return {path.stem: path for path in sorted(bundled(folder).glob("*.toml"))}
+
+
+def _found(name: Path | str, kind: str, ready: dict[str, Path]) -> Path:
     path = Path(name)
     # A folder of that name is the place of somebody's records, and no plan.
     if path.is_file():
         return path
-    ready = ready_plans()
     if str(name) in ready:
         return ready[str(name)]
     raise UserError(
-        f"{name}: there is no such file. Check the path, or choose a ready plan: "
+        f"{name}: there is no such file. Check the path, or choose a ready {kind}: "
         f"{', '.join(ready)}."
     )

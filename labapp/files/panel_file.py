@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from labapp.errors import UserError
+from labapp.files.finding import bundled_parts, find_part
 from labapp.files.lut_file import ResponseTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable
-from labapp.files.reading import FileModel, bundled, read_file, validate
+from labapp.files.reading import FileModel, read_file, validate
 from optics.slm import Panel
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -122,7 +123,7 @@ class PanelFile(PanelTable):
 
 def bundled_panels() -> list[str]:
     """The names of the panels that come with the application."""
-    return sorted(path.stem for path in bundled("panels").glob("*.toml"))
+    return bundled_parts("panel")
 
 
 def read_panel(file: str, folder: Path) -> PanelTable:
@@ -130,15 +131,7 @@ def read_panel(file: str, folder: Path) -> PanelTable:
 
     UserError names file, key, value and rule.
     """
-    if file in bundled_panels():
-        path = bundled("panels") / f"{file}.toml"
-    else:
-        path = folder / file
-        if not path.exists():
-            raise UserError(
-                f"{path}: there is no such panel. Give its file, or one of those that come with "
-                f"labapp: {', '.join(bundled_panels())}."
-            )
+    path = find_part("panel", file, folder)
     data = read_file(path, PanelFile).model_dump(exclude={"version"})
     return validate(data, PanelTable, str(path)).found_in(path.parent)
 

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from labapp.errors import UserError
-from labapp.files.reading import FileModel, bundled, read_file, validate
+from labapp.files.finding import bundled_parts, find_part
+from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
 from optics.camera import Sensor
 from optics.light import Spectrum
@@ -166,7 +167,7 @@ class SensorFile(SensorTable):
 
 def bundled_sensors() -> list[str]:
     """The names of the sensors that come with the application."""
-    return sorted(path.stem for path in bundled("sensors").glob("*.toml"))
+    return bundled_parts("sensor")
 
 
 def read_sensor(file: str, folder: Path) -> SensorTable:
@@ -174,12 +175,7 @@ def read_sensor(file: str, folder: Path) -> SensorTable:
 
     UserError names file, key, value and rule.
     """
-    path = bundled("sensors") / f"{file}.toml" if file in bundled_sensors() else folder / file
-    if not path.exists():
-        raise UserError(
-            f"{path}: there is no such sensor. Give its file, or one of those that come with "
-            f"labapp: {', '.join(bundled_sensors())}."
-        )
+    path = find_part("sensor", file, folder)
     found = read_file(path, SensorFile).found_in(path.parent)
     return validate(found.model_dump(exclude={"version"}), SensorTable, str(path))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -33,7 +33,6 @@ from optics.stop.coverage import coverage
 
 _GRID_SHARE, _TRANSFORM_SHARE = 0.92, 0.02
 """Of the tolerance: what the grid may leave out, and what a transform may add in the field."""
-
 
 _WAVE_ROOM = 0.25
 """Of the memory allowed, what an aberrated lens' wave may take to be kept."""
@@ -70,16 +69,11 @@ class GridEngine(ChainEngine):
         left_out = self._grid.error + rough + 2 * self._pass.onward.error
         self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
 
-    _lens_wave: LensWave | None
-
     def _settle(self, axes: list[RelayAxis]) -> None:
         self.relay = Relay(axes[0], axes[1], self._dtype)
         self._plane = lens_plane(self._question.numeric, axes)
         self._pass = self._planned_pass()
-        n, self._lens_wave = self._question.numeric, None
-        if not n.lens.quadratic:
-            room = _WAVE_ROOM * n.budget.memory
-            self._lens_wave = LensWave(partial(_phase, n), self._plane, self._dtype, room)
+        self._lens_wave = self._planned_wave()
         rows, columns = self._plane.shape
         self.sampling = f"{columns}x{rows} samples at the lens"
 
@@ -99,6 +93,14 @@ class GridEngine(ChainEngine):
             ]
         )
 
+    def _planned_wave(self) -> LensWave | None:
+        """What of the lens' wave isn't a product along y and x; derivatives make their own."""
+        n = self._question.numeric
+        if n.lens.quadratic or self._question.differentiable:
+            return None
+        room = _WAVE_ROOM * n.budget.memory
+        return LensWave(partial(_phase, n), self._plane, self._dtype, room)
+
     def _planned_pass(self) -> LensPass:
         n, lens = self._question.numeric, self._camera.lens
         real = torch.zeros((), dtype=self._dtype).real.dtype
@@ -111,7 +113,7 @@ class GridEngine(ChainEngine):
         rows, columns = self._plane.shape
         dense = 6 * self._dtype.itemsize * rows * columns if self._question.differentiable else 0
         panel = self._camera.panel.shape
-        wave = self._lens_wave.bytes if self._lens_wave and not dense else 0
+        wave = self._lens_wave.bytes if self._lens_wave else 0
         return self._pass.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
@@ -144,11 +146,13 @@ class GridEngine(ChainEngine):
         modulated = self.modulated(phase, amplitude)
         if not modulated.numel():
             return self.none(modulated)
-        spectrum = spectrum_of(self.relay, modulated)
+        spectrum: Callable[[], torch.Tensor]
         if self._question.differentiable:
             field = self._moving(self.relay, modulated)
+            spectrum = partial(self.relay.spectrum, modulated.detach())
         else:
-            field = passed_through(self._pass, spectrum)
+            known = spectrum_of(self.relay, modulated)
+            field, spectrum = passed_through(self._pass, known), known.detach
         for axis, part in self.leaning(modulated):
             field = field + self._at_sensor(self._leaning_relay(axis), part)
         return self._light(field, phase, amplitude, spectrum)
@@ -167,7 +171,8 @@ class GridEngine(ChainEngine):
         self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
         """intensity() of a panel whose spectrum is known already."""
-        return self._light(passed_through(self._pass, spectrum), phase, amplitude, spectrum)
+        field = passed_through(self._pass, spectrum)
+        return self._light(field, phase, amplitude, spectrum.detach)
 
     def _moving(self, relay: Relay, field: torch.Tensor) -> torch.Tensor:
         """_at_sensor() with derivatives in all lengths."""
@@ -184,15 +189,16 @@ class GridEngine(ChainEngine):
         field: torch.Tensor,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
-        spectrum: torch.Tensor,
+        spectrum: Callable[[], torch.Tensor],
     ) -> torch.Tensor:
+        """spectrum: of the panel, without derivatives; only a dim window asks for it."""
         cell = self._plane.pitch[0] * self._plane.pitch[1] / self._question.numeric.radius**2
         light = (field.real**2 + field.imag**2) * (self.strength() * cell**2)
         light = light.to(torch.float64 if self._dtype == torch.complex128 else torch.float32)
 
         def inside() -> tuple[float, float]:
             low, high = (end.tolist() for end in self._edge.passing)
-            power = self.relay.power(spectrum.detach(), low, high)
+            power = self.relay.power(spectrum(), low, high)
             rows, columns = self._camera.panel.shape
             sent: Any = rows * columns
             if amplitude is not None:

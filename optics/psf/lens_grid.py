@@ -64,6 +64,11 @@ def _passed(turns: Array) -> Array:
     return np.asarray(np.sinc(turns).prod(axis=-1))
 
 
+def _not_passed(turned: Array, passed: Array) -> float:
+    """Light that a gray edge fails to turn, of what each turn takes."""
+    return float(turned @ (1 - passed.ravel()) ** 2)
+
+
 class Search:
     """What bands and grids leave out, of one edge's light."""
 
@@ -81,12 +86,12 @@ class Search:
         return rays.light[seen], rays.frequency[seen], turn
 
     @cached_property
-    def _sorted(self) -> list[tuple[Array, Array]]:
+    def _outward(self) -> list[tuple[Array, Array]]:
         light, frequency, _ = self._seen
         return _four_ways(frequency, light, self.edge.passing, self.edge.zone)
 
     @cached_property
-    def _sorted_anywhere(self) -> list[tuple[Array, Array]]:
+    def _outward_anywhere(self) -> list[tuple[Array, Array]]:
         rays = self.edge.scattered
         frequency, light = rays.frequency.reshape(-1, 2), rays.anywhere.ravel()
         return _four_ways(frequency, light, self.edge.passing, self.edge.zone)
@@ -98,14 +103,12 @@ class Search:
         """
         edge = self.edge
         low, high, out = self._followed(allowed, soft)
-        light, frequency, turn = self._seen
-        inside = between(frequency, low, high)
-        turned = np.bincount(turn[inside], light[inside], edge.across[..., 0].size)
+        turned = self._turned(low, high)
         base = np.maximum(np.abs(low), np.abs(high)) / edge.spread + edge.reach
         for finer in _FINER:
             rate = finer * base
             passed = _passed(edge.across / rate)
-            lost = out + float(turned @ (1 - passed.ravel()) ** 2)
+            lost = out + _not_passed(turned, passed)
             if edge.relative(lost) > tol:
                 continue
             error = edge.relative(lost + _turned_back(edge, low, high, rate, passed))
@@ -113,15 +116,19 @@ class Search:
                 return LensGrid(_pair(low), _pair(high), _pair(rate), error)
         return None
 
+    def _turned(self, low: Array, high: Array) -> Array:
+        """Light of a band, by which of the edge's turns it takes."""
+        light, frequency, turn = self._seen
+        inside = between(frequency, low, high)
+        count = self.edge.across[..., 0].size
+        return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
+
     def within(self, grid: LensGrid) -> float:
         """Share of a grid's squared error that light makes whose frequencies pass the stop."""
         edge, rate = self.edge, np.array(grid.rate)
         low, high = edge.passing
-        light, frequency, turn = self._seen
-        inside = between(frequency, low, high)
-        turned = np.bincount(turn[inside], light[inside], edge.across[..., 0].size)
         passed = _passed(edge.across / rate)
-        lost = float(turned @ (1 - passed.ravel()) ** 2)
+        lost = _not_passed(self._turned(low, high), passed)
         lost += _turned_back(edge, low, high, rate, passed)
         return min(1.0, (edge.relative(lost) / grid.error) ** 2) if grid.error else 0.0
 
@@ -148,7 +155,7 @@ class Search:
 
         anywhere: of light from anywhere, on the panel or beside it.
         """
-        ordered = self._sorted_anywhere if anywhere else self._sorted
+        ordered = self._outward_anywhere if anywhere else self._outward
         lost = self.edge.allowed(error)
         least_low, least_high = self.edge.passing
         best: tuple[Array, Array] | None = None

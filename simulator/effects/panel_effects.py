@@ -76,8 +76,7 @@ class Illumination(PanelEffect):
         light = panel.illumination.on(panel)
         field = pixels(torch.sqrt(light / light.mean())).to(torch.complex128)
         # The gap's light is lit as unevenly as the pixels'.
-        brighter = (1 + gap_light(panel)) ** 2
-        found = apart(pixels, field, torch.ones_like(field)) * brighter
+        found = apart(pixels, field, torch.ones_like(field)) * _gap_power(panel)
         return margin(s) * found, told(s, "Cauchy-Schwarz; amplitude that isn't the mean's")
 
     def why(self, s: Situation) -> str:
@@ -146,7 +145,7 @@ class Coupling(PanelEffect):
                 away = ((field - sharp).abs() ** 2 * weight).sum() / weight.sum()
                 worst = max(worst, float(away))
         change = 2 * math.sqrt(worst) * (1 + gap_light(panel)) * blurred(panel)
-        return change, f"audited ×{1.5:g}: Cauchy-Schwarz; what the blur changes of the field"
+        return change, "audited ×1.5: Cauchy-Schwarz; what the blur changes of the field"
 
     def why(self, s: Situation) -> str:
         return f"fringing fields blur the phase by {s.camera.panel.coupling * 1e6:.2g} µm"
@@ -185,7 +184,7 @@ class Flicker(PanelEffect):
             lost = torch.from_numpy(1 - scipy.special.j0((panel.flicker * some).numpy()))
             rms = math.sqrt(pixels.mean(lost**2).real)
             worst = max(worst, 2 * pixels.mean(lost).real + 2 * rms)
-        spread = (1 + gap_light(panel)) ** 2 * blurred(panel) ** 2
+        spread = _gap_power(panel) * blurred(panel) ** 2
         # A response may let phases reach farther than the pattern's own.
         return margin(s) * 1.5 * worst * spread, "audited ×1.5: mean and power of the ripple"
 

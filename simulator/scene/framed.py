@@ -51,7 +51,7 @@ class Framed(Target):
     height: float | None = None
     offset: tuple[float, float] = (0.0, 0.0)
     side: float | None = None
-    _fitted: dict[float, Any] = field(default_factory=dict, repr=False)
+    _fitted: dict[float, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,7 +80,7 @@ class Framed(Target):
         if side not in self._fitted:
             if len(self._fitted) >= _FRAMES:
                 self._fitted.clear()
-            self._fitted[side] = replace(self, side=side, _fitted={})
+            self._fitted[side] = replace(self, side=side)
         return self._fitted[side]
 
     def placed(self, image: torch.Tensor) -> Picture:

@@ -7,9 +7,9 @@ import scipy.io
 import torch
 
 from labapp.errors import UserError
+from labapp.files.finding import find_scene, ready_scenes
 from labapp.files.number_file import read_numbers
 from labapp.files.reading import bundled, read_file, read_picture, validate
-from labapp.files.ready_scenes import find_scene, ready_scenes
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor
 from optics.plane import Plane

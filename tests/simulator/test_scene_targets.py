@@ -44,6 +44,13 @@ def seen(target, wavelength, camera=CAMERA, plane=PLANE):
     ).numpy()
 
 
+def test_a_print_that_is_lit_anew_is_another_one():
+    dim = Photograph(IMAGE, 2.0, 3.0).for_camera(CAMERA)
+    bright = replace(dim, radiance=6.0, side=None)
+    assert bright.for_camera(CAMERA).radiance == 6.0
+    np.testing.assert_allclose(seen(bright, 550e-9), 2 * seen(dim, 550e-9))
+
+
 def test_every_target_has_its_radiance_in_the_light_of_its_lamp():
     lamp = halogen()
     for target in (
