@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
+from simulator.effects.limits import all_even
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 
 if TYPE_CHECKING:
@@ -35,11 +37,13 @@ ORDER = (REACH, SAMPLING, WAVES, BAND, BESIDE, DISPERSION, BEATS, PLACE, VIGNETT
 
 @dataclass(frozen=True)
 class _Counts:
-    """PSFs of the middle order, orders beside it, transforms of all samples, samples a pixel."""
+    """PSFs of the middle order, orders beside it, transforms of all samples but those of pictures
+    as they are drawn, pictures, samples a pixel."""
 
     psfs: float
     orders: float
     transforms: float
+    pictures: float
     samples: int
     wave: bool
 
@@ -62,7 +66,14 @@ def operations(s: Situation, levels: Mapping[str, int]) -> float:
     transform = transform_operations(rows, columns)
     pixels = transform_operations(rows // counts.samples, columns // counts.samples)
     psfs = counts.psfs * (1 + counts.orders)
-    return psfs * one(s.camera.panel, side) + counts.transforms * transform + pixels
+    drawing = counts.pictures * transform * _drawn(s, levels)
+    return psfs * one(s.camera.panel, side) + counts.transforms * transform + drawing + pixels
+
+
+def _drawn(s: Situation, levels: Mapping[str, int]) -> float:
+    """Samples of pictures over those of the light."""
+    along = math.ceil(SAMPLES[levels.get(SAMPLING, 0)] / s.coarsest_sampling)
+    return float(along**2)
 
 
 def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
@@ -77,14 +88,17 @@ def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
     channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
     cells = max(1, len(s.shown.pictures))
     psfs = nodes * depths * places * fields * cells
+    if all_even(s) and not levels.get(VIGNETTING, 0):
+        # Nothing to be blurred.
+        psfs = parts = 0
     channels = channels if levels.get("colour filter array", 0) else 1
     wave = bool(levels.get(WAVES, 0))
     # Of objects: once, and if they are weighed, back and once for each place.
     weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
     straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
-    samples = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
-    return _Counts(psfs, orders if wave else 0, straight + aside, samples, wave)
+    blurs = straight + aside - parts
+    return _Counts(psfs, orders if wave else 0, blurs, parts, s.coarsest_sampling, wave)
 
 
 def _ripples(s: Situation, levels: Mapping[str, int]) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.costs import REACH, SAMPLES, SAMPLING, window
+from simulator.effects.costs import REACH, window
 from simulator.effects.on_pixels import seconds, through_sensor
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
@@ -104,8 +104,7 @@ class Motion(Effect):
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
     """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
     around = window(s, levels.get(REACH, 0))
-    finer = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
-    rows, columns = ((n + around) * finer for n in s.camera.sensor.shape)
+    rows, columns = ((n + around) * s.coarsest_sampling for n in s.camera.sensor.shape)
     return transform_operations(rows, columns)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,14 @@ import numpy as np
 from optics.camera import Sensor
 from optics.sensor import Stages
 from optics.sensor.table import pieces
+from simulator.effects.limits import contrast, densest, energy, known
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
+
+_UNEVEN = 3.0
+"""Audited: dim pixels may change by so much more of theirs than all do on the average."""
 
 FURTHEST = 4.5
 """Standard deviations of the response and offset of pixels, at most."""
@@ -35,9 +40,34 @@ def seconds(s: Situation) -> float:
     return s.exposure * (1 + (lamp.ripple if lamp is not None else 0.0))
 
 
-def light(s: Situation) -> float:
+def sharp(s: Situation) -> float:
     """L2 norm of the picture's electrons at most, however blurred: no blur adds light (Young)."""
     return float(s.picture.l2) * seconds(s)
+
+
+def whole(s: Situation) -> float:
+    """Electrons over frame and margin, without any blur."""
+    return s.picture.whole * seconds(s)
+
+
+def _densest(s: Situation) -> float:
+    """Electrons of the light on a pixel, at most, as its PSFs blur it."""
+    return min(float(s.picture.brightest) * seconds(s), densest(s) * (whole(s) + beside(s)))
+
+
+def beside(s: Situation) -> float:
+    """Electrons of stars beside what is looked at of the picture."""
+    return s.picture.beside * seconds(s)
+
+
+def light(s: Situation) -> float:
+    """L2 norm of the picture's electrons at most, as its PSFs blur it: by Young; by the brightest
+    pixel and the sum of all; and by frequency (Parseval)."""
+    if not known(s):
+        return sharp(s)
+    summed = math.sqrt(energy(s)) * (whole(s) + beside(s))
+    resolved = s.picture.power.changed(lambda k: contrast(s, k)) * seconds(s) + beside(s)
+    return min(sharp(s), summed, resolved)
 
 
 def dark(s: Situation) -> float:
@@ -60,7 +90,7 @@ def at_most(share: float, count: int) -> float:
 def brightest(s: Situation) -> float:
     """Electrons of the brightest pixel at most, hot ones included."""
     sensor = s.camera.sensor
-    lit = float(s.picture.brightest) * seconds(s) * (1 + FURTHEST * sensor.prnu)
+    lit = _densest(s) * (1 + FURTHEST * sensor.prnu)
     return lit + dark(s) + (sensor.hot_current * s.exposure if sensor.hot else 0.0)
 
 
@@ -93,8 +123,9 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     """What a change of the picture's electrons does to mean, variance and σ of what is read.
 
     change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, with read noise and without. σ:
-    |√a - √b| is |a - b| over the sum of both, of which read noise is the least, and at most
+    they are of electrons anywhere up to the brightest pixel, with read noise. σ:
+    |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
+    of the picture are the least (audited: a change is no larger in the dark), and at most
     √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
     read_noise: whether it may be counted on; without it, few electrons more make much of σ.
     """
@@ -103,8 +134,32 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     varied = variance * change
     sigma = math.sqrt(varied * root_pixels(s))
     if read_noise and least:
-        sigma = min(sigma, varied / (2 * least))
+        sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(_dim(s)))))
     return Bound(mean * change, varied, sigma, how=how)
+
+
+def in_proportion(s: Situation, change: float, how: str) -> Bound:
+    """through_sensor() of a change that goes with the light that is there: dark pixels change no
+    more of theirs than bright ones do.
+
+    Where m changes by a share ε of it, √(m + r²) changes by no more than ε √m / 2, whatever the
+    read noise: over all pixels by ε/2 of the root of all light.
+    """
+    bound = through_sensor(s, change, how)
+    norm = light(s)
+    if not norm:
+        return bound
+    root = math.sqrt(bound.variance / change * (whole(s) + beside(s))) if change else 0.0
+    sigma = min(bound.sigma, _UNEVEN * change / norm / 2 * root)
+    return replace(bound, sigma=sigma)
+
+
+def _dim(s: Situation) -> float:
+    """Electrons that pixels hold where a change counts, at least: as much as the dim tenth of the
+    sharp picture has, and half of that, for it may be dimmer there."""
+    if near_limit(s):
+        return 0.0
+    return 0.5 * s.picture.dim * s.exposure
 
 
 def _round(electrons: float) -> float:
@@ -114,11 +169,10 @@ def _round(electrons: float) -> float:
 @functools.lru_cache(maxsize=64)
 def _steepest(sensor: Sensor, most: float) -> tuple[float, float, float]:
     """Largest slopes of mean and variance by electrons, and the least σ with read noise."""
-    whole, smooth, quiet = (
-        pieces(sensor, stages, most)
-        for stages in (Stages(), Stages(quantisation=False), Stages(read_noise=False))
+    whole, smooth = (
+        pieces(sensor, stages, most) for stages in (Stages(), Stages(quantisation=False))
     )
-    slopes = [table.steepest(most) for tables in (whole, smooth, quiet) for table in tables]
+    slopes = [table.steepest(most) for tables in (whole, smooth) for table in tables]
     mean, variance = np.array(slopes).max(axis=0)
     least = min(table.least(most) for tables in (whole, smooth) for table in tables)
     return (

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from simulator.effects.blurs import NOTHING, hiding, relative
 from simulator.effects.costs import BAND, WAVELENGTHS, added
-from simulator.effects.on_pixels import light, seconds, through_sensor
+from simulator.effects.limits import contrast, energy
+from simulator.effects.on_pixels import in_proportion, light, seconds
 from simulator.effects.spectra import Measure, colours, measure
 from simulator.planning import Bound, Effect
 
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     from simulator.recipe import Recipe
     from simulator.situation import Situation
 
-_SHARES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 0.0)
-"""Of the light that may fall beyond the radius to which a PSF's scaling is followed."""
+_SHARES = (0.3, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
+"""Of the light that falls beyond the rings into which a PSF is cut."""
 
 _CONVERGED = 2e-5
 """Relative change from which on more nodes are no finer."""
 
-_MARGIN = 1.5
+_MARGIN = 2.0
 
 
 class Bandwidth(Effect):
@@ -51,8 +52,8 @@ class Bandwidth(Effect):
         if level >= self.finest(s):
             return NOTHING
         change = _changes(s)[level]
-        how = f"audited ×{_MARGIN:g}: quadrature of exp(i 2π k r λ) for all light within r"
-        return through_sensor(s, hiding(s) * change, how)
+        how = f"audited ×{_MARGIN:g}: quadrature of exp(i 2π k r λ) for the light up to each r"
+        return in_proportion(s, hiding(s) * change, how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)
@@ -78,23 +79,26 @@ def _changes(s: Situation) -> tuple[float, ...]:
 
 
 def _change(s: Situation, found: Measure, count: int) -> float:
-    """Electrons, L2, that so few nodes make wrong at most."""
+    """Electrons, L2, that so few nodes make wrong at most: of the PSF's rings by frequency up
+    to some radius, and of what falls beyond by how much it is."""
     path, errors = _path(s), found.errors(count)
-    best = math.inf
-    for share in _SHARES:
+    best, resolved, left = light(s) / max(seconds(s), 1e-300), 0.0, 1.0
+    for share in (*_SHARES, 0.0):
         # All of the middle order's light lies within half a period along each axis.
         radius = s.pattern.reach(share) if share else s.pattern.period / math.sqrt(2)
 
         def gain(
-            k: NDArray[np.float64], radius: float = radius, share: float = share
+            k: NDArray[np.float64], radius: float = radius, left: float = left
         ) -> NDArray[np.float64]:
             # A phase goes with 1/λ; near the centre that is as far as with λ.
             shift = 2 * math.pi * k * radius + path
             wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
             # Even light has no fringes: nothing is wrong with it but what rounding is.
-            return np.where(k > 0, np.minimum(wrong + 2 * share, 2.0), 0.0)
+            return np.where(k > 0, wrong * np.minimum(left, contrast(s, k)), 0.0)
 
-        best = min(best, math.fsum(one.changed(gain) for one in colours(s)))
+        resolved += math.fsum(one.changed(gain) for one in colours(s))
+        beyond = math.sqrt(energy(s, radius)) * s.picture.whole if share else 0.0
+        best, left = min(best, resolved + 2 * beyond), share
     return _MARGIN * seconds(s) * best
 
 

@@ -75,7 +75,9 @@ class _Rendering:
         check: Callable[[], None],
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
-        self._gathering = Gathering(s.camera.sensor, recipe.window, recipe.finer, ledger)
+        self._gathering = Gathering(
+            s.camera.sensor, recipe.window, recipe.finer, ledger, recipe.drawn
+        )
         kernels = Kernels(s, recipe, cache, ledger, check)
         objects = Objects(s, recipe, self._gathering, kernels, cache)
         spreading = Spreading(s, recipe, kernels, objects)

@@ -102,7 +102,9 @@ class _Bench:
                     f"the plan has {name!r} at its finest, or not at all; audit one of "
                     f"{', '.join(self.below) or 'none'}"
                 )
-        around = self._planned if others == "as planned" else self._finest
+        around = dict(self._planned if others == "as planned" else self._finest)
+        # What bounds count on is there, but for its own.
+        around |= {name: self._finest[name] for name, one in self._effects.items() if one.last}
         low = {name: self._planned[name] for name in names}
         high = {name: self._finest[name] for name in names}
         coarse, fine = self._sound({**around, **low}, {**around, **high}, names)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import Plane, centred_crop
+from simulator.effects.on_pixels import brightest
 from simulator.effects.spectra import measure
 from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 _MARGIN = 0.8
 """Audited: of what is estimated, what is counted on, for effects that blur besides."""
+
+_MOST = 1.2
+"""Audited: the brightest pixel's light may be so much more than is known."""
 
 _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 """Of the light that may fall beyond a square around each point."""
@@ -149,10 +154,10 @@ def _surrounded(s: Situation) -> float:
         if edge > MARGIN or any(layer.cover is not None for layer in s.target.layers):
             continue
         side = 2 * edge + 1
-        least = -picture[None, None]
-        for kernel, around in (((side, 1), (edge, 0)), ((1, side), (0, edge))):
-            least = torch.nn.functional.max_pool2d(least, kernel, 1, around)
-        frame = centred_crop(-least[0, 0], (rows, columns))
+        least = picture.numpy()
+        for axis in (0, 1):
+            least = minimum_filter1d(least, side, axis, mode="constant")
+        frame = centred_crop(torch.from_numpy(least), (rows, columns))
         kept = max(1 - share - s.pattern.order_light, 0.0)
         best = max(best, kept * float(frame.double().norm()))
     return best
@@ -179,7 +184,7 @@ def _by_frequency(s: Situation) -> float:
 
 def _clipped(s: Situation) -> float:
     """By how much clipping shrinks the mean's norm, at the worst."""
-    most = s.picture.brightest * s.exposure * 2 + s.camera.sensor.dark_current * s.exposure
+    most = _MOST * brightest(s)
     well = _well(s)
     return 1.0 if most + 7 * math.sqrt(most) <= well else min(1.0, well / most)
 

@@ -92,6 +92,29 @@ class PictureProbe:
         return seen
 
     @cached_property
+    def extent(self) -> tuple[float, float]:
+        """How far from the axis anything shines, (y, x) metres on the sensor."""
+        sides = [(0.0, 0.0)]
+        for layer, rates in zip(self.target.layers, self.rates, strict=True):
+            scale = self._scale(layer)
+            pictures = [p.picture for p, rate in zip(layer.parts, rates, strict=True) if rate]
+            sides += [one.extent(scale, self.shift) for one in pictures]
+        return max(y for y, _ in sides), max(x for _, x in sides)
+
+    @cached_property
+    def dim(self) -> float:
+        """Electrons per second below which a tenth of the frame's pixels have."""
+        inside = self.picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        # Of many pixels, some tell.
+        every = max(1, math.isqrt(inside.numel() // 65536))
+        return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
+
+    @cached_property
+    def whole(self) -> float:
+        """Electrons per second on the frame and its margin."""
+        return float(self.picture.double().sum())
+
+    @cached_property
     def total(self) -> float:
         """Electrons per second on the frame."""
         rows, columns = self.camera.sensor.shape
@@ -101,7 +124,7 @@ class PictureProbe:
     @cached_property
     def brightest(self) -> float:
         """Electrons per second of a pixel, at most, however blurred."""
-        return self.brightest_behind(0) + self._beside
+        return self.brightest_behind(0) + self.beside
 
     def brightest_behind(self, first: int) -> float:
         """The same of the layers from a number on: 0 is the nearest.
@@ -130,7 +153,7 @@ class PictureProbe:
             apart = self.power.norm
         else:
             apart = sum(float(light.double().norm()) for light in self.lights)
-        return min(apart + self._beside, self._full)
+        return min(apart + self.beside, self._full)
 
     @property
     def _full(self) -> float:
@@ -161,7 +184,7 @@ class PictureProbe:
         From C = F + (1 - a) C', a layer's light F and cover a before all that is behind:
         |ΔC| is no more than |ΔF|, and |Δa| times the brightest C', and |ΔC'|.
         """
-        total = 2 * self._beside
+        total = 2 * self.beside
         for number, gain in enumerate(gains):
             total += self.powers[number].changed(gain)
             hidden = self.cover_powers[number]
@@ -185,7 +208,7 @@ class PictureProbe:
         return steps * self.camera.sensor.pitch
 
     @cached_property
-    def _beside(self) -> float:
+    def beside(self) -> float:
         """Electrons per second of stars that aren't on the plane, and whose blur may be: all that
         they send counts, for one pixel may get it."""
         total = 0.0

@@ -47,6 +47,11 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         l2=float(light.square().sum().sqrt()),
         brightest=float(light.max()),
         total=float(light.sum()),
+        whole=float(light.sum()),
+        beside=0.0,
+        dim=float(light.min()),
+        # Of two distances no PSF is known: any blur may be.
+        distances=(1.0, 2.0),
         dark=not bool(light.any()),
         power=RadialProfile.of(torch.fft.rfft2(light), plane),
     )

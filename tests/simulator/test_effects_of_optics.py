@@ -180,11 +180,12 @@ def test_a_dark_frames_floor_is_its_dark_current_and_read_noise():
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("on", [True, False])
 def test_predicted_work_is_what_is_counted(seed, on):
-    """But for sizes of transforms that are rounded up, and orders that don't come near."""
+    """But for sizes of transforms that are rounded up, orders that don't come near, and what
+    little even light takes."""
     s, ledger = random_situation(seed), Ledger()
     levels = capped(s) if on else dict.fromkeys(finest(s), 0)
     expected(s, recipe(s, levels), ByteCache(), ledger)
-    assert operations(s, levels) == pytest.approx(ledger.operations, rel=0.25)
+    assert operations(s, levels) == pytest.approx(ledger.operations, rel=0.25, abs=1.5e5)
 
 
 # What is known of a pattern.
@@ -201,7 +202,7 @@ def test_a_probes_light_is_that_of_the_rendered_psf():
     camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
     plane = camera.sensor.window((121, 121)).finer(2)
     operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
-    lights = [operator(None, known.field), operator.straight()]
+    lights = [operator(None, known.fields[0]), operator.straight()]
     y, x = (at.abs().numpy() for at in plane.mesh())
     half = known.period / 2
     inside = (y < half) & (x < half)

@@ -97,7 +97,11 @@ def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach
     grey = np.zeros((2 if moves else 1, ACROSS, ACROSS), dtype=np.uint8)
     if moves:
         grey[1] += 100
-    pattern = SimpleNamespace(reach=reach, order_light=0.0, period=1.0)
+    # As if all light could fall on a pixel.
+    pattern = SimpleNamespace(
+        reach=reach, order_light=0.0, period=1.0, peak=math.inf, energy=math.inf,
+        transfer=SimpleNamespace(most_at=lambda k, spread: np.ones_like(k)),
+    )  # fmt: skip
     return SimpleNamespace(
         camera=cam, target=target, picture=probe, exposure=exposure, moment=moment,
         pattern=pattern, shown=Shown.of(grey, 1 / 60 if moves else math.inf), band=probe.band,
