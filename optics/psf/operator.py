@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from functools import cached_property
 
 import torch
 
@@ -15,12 +16,14 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     Result,
+    ToleranceError,
 )
 from optics.camera import Camera, Lens
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
 from optics.psf.chain_grid import GridEngine
-from optics.psf.choice import advice, prepared, require_method
+from optics.psf.choice import CHAIN_METHODS, advice, prepared, require_method
+from optics.psf.engine import Engine
 from optics.psf.passed import Light, passed_light
 from optics.psf.question import Question
 from optics.psf.sphere import Sphere
@@ -124,6 +127,7 @@ class PSFOperator:
         self._question = question
         self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
         self.engine = prepared(question, camera, method, rest)
+        self._chosen, self._rest = method is None, rest
         self.account = self._accounted(question, tol, rest)
 
     def _accounted(self, question: Question, tol: float, rest: float) -> Account:
@@ -231,16 +235,47 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
         amplitude, peak = normalised(amplitude)
-        if spectrum is not None and isinstance(self.engine, GridEngine):
-            light = self.engine.of_spectrum(spectrum, phase, amplitude)
-        else:
-            light = self.engine.intensity(phase, amplitude)
+        light = self._by_any(phase, amplitude, spectrum)
         light = self._integral(light) if self._integral else light
         if peak == 1:
             return light
         # Beyond what single precision holds, the answer is in double.
         wide = light if _LEAST < peak < 1 / _LEAST else light.to(torch.float64)
         return wide * peak**2
+
+    def _by_any(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor | None,
+    ) -> torch.Tensor:
+        """By the engine; by another where this pattern leaves it too little light to keep tol."""
+        try:
+            if spectrum is not None and isinstance(self.engine, GridEngine):
+                return self.engine.of_spectrum(spectrum, phase, amplitude)
+            return self.engine.intensity(phase, amplitude)
+        except ToleranceError as refusal:
+            for other in self._others:
+                try:
+                    return other.intensity(phase, amplitude)
+                except ToleranceError:
+                    continue
+            raise refusal
+
+    @cached_property
+    def _others(self) -> list[Engine]:
+        """Those that could stand in for an engine that nobody asked for by its name."""
+        if not self._chosen or self.camera is None or not self.camera.separation:
+            return []
+        found = []
+        for method in CHAIN_METHODS:
+            try:
+                one = prepared(self._question, self.camera, method, self._rest)
+            except ValueError:
+                continue
+            if type(one) is not type(self.engine):
+                found.append(one)
+        return found
 
     @tensors_inside
     @in_full_precision

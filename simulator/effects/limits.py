@@ -31,6 +31,9 @@ _MARGIN = 1.3
 """Audited: a pattern may be brighter at another wavelength of the band, or with some of the
 panel's effects and not others, than with all or with none."""
 
+_FADING = 4.0
+"""Sensor pixels over which the middle order fades into the next."""
+
 _OCTAVE = 1.1
 """Frequencies that are looked at around one, for the same reason."""
 
@@ -64,6 +67,20 @@ def energy(s: Situation, beyond: float = 0.0) -> float:
         lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.lever)) ** 2
         found = (math.sqrt(found) + lit_otherwise(s) * math.sqrt(lit)) ** 2
     return min(found * s.camera.sensor.pitch**2, 1.0)
+
+
+def straight(s: Situation) -> float:
+    """Share of a point's light that doesn't leave for orders which never come near, at most."""
+    if orders_near(s) or all_even(s):
+        return 1.0
+    return min(1.05 * s.pattern.middle, 1.0)
+
+
+def orders_near(s: Situation) -> bool:
+    """Whether any pixel lies half a period from any light's image, where the first one begins."""
+    shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
+    period = s.pattern.period * shortest / s.wavelength
+    return span(s) + _FADING * s.camera.sensor.pitch > period / 2
 
 
 def _brighter(s: Situation) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +12,17 @@ import numpy as np
 from optics.camera import Sensor
 from optics.sensor import Stages
 from optics.sensor.table import pieces
-from simulator.effects.limits import contrast, densest, energy, known
+from simulator.effects.limits import contrast, densest, energy, known, straight
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
+
+_GAIN = 1.1
+"""Audited: light that orders, or an uneven lamp, may add to a pixel's."""
+
+_SWITCH = 1.01
+"""Audited: means bend so much more where a normal distribution takes over from Poisson's."""
 
 _UNEVEN = 3.0
 """Audited: dim pixels may change by so much more of theirs than all do on the average."""
@@ -51,8 +57,14 @@ def whole(s: Situation) -> float:
 
 
 def _densest(s: Situation) -> float:
-    """Electrons of the light on a pixel, at most, as its PSFs blur it."""
-    return min(float(s.picture.brightest) * seconds(s), densest(s) * (whole(s) + beside(s)))
+    """Electrons of the light on a pixel, at most, as its PSFs blur it: by Young, by the brightest
+    place of a PSF, and by frequency."""
+    sharpest = float(s.picture.brightest) * seconds(s)
+    if not known(s):
+        return sharpest
+    sharpest = min(sharpest, straight(s) * sharpest + beside(s))
+    in_phase = s.picture.power.highest(lambda k: contrast(s, k)) * seconds(s) + beside(s)
+    return min(sharpest, densest(s) * (whole(s) + beside(s)), in_phase)
 
 
 def beside(s: Situation) -> float:
@@ -113,6 +125,47 @@ def near_limit(s: Situation) -> bool:
     return most + 7 * math.sqrt(most) + 20 > limit(s.camera.sensor)
 
 
+def safe(s: Situation) -> float:
+    """Electrons of light up to which seven standard deviations clip nothing."""
+    free = max(limit(s.camera.sensor) - 20 - dark(s), 0.0)
+    # x + 7 √x is what is left of the well.
+    root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
+    return root**2 / (1 + FURTHEST * s.camera.sensor.prnu)
+
+
+@dataclass(frozen=True)
+class Full:
+    """Pixels with more light than is safe, at most: their number, the sum of their electrons, and
+    of these squared."""
+
+    count: float
+    total: float
+    energy: float
+
+
+def full(s: Situation) -> Full:
+    """Which wells may be full.
+
+    However blurred, a picture has no more of (m - θ)₊ and its square than the sharp one, for any
+    θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) of m - θ.
+    """
+    if not near_limit(s):
+        return Full(0.0, 0.0, 0.0)
+    count, well = float(pixels(s)), safe(s)
+    total, energy = whole(s) + beside(s), light(s) ** 2
+    if well <= 0:
+        return Full(count, total, energy)
+    if not s.picture.beside:
+        for share in (0.5, 0.7, 0.8, 0.9):
+            over = s.picture.over(share * well / seconds(s))
+            factor = _GAIN * seconds(s) / (1 - share)
+            total = min(total, factor * over[0])
+            energy = min(energy, factor**2 * over[1])
+    sensor = s.camera.sensor
+    hot = at_most(sensor.hot, pixels(s)) if sensor.hot_current else 0.0
+    return Full(min(count, energy / well**2 + hot, total / well + hot), total, energy)
+
+
 def near_zero(sensor: Sensor) -> bool:
     """Whether noise and offsets of a dark pixel can reach the converter's lower end."""
     room = sensor.black_level * sensor.gain - FURTHEST * sensor.dsnu
@@ -123,18 +176,26 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     """What a change of the picture's electrons does to mean, variance and σ of what is read.
 
     change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, with read noise. σ:
+    they are of electrons anywhere up to the brightest pixel, with read noise; of pixels whose
+    wells may be full, no further than from one end to the other. σ:
     |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
     of the picture are the least (audited: a change is no larger in the dark), and at most
     √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
     read_noise: whether it may be counted on; without it, few electrons more make much of σ.
     """
-    sensor = s.camera.sensor
-    mean, variance, least = _steepest(sensor, _round(brightest(s)))
+    sensor, most = s.camera.sensor, brightest(s)
+    mean, variance, least = _steepest(sensor, min(_round(most), float(round(safe(s)))))
     varied = variance * change
     sigma = math.sqrt(varied * root_pixels(s))
     if read_noise and least:
         sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(_dim(s)))))
+    if near_limit(s):
+        steep_mean, steep, _ = _steepest(sensor, _round(most))
+        root, well = math.sqrt(full(s).count), limit(sensor) + 50.0
+        knee = min(max(steep - variance, 0.0) * change, root * well)
+        mean, varied = max(mean, steep_mean), varied + knee
+        sigma += min(knee / (2 * least) if read_noise and least else math.inf,
+                     math.sqrt(knee * root), root * math.sqrt(well))  # fmt: skip
     return Bound(mean * change, varied, sigma, how=how)
 
 
@@ -157,8 +218,6 @@ def in_proportion(s: Situation, change: float, how: str) -> Bound:
 def _dim(s: Situation) -> float:
     """Electrons that pixels hold where a change counts, at least: as much as the dim tenth of the
     sharp picture has, and half of that, for it may be dimmer there."""
-    if near_limit(s):
-        return 0.0
     return 0.5 * s.picture.dim * s.exposure
 
 
@@ -176,7 +235,7 @@ def _steepest(sensor: Sensor, most: float) -> tuple[float, float, float]:
     mean, variance = np.array(slopes).max(axis=0)
     least = min(table.least(most) for tables in (whole, smooth) for table in tables)
     return (
-        max(float(mean), 1.0),
+        _SWITCH * max(float(mean), 1.0),
         max(float(variance), 1.0),
         math.sqrt(least) if sensor.read_noise else 0.0,
     )

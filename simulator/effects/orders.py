@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from simulator.effects.blurs import NOTHING, relative, spread_otherwise
 from simulator.effects.costs import GRID, ORDERS, added
-from simulator.effects.limits import span
+from simulator.effects.limits import orders_near
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
     from simulator.situation import Situation
 
 _MARGIN = 1.5
-
-_FADING = 4.0
-"""Sensor pixels over which the middle order fades into the next."""
 
 
 class PanelOrders(Effect):
@@ -38,7 +34,7 @@ class PanelOrders(Effect):
     def bound(self, s: Situation, level: int) -> Bound:
         if level >= self.finest(s):
             return NOTHING
-        if not _near(s):
+        if not orders_near(s):
             return Bound(how="proved: none of them meets the sensor")
         lost = s.pattern.beyond_orders(ORDERS[level]) - s.pattern.beyond_orders(ORDERS[-1])
         how = f"audited ×{_MARGIN:g}: Young; light that one pixel's square sends there"
@@ -55,10 +51,3 @@ class PanelOrders(Effect):
 
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         return recipe.having(orders=ORDERS[level])
-
-
-def _near(s: Situation) -> bool:
-    """Whether any pixel lies half a period from any light's image, where the first one begins."""
-    shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
-    period = s.pattern.period * shortest / s.wavelength
-    return span(s) + _FADING * s.camera.sensor.pitch > period / 2

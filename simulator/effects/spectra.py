@@ -54,17 +54,17 @@ class Measure:
         return (x - (low + high) / 2) / max((high - low) / 2, 1e-15)
 
     def errors(self, count: int) -> Array:
-        """How wrong `count` nodes make these means, at most of any channel and part, relative to
-        its brightest channel, up to each turn."""
+        """How wrong `count` nodes make these means, at most of any channel, relative to the
+        brightest of each part: (parts, turns), at most up to each turn."""
         nodes, weights = interpolating(self.x, self.of, count)
         found = weights @ np.exp(1j * np.outer(self._away(nodes), _TURNS))
         masses = self.of.sum(-1).max(0)
         masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-        wrong = (np.abs(self._true - found) / masses).max(axis=(0, 1))
-        return np.maximum.accumulate(wrong)
+        wrong = (np.abs(self._true - found) / masses).max(axis=0)
+        return np.maximum.accumulate(wrong, axis=-1)
 
     def error(self, errors: Array, shift: Array, centre: float) -> Array:
-        """The same of exp(i shift (x / centre - 1)); 2 beyond what was tried."""
+        """Of one part's, that of exp(i shift (x / centre - 1)); 2 beyond what was tried."""
         half = (self.x.max() - self.x.min()) / 2 / centre
         index = np.searchsorted(_TURNS, shift * half)
         return np.append(errors, 2.0)[index]
@@ -88,18 +88,25 @@ def measure(s: Situation, which: Literal["band", "leak"]) -> Measure:
 
 
 @lru_cache(maxsize=4)
-def colours(s: Situation) -> list[RadialProfile]:
-    """Power by frequency of what shines with each different spectrum, hidden or not."""
+def colours(s: Situation) -> list[tuple[list[int], RadialProfile]]:
+    """For each different spectrum, the numbers of the parts that have it, through all layers, and
+    the power by frequency of what shines with it, hidden or not."""
     target, picture = s.target.for_camera(s.camera), s.picture
-    spectra = {part.spectrum for layer in target.layers for part in layer.parts}
-    if len(spectra) <= 1:
-        return [picture.power]
+    numbers: dict[Spectrum, list[int]] = {}
     lights: dict[Spectrum, torch.Tensor] = {}
-    for layer, rates in zip(target.layers, picture.rates, strict=True):
-        scale = s.camera.magnification(layer.distance)
-        for part, rate in zip(layer.parts, rates, strict=True):
-            if rate:
-                light = rate * part.picture.light(picture.plane, scale, picture.shift)
-                known = lights.get(part.spectrum)
-                lights[part.spectrum] = light if known is None else known + light
-    return [RadialProfile.of(spectrum_of_samples(one), picture.plane) for one in lights.values()]
+    parts = [(layer, part) for layer in target.layers for part in layer.parts]
+    rates = [rate for of_layer in picture.rates for rate in of_layer]
+    for number, (_, part) in enumerate(parts):
+        numbers.setdefault(part.spectrum, []).append(number)
+    if len(numbers) <= 1:
+        return [(list(range(len(parts))), picture.power)]
+    for (layer, part), rate in zip(parts, rates, strict=True):
+        if rate:
+            scale = s.camera.magnification(layer.distance)
+            light = rate * part.picture.light(picture.plane, scale, picture.shift)
+            known = lights.get(part.spectrum)
+            lights[part.spectrum] = light if known is None else known + light
+    return [
+        (numbers[spectrum], RadialProfile.of(spectrum_of_samples(light), picture.plane))
+        for spectrum, light in lights.items()
+    ]

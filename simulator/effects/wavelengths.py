@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ from simulator.planning import Bound, Effect
 if TYPE_CHECKING:
     from simulator.recipe import Recipe
     from simulator.situation import Situation
+
+Array = NDArray[np.float64]
 
 _SHARES = (0.3, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
 """Of the light that falls beyond the rings into which a PSF is cut."""
@@ -86,20 +88,27 @@ def _change(s: Situation, found: Measure, count: int) -> float:
     for share in (*_SHARES, 0.0):
         # All of the middle order's light lies within half a period along each axis.
         radius = s.pattern.reach(share) if share else s.pattern.period / math.sqrt(2)
-
-        def gain(
-            k: NDArray[np.float64], radius: float = radius, left: float = left
-        ) -> NDArray[np.float64]:
-            # A phase goes with 1/λ; near the centre that is as far as with λ.
-            shift = 2 * math.pi * k * radius + path
-            wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
-            # Even light has no fringes: nothing is wrong with it but what rounding is.
-            return np.where(k > 0, wrong * np.minimum(left, contrast(s, k)), 0.0)
-
-        resolved += math.fsum(one.changed(gain) for one in colours(s))
+        for parts, profile in colours(s):
+            wrong = errors[parts].max(axis=0)
+            resolved += profile.changed(_gain(s, found, wrong, radius, path, left))
         beyond = math.sqrt(energy(s, radius)) * s.picture.whole if share else 0.0
         best, left = min(best, resolved + 2 * beyond), share
     return _MARGIN * seconds(s) * best
+
+
+def _gain(
+    s: Situation, found: Measure, errors: Array, radius: float, path: float, share: float
+) -> Callable[[Array], Array]:
+    """On the frequencies of a ring of the PSF with a share of its light."""
+
+    def gain(k: Array) -> Array:
+        # A phase goes with 1/λ; near the centre that is as far as with λ.
+        shift = 2 * math.pi * k * radius + path
+        wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
+        # Even light has no fringes: nothing is wrong with it but what rounding is.
+        return np.where(k > 0, wrong * np.minimum(share, contrast(s, k)), 0.0)
+
+    return gain
 
 
 def _path(s: Situation) -> float:

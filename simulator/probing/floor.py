@@ -12,7 +12,7 @@ from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import Plane, centred_crop
-from simulator.effects.on_pixels import brightest
+from simulator.effects.on_pixels import brightest, full
 from simulator.effects.spectra import measure
 from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
@@ -52,15 +52,14 @@ def floor(s: Situation) -> Floor:
         total = max((one for one, _ in spread), default=0.0)
         norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
         norm = max(norm, seconds * _by_frequency(s), seconds * _surrounded(s))
-    mean = math.hypot(norm, dark * math.sqrt(pixels))
-    clipped = _clipped(s)
-    noise = dark + sensor.read_noise**2
-    left = 1 - _burnt(s) / pixels
-    lit = norm if clipped == 1 else 0.0
-    lit_total = total if clipped == 1 else 0.0
+    noise, wells = dark + sensor.read_noise**2, full(s)
+    # What surely is read of the light: of wells that may be full nothing, or all by one factor.
+    lit = math.sqrt(max(norm**2 - wells.energy, 0.0))
+    mean = math.hypot(max(lit, norm * _clipped(s)), dark * math.sqrt(pixels))
+    left = 1 - min(wells.count / pixels, 1.0)
     variance = math.hypot(lit, noise * math.sqrt(pixels * left))
-    sigma = math.sqrt(lit_total + noise * pixels * left)
-    return Floor(mean * clipped, variance, sigma)
+    sigma = math.sqrt(max(total - wells.total, 0.0) + noise * pixels * left)
+    return Floor(mean, variance, sigma)
 
 
 def _attenuation(s: Situation) -> float:
@@ -192,13 +191,3 @@ def _clipped(s: Situation) -> float:
 def _well(s: Situation) -> float:
     sensor = s.camera.sensor
     return min(sensor.full_well, (2**sensor.bits - 1 - sensor.black_level) * sensor.gain)
-
-
-def _burnt(s: Situation) -> float:
-    """Pixels that may be clipped, at most: each takes three quarters of a well of light."""
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    if _clipped(s) == 1:
-        return 0.0
-    total = float(s.picture.picture.clamp(min=0).double().sum()) * s.exposure * 2
-    return min(total / (0.75 * _well(s)), float(pixels))

@@ -157,6 +157,11 @@ class PatternProbe:
         """Share of the light that the panel's pixels send beside the middle order, at most."""
         return self.beyond_orders(0)
 
+    @cached_property
+    def middle(self) -> float:
+        """Share of the light in the middle order, at most."""
+        return max(one.share(0) for one in self._possible)
+
     def beyond_orders(self, most: int) -> float:
         """Share of the light in orders beyond the first `most` on each side, at most."""
         return max(0.0, 1 - min(one.share(most) for one in self._possible))

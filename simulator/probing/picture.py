@@ -109,6 +109,12 @@ class PictureProbe:
         every = max(1, math.isqrt(inside.numel() // 65536))
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
+    def over(self, level: float) -> tuple[float, float]:
+        """What the sharp picture has above a level of electrons per second: the sum over frame and
+        margin, and that of the squares."""
+        rest = (self.picture - level).clamp(min=0)
+        return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
+
     @cached_property
     def whole(self) -> float:
         """Electrons per second on the frame and its margin."""

@@ -49,6 +49,9 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         total=float(light.sum()),
         whole=float(light.sum()),
         beside=0.0,
+        over=lambda level: tuple(
+            float(((light - level).clamp(min=0) ** power).sum()) for power in (1, 2)
+        ),
         dim=float(light.min()),
         # Of two distances no PSF is known: any blur may be.
         distances=(1.0, 2.0),

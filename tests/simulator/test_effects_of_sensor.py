@@ -40,10 +40,10 @@ def read(light, one, exposure, recipe):
 
 def around(rng, effect, s):
     """A recipe of the other effects, each on or off by chance; but no plan does without shot
-    noise, for its shape is another altogether."""
+    noise, for its shape is another altogether, and what is left out last is there."""
     recipe = BARE
     for other in EFFECTS:
-        chance = 1.0 if isinstance(other, ShotNoise) else 0.7
+        chance = 1.0 if isinstance(other, ShotNoise) or other.last else 0.7
         if other is not effect and other.caused(s) and rng.random() < chance:
             recipe = other.apply(recipe, s, int(rng.integers(1, len(other.levels))))
     return recipe

@@ -8,7 +8,6 @@ import pytest
 import torch
 from judges import relative
 from optical_situations import colour_curve, pattern, situation
-from virtual_bench import SCENE, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
@@ -186,30 +185,6 @@ def test_an_even_field_is_the_camera_equation():
     electrons = watts * 550e-9 / (PLANCK * SPEED_OF_LIGHT) * 0.62 * 0.02
     assert float(light.mean()) == pytest.approx(electrons, rel=0.01)
     assert float(light.mean()) < electrons * 1.001
-
-
-@pytest.mark.parametrize("target", ["star", "near star", "card"])
-@pytest.mark.parametrize("ring", [False, True])
-def test_it_is_the_light_of_the_world_before_it(target, ring):
-    """Whose band has the area of a rectangle, and whose window is narrower than an order."""
-    camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, pitch=20e-6))
-    grey = ring_pattern(120e-6, camera) if ring else np.zeros(camera.panel.shape, np.uint8)
-    before = world(camera, tol=1e-4, forced={"filter bandwidth": True})
-    light = light_of(before, grey, target=target)
-    s = situation(
-        SCENE.targets[target],
-        camera,
-        Band(550e-9, 7e-9),
-        Shown.of(grey[None], math.inf),
-        exposure=1.0,
-        numerics=1e-5,
-    )
-    recipe = Recipe(
-        camera.panel, 256, 2, wave=True, wavelengths=5, dispersion=True, pixel_aperture=True
-    )
-    now = expected(s, recipe, ByteCache(), Ledger()).double().numpy()
-    area = math.sqrt(math.pi / math.log(2)) / 2
-    assert relative(now / area, light) <= 1e-3
 
 
 def test_nothing_is_dark():

@@ -78,8 +78,8 @@ def test_a_flat_field_gives_a_flat_picture():
 def test_a_flat_field_is_as_bright_as_white_paper_of_its_radiance():
     """The camera equation written out, L A / z² on every pixel, in photons.
 
-    Without gaps between the panel's pixels, only its edges send light beyond the rendered PSF:
-    less than a per cent of it.
+    Without gaps between the panel's pixels, only its edges send the paper's light beyond the
+    rendered PSF: less than a per cent of it. Endless even light has it back from elsewhere.
     """
     camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, fill_factor=1.0))
     white = Photograph(torch.ones(50, 50, 3), 2.0, 1e7, cover=20.0)
@@ -92,10 +92,10 @@ def test_a_flat_field_is_as_bright_as_white_paper_of_its_radiance():
     watts = 1e7 * band * (48 * 64 * 40e-6**2) / z**2 * 14e-6**2
     watts *= camera.panel.reflectivity * camera.transmission
     photons = watts * 550e-9 / (6.62607015e-34 * 299792458)
-    assert light.mean() == pytest.approx(photons * camera.sensor.quantum_efficiency, rel=0.01)
+    assert light.mean() == pytest.approx(photons * camera.sensor.quantum_efficiency, rel=2e-3)
     paper = light_of(world(camera, scene), target="white")
     middle = (slice(15, 25), slice(15, 30))
-    assert light[middle] == pytest.approx(paper[middle], rel=1e-4)
+    assert light[middle] == pytest.approx(paper[middle], rel=0.01)
 
 
 def test_the_dark_sends_no_light():
