@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import torch
 
@@ -130,7 +130,8 @@ def causes(s: Situation) -> Hashable:
         s.camera,
         s.mount,
         s.target,
-        s.band,
+        # Devices count in hundredths of a nanometre; the last digit is nobody's.
+        replace(s.band, centre=round(s.band.centre, 14)),
         (s.shown.names, s.shown.frame_time),
         s.moment if changes else 0.0,
         s.exposure,

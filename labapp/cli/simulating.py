@@ -28,7 +28,7 @@ WavelengthOption = Annotated[
 ExposureOption = Annotated[
     float | None,
     typer.Option(
-        "--exposure-ms", help="In milliseconds. Default: fills the brightest pixel to four fifths."
+        "--exposure-ms", help="In milliseconds. Default: fills the brightest pixel to half."
     ),
 ]
 ToleranceOption = Annotated[

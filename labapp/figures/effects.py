@@ -13,7 +13,7 @@ import torch
 
 from labapp.console import say
 from labapp.figures import Figure
-from labapp.figures.random_pictures import Case, cases, deviation, everything
+from labapp.figures.random_pictures import Case, cases, deep, deviation, everything
 from optics.threads import single_threaded
 from simulator.imaging import Imaging
 from simulator.planning import Audited, EffectPlan, audit
@@ -72,7 +72,7 @@ def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[Audited, ...
     plan = imaging.plan(s)
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
-        picture = imaging.picture(s, recipe)
+        picture = imaging.picture(s, deep(s, recipe))
         return picture.mean, picture.variance
 
     return audit(case.effects, s, plan, render, pairs=_drawn_pairs(case, plan, pairs, seed))
@@ -104,16 +104,15 @@ def effects_figures(folder: Path) -> list[Figure]:
         say(line)
     return [
         Figure(
-            f"{found.count} random scenes and benches, tol 1e-1 / 1e-2 / 1e-3: mean picture, "
-            "variance and σ against everything on",
+            "200 random scenes and benches, tol 1e-1 / 1e-2 / 1e-3: picture and noise, planned",
             "within tol in all",
-            f"{len(found.wrong)} beyond, worst {found.worst:.2f} tol; {found.left_out} of "
-            f"{found.caused} effects left out or made coarser, median work "
+            f"of {found.count} {len(found.wrong)} beyond, worst {found.worst:.2f} tol; "
+            f"{found.left_out} of {found.caused} effects left out or made coarser, median work "
             f"{statistics.median(found.work):.0%} of everything's",
             not found.wrong,
         ),
         Figure(
-            f"bounds of effects that were left out of {_AUDITED} such pictures, put back",
+            "bounds of effects that were left out of 60 such pictures, put back",
             "0 broken",
             f"{len(broken)} broken of {singles} single and {doubles} pairs",
             None if singles == 0 else not broken,

@@ -18,7 +18,7 @@ from simulator.imaging import Imaging
 from simulator.situation import Situation
 from simulator.world import World
 
-_FILLED = 0.8
+_FILLED = 0.5
 """Of the full well, what the brightest pixel gets where nobody says an exposure."""
 
 _TRIAL, _TRIAL_TOL = 1e-3, 0.1
@@ -37,7 +37,7 @@ class AskedPicture:
 
     scene, bench: files; the bundled ones if None. target: by name; the scene's first if None.
     pattern: 8-bit picture on the panel; neutral if None. wavelength: of the filter; the bench's
-    own if None. exposure: seconds; so that the brightest pixel is four fifths full if None. tol,
+    own if None. exposure: seconds; so that the brightest pixel is half full if None. tol,
     forced: the scene's own if None, and beyond the scene's own. everything: whether every effect
     that isn't forced is at its finest, whatever tol.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
@@ -34,6 +35,9 @@ VIGNETTING, BEATS = "vignetting", "polarisation interference"
 ORDER = (REACH, SAMPLING, WAVES, BAND, BESIDE, DISPERSION, BEATS, PLACE, VIGNETTING, GRID)
 """In which their work is told apart: each adds to those before."""
 
+_LOOKED = (*ORDER, "depth layers", "colour filter array", "flicker")
+"""Effects whose levels make a difference."""
+
 
 @dataclass(frozen=True)
 class _Counts:
@@ -51,12 +55,19 @@ class _Counts:
 def added(s: Situation, levels: Mapping[str, int], name: str) -> float:
     """Operations that an effect adds to a picture with those that stand before it in ORDER."""
     place = ORDER.index(name)
-    off = dict.fromkeys(ORDER[place + 1 :], 0)
-    return max(operations(s, {**levels, **off}) - operations(s, {**levels, **off, name: 0}), 0.0)
+    # What doesn't count isn't looked at: a plan asks again only where something else counts.
+    seen = {one: levels.get(one, 0) for one in _LOOKED if one not in ORDER[place + 1 :]}
+    return max(operations(s, seen) - operations(s, {**seen, name: 0}), 0.0)
 
 
 def operations(s: Situation, levels: Mapping[str, int]) -> float:
     """Of all that is rendered, without what the sensor does."""
+    return _operations(s, tuple(levels.get(one, 0) for one in _LOOKED))
+
+
+@lru_cache(maxsize=8192)
+def _operations(s: Situation, found: tuple[int, ...]) -> float:
+    levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)
     side = window(s, levels.get(REACH, 0)) * counts.samples
     one = psf_operations if counts.wave else ray_operations

@@ -176,8 +176,8 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     """What a change of the picture's electrons does to mean, variance and σ of what is read.
 
     change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, with read noise; of pixels whose
-    wells may be full, no further than from one end to the other. σ:
+    they are of electrons anywhere up to the brightest pixel, or to where wells are full, with read
+    noise. What a full well clips counts as before it is clipped (see floor()). σ:
     |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
     of the picture are the least (audited: a change is no larger in the dark), and at most
     √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
@@ -189,13 +189,6 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     sigma = math.sqrt(varied * root_pixels(s))
     if read_noise and least:
         sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(_dim(s)))))
-    if near_limit(s):
-        steep_mean, steep, _ = _steepest(sensor, _round(most))
-        root, well = math.sqrt(full(s).count), limit(sensor) + 50.0
-        knee = min(max(steep - variance, 0.0) * change, root * well)
-        mean, varied = max(mean, steep_mean), varied + knee
-        sigma += min(knee / (2 * least) if read_noise and least else math.inf,
-                     math.sqrt(knee * root), root * math.sqrt(well))  # fmt: skip
     return Bound(mean * change, varied, sigma, how=how)
 
 

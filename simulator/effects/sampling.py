@@ -67,6 +67,8 @@ class Sampling(Effect):
         return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
+        if _exact(s):
+            return "the picture's spectrum is known by a formula, whatever the samples"
         falls = "sharp edges" if _falls(s) == 1 else "no edge sharper than its own pixels"
         return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
 

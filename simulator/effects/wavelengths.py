@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Hashable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,11 +67,24 @@ class Bandwidth(Effect):
         return recipe.having(wavelengths=WAVELENGTHS[level])
 
 
-@lru_cache(maxsize=8)
 def _changes(s: Situation) -> tuple[float, ...]:
     """Electrons, L2, of each level down from 1 node until it has converged; a coarser level is
     never told to be better than a finer one."""
-    found, whole, changes = measure(s, "band"), light(s), []
+    known = s.pattern.kept.get(_causes(s))
+    if known is None:
+        known = s.pattern.kept[_causes(s)] = _rates(s)
+    return tuple(seconds(s) * one for one in known)
+
+
+def _causes(s: Situation) -> Hashable:
+    """What it follows from besides the pattern; not the exposure, but what that moves."""
+    moving = (s.exposure, s.moment) if s.target.moves else None
+    return s.picture, s.band, s.camera, s.mount, moving
+
+
+def _rates(s: Situation) -> tuple[float, ...]:
+    """Electrons per second."""
+    found, whole, changes = measure(s, "band"), light(s) / max(seconds(s), 1e-300), []
     for count in WAVELENGTHS:
         changes.append(_change(s, found, count))
         if changes[-1] <= _CONVERGED * whole:
@@ -81,8 +93,8 @@ def _changes(s: Situation) -> tuple[float, ...]:
 
 
 def _change(s: Situation, found: Measure, count: int) -> float:
-    """Electrons, L2, that so few nodes make wrong at most: of the PSF's rings by frequency up
-    to some radius, and of what falls beyond by how much it is."""
+    """Electrons per second, L2, that so few nodes make wrong at most: of the PSF's rings by
+    frequency up to some radius, and of what falls beyond by how much it is."""
     path, errors = _path(s), found.errors(count)
     best, resolved, left = light(s) / max(seconds(s), 1e-300), 0.0, 1.0
     for share in (*_SHARES, 0.0):
@@ -93,7 +105,7 @@ def _change(s: Situation, found: Measure, count: int) -> float:
             resolved += profile.changed(_gain(s, found, wrong, radius, path, left))
         beyond = math.sqrt(energy(s, radius)) * s.picture.whole if share else 0.0
         best, left = min(best, resolved + 2 * beyond), share
-    return _MARGIN * seconds(s) * best
+    return _MARGIN * best
 
 
 def _gain(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -26,17 +26,24 @@ Array = NDArray[np.float64]
 class Gathering:
     """The samples of a picture: the sensor with half a PSF around it, `finer` samples a pixel.
 
-    drawn: samples a pixel of pictures, before what is finer than the others is left out.
+    drawn: samples a pixel of pictures, before what is finer than the others is left out. check: is
+    called before every transform, and may raise.
 
     Spectra are on its rfft2 grid, complex64, with the origin in the corner. What a PSF carries
     around the plane's edges stays outside the sensor.
     """
 
     def __init__(
-        self, sensor: Sensor, window: int, finer: int, ledger: Ledger, drawn: int = 1
+        self,
+        sensor: Sensor,
+        window: int,
+        finer: int,
+        ledger: Ledger,
+        drawn: int = 1,
+        check: Callable[[], None] = lambda: None,
     ) -> None:
         shape = tuple(scipy.fft.next_fast_len(n + window, real=True) for n in sensor.shape)
-        self.sensor, self.finer, self._ledger = sensor, finer, ledger
+        self.sensor, self.finer, self._ledger, self._check = sensor, finer, ledger, check
         self._pixels = (shape[0], shape[1])
         self.plane: Plane = sensor.window(self._pixels).finer(finer)
         self._drawn = self.plane.finer(math.ceil(drawn / finer))
@@ -47,6 +54,7 @@ class Gathering:
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
+        self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def dark(self, count: int) -> list[torch.Tensor]:

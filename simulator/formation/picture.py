@@ -76,7 +76,7 @@ class _Rendering:
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
         self._gathering = Gathering(
-            s.camera.sensor, recipe.window, recipe.finer, ledger, recipe.drawn
+            s.camera.sensor, recipe.window, recipe.finer, ledger, recipe.drawn, check
         )
         kernels = Kernels(s, recipe, cache, ledger, check)
         objects = Objects(s, recipe, self._gathering, kernels, cache)

@@ -14,8 +14,15 @@ from optics.fourier import fft
 Array = NDArray[np.float64]
 Light = NDArray[np.float32]
 
-_OFFSET = 1.6
-"""Samples may miss the top of a fringe by half a sample: sinc(1/4)^-4 of it."""
+_LOWER = 1.6
+"""Between samples light may be so much brighter: half a sample away, sinc(1/4)^-4."""
+
+_FEW, _TOPS = 64, 1.15
+"""Samples among which the brightest place is looked for between them; of more, some lie so near
+the top of a fringe (audited)."""
+
+_TAPS = 4
+"""Samples to either side by which an amplitude is known between them."""
 
 
 class FarField:
@@ -30,7 +37,11 @@ class FarField:
         rows, columns = (2 * n for n in field.shape)
         far = fft(fft(field, columns, -1), rows, -2).numpy()
         light = far.real**2 + far.imag**2
-        self.light: Light = light * np.float32(1 / light.sum(dtype=np.float64))
+        total = light.sum(dtype=np.float64)
+        if not total > 0:
+            raise ValueError("no light passes the stop: open it, or move it before the panel")
+        self._top = _brightest(far, light) / total
+        self.light: Light = light * np.float32(1 / total)
         self._side = side
 
     def _envelope(self, axis: int, orders: int = 0) -> Array:
@@ -50,7 +61,7 @@ class FarField:
     def peak(self) -> float:
         """Share of the light that falls on a square period, if all of it were as bright as the
         brightest place."""
-        return _OFFSET * float(self.light.max()) * self._side**2 * self.light.size
+        return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
     def _central(self) -> Light:
@@ -91,6 +102,24 @@ class FarField:
         spectrum = scipy.fft.rfft2(self._central)
         kept = _kept(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
+
+
+def _brightest(far: NDArray[np.complex64], light: Light) -> float:
+    """The most of a light, between its samples as well."""
+    most = float(light.max())
+    places = np.argwhere(light > most / _LOWER)
+    if len(places) > _FEW:
+        return _TOPS * most
+    span = np.arange(-_TAPS, _TAPS + 1)
+    between = np.linspace(-0.5, 0.5, 5)[:, None] - span
+    weights = np.sinc(between) * np.cos(np.pi * between / (2 * _TAPS + 2)) ** 2
+    # The field fills the first half of what was transformed: its middle is a ramp of phase here.
+    turns = [np.exp(0.5j * np.pi * span * (1 - 2 / n)) for n in far.shape]
+    for y, x in places:
+        rows, columns = (y + span) % far.shape[0], (x + span) % far.shape[1]
+        patch = far[np.ix_(rows, columns)] * turns[0][:, None] * turns[1]
+        most = max(most, float(np.abs(weights @ patch @ weights.T).max()) ** 2)
+    return most
 
 
 def _kept(shape: tuple[int, ...]) -> int:

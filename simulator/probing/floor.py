@@ -12,7 +12,6 @@ from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import Plane, centred_crop
-from simulator.effects.on_pixels import brightest, full
 from simulator.effects.spectra import measure
 from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
@@ -25,9 +24,6 @@ if TYPE_CHECKING:
 _MARGIN = 0.8
 """Audited: of what is estimated, what is counted on, for effects that blur besides."""
 
-_MOST = 1.2
-"""Audited: the brightest pixel's light may be so much more than is known."""
-
 _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 """Of the light that may fall beyond a square around each point."""
 
@@ -38,8 +34,9 @@ def floor(s: Situation) -> Floor:
     Of the mean: the largest of three. A pixel has the light of the darkest place that its own
     light may come from, at least. The light that surely stays on the sensor is least of all seen
     if it is even (Cauchy-Schwarz); and by frequency no less is left of the sharp picture than
-    the least of its transfer function lets through. All that attenuates counts, and clipping at
-    its worst. Noise: shot noise of that light, dark current and read noise, where nothing clips.
+    the least of its transfer function lets through. All that attenuates counts. Noise: shot noise
+    of that light, dark current and read noise. Of wells that are full, what they would hold if
+    they were deeper: a picture that is burnt has the errors of one that isn't.
     """
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
@@ -52,14 +49,12 @@ def floor(s: Situation) -> Floor:
         total = max((one for one, _ in spread), default=0.0)
         norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
         norm = max(norm, seconds * _by_frequency(s), seconds * _surrounded(s))
-    noise, wells = dark + sensor.read_noise**2, full(s)
-    # What surely is read of the light: of wells that may be full nothing, or all by one factor.
-    lit = math.sqrt(max(norm**2 - wells.energy, 0.0))
-    mean = math.hypot(max(lit, norm * _clipped(s)), dark * math.sqrt(pixels))
-    left = 1 - min(wells.count / pixels, 1.0)
-    variance = math.hypot(lit, noise * math.sqrt(pixels * left))
-    sigma = math.sqrt(max(total - wells.total, 0.0) + noise * pixels * left)
-    return Floor(mean, variance, sigma)
+    noise = dark + sensor.read_noise**2
+    return Floor(
+        math.hypot(norm, dark * math.sqrt(pixels)),
+        math.hypot(norm, noise * math.sqrt(pixels)),
+        math.sqrt(total + noise * pixels),
+    )
 
 
 def _attenuation(s: Situation) -> float:
@@ -179,15 +174,3 @@ def _by_frequency(s: Situation) -> float:
         # What falls beyond the frame isn't seen.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
-
-
-def _clipped(s: Situation) -> float:
-    """By how much clipping shrinks the mean's norm, at the worst."""
-    most = _MOST * brightest(s)
-    well = _well(s)
-    return 1.0 if most + 7 * math.sqrt(most) <= well else min(1.0, well / most)
-
-
-def _well(s: Situation) -> float:
-    sensor = s.camera.sensor
-    return min(sensor.full_well, (2**sensor.bits - 1 - sensor.black_level) * sensor.gain)

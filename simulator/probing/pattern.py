@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import replace
 from functools import cached_property, lru_cache
 
@@ -62,6 +63,8 @@ class PatternProbe:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.shown, self.wavelength = camera, shown, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
+        self.kept: dict[Hashable, tuple[float, ...]] = {}
+        """What somebody has found out by it, by its other causes."""
 
     @property
     def panel(self) -> Panel:
