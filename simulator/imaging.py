@@ -26,6 +26,10 @@ MEMORY = 2 << 30
 """Bytes of light, spectra and kernels that are kept because they may be asked for again."""
 
 
+_PATTERNS = Cache(3)
+"""What is known of patterns, whoever asks: it follows from camera, pattern and wavelength alone."""
+
+
 @dataclass(frozen=True)
 class Picture:
     """What a sensor makes of light, without any chance, (rows, columns).
@@ -58,7 +62,7 @@ class Imaging:
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
-        self._pictures, self._patterns = Cache(4), Cache(2)
+        self._pictures = Cache(4)
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
         """Have effects on, off or at a level from now on, whatever they change.
@@ -93,7 +97,7 @@ class Imaging:
         s.__dict__["picture"] = picture
         shown = (s.shown.names, s.shown.frame_time)
         looked_at = (s.camera, shown, s.wavelength, picture.distances)
-        s.__dict__["pattern"] = self._patterns.get(looked_at, lambda: s.pattern)
+        s.__dict__["pattern"] = _PATTERNS.get(looked_at, lambda: s.pattern)
 
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None

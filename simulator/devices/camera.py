@@ -18,7 +18,7 @@ class SimulatedCamera(Simulated):
     What its pictures share is computed once, as long as nothing changes; each has its own noise.
 
     readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
-    beyond the exposure, that a step of a picture's computation may take; by default 5, and
+    beyond the exposure, that a step of a picture's computation may take; by default 15, and
     5 more a megapixel.
     """
 
@@ -32,7 +32,7 @@ class SimulatedCamera(Simulated):
         require_duration("readout_ms", readout_ms)
         if reply_s is not None:
             require_positive("reply_s", reply_s, "s")
-        self.reply_time = reply_s or 5.0 + 5e-6 * math.prod(self.shape)
+        self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
         self.alive_at = 0.0
         self._readout = readout_ms * 1e-3
         self._exposure = 0.01
