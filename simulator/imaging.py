@@ -128,7 +128,7 @@ class Imaging:
 
 def causes(s: Situation) -> Hashable:
     """All that a picture follows from; the time only where something changes with it."""
-    changes = s.shown.moves or s.target.moves or s.target.lamp is not None
+    changes = s.shown.moves or s.target.lamp is not None
     beats = complex(s.path.interference) if s.path else 0j
     return (
         s.camera,

@@ -51,7 +51,7 @@ class Situation:
     @cached_property
     def picture(self) -> PictureProbe:
         """What is known of the target's picture without any blur."""
-        middle = self.moment + self.exposure / 2
+        middle = self.exposure / 2
         shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
         return PictureProbe(self.target, self.camera, self.band, shift)
 

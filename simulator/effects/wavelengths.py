@@ -78,7 +78,7 @@ def _changes(s: Situation) -> tuple[float, ...]:
 
 def _causes(s: Situation) -> Hashable:
     """What it follows from besides the pattern; not the exposure, but what that moves."""
-    moving = (s.exposure, s.moment) if s.target.moves else None
+    moving = s.exposure if s.target.moves else None
     return s.picture, s.band, s.camera, s.mount, moving
 
 

@@ -85,9 +85,9 @@ def _moved(
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
     if recipe.motion == 1:
-        middle = s.moment + s.exposure / 2
+        middle = s.exposure / 2
         return (vy * middle, vx * middle), (0.0, 0.0)
-    middle, seconds = (begin + end) / 2, end - begin
+    middle, seconds = (begin + end) / 2 - s.moment, end - begin
     return (vy * middle, vx * middle), (vy * seconds, vx * seconds)
 
 

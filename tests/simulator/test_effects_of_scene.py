@@ -92,7 +92,7 @@ def sheets(rng, count, background=True):
 
 def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach=None):
     cam = cam or camera()
-    middle = moment + exposure / 2
+    middle = exposure / 2
     shift = (target.velocity[0] * middle, target.velocity[1] * middle)
     probe = PictureProbe(target, cam, Band(WAVELENGTH, 7e-9), shift)
     grey = np.zeros((2 if moves else 1, ACROSS, ACROSS), dtype=np.uint8)
