@@ -64,8 +64,8 @@ class Target(_Stands):
 
     light: the lamp's spectrum, relative; None is the same at all wavelengths. lamp: how it
     changes with time; None doesn't. velocity: (y, x) m/s across the axis, upright as the picture;
-    an exposure begins with all in its place. polarised: radians, of the plane in which all of its light swings, from x towards y; None is
-    unpolarised. name: what people call it.
+    an exposure begins with all in its place. polarised: radians, of the plane in which all of its
+    light swings, from x towards y; None is unpolarised. name: what people call it.
     """
 
     light: Spectrum | None = None
