@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from labapp.errors import UserError
-from labapp.files.finding import bundled_parts, find_part
+from labapp.files.finding import find_part
 from labapp.files.lut_file import ResponseTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable
 from labapp.files.reading import FileModel, read_file, validate
@@ -119,11 +119,6 @@ class PanelFile(PanelTable):
     """A panel in a file of its own."""
 
     version: Literal[1]
-
-
-def bundled_panels() -> list[str]:
-    """The names of the panels that come with the application."""
-    return bundled_parts("panel")
 
 
 def read_panel(file: str, folder: Path) -> PanelTable:

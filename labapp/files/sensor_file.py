@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from labapp.errors import UserError
-from labapp.files.finding import bundled_parts, find_part
+from labapp.files.finding import find_part
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
 from optics.camera import Sensor
@@ -163,11 +163,6 @@ class SensorFile(SensorTable):
     """A sensor in a file of its own."""
 
     version: Literal[1]
-
-
-def bundled_sensors() -> list[str]:
-    """The names of the sensors that come with the application."""
-    return bundled_parts("sensor")
 
 
 def read_sensor(file: str, folder: Path) -> SensorTable:

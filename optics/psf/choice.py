@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from optics.accuracy import Budget, ToleranceError, unkeepable
@@ -92,19 +92,34 @@ def prepared(question: Question, camera: Camera | None, method: str | None, rest
     rest: what is left out of the question's tolerance. Raises the ToleranceError of the one that
     came first in the offers, with a tolerance that can be kept.
     """
-    budget = question.budget
     engines, refusals = _accepting(question, camera, method)
+    for engine in _readied(engines, question.budget, refusals):
+        return engine
+    floors = [error.floor for error in refusals if error.floor is not None]
+    if refusals[0].floor is None or not floors:
+        raise refusals[0]
+    raise advice(question, camera, method, rest, min(floors) + rest)
+
+
+def stand_ins(question: Question, camera: Camera, engine: Engine) -> Iterator[Engine]:
+    """Engines of other kinds that promise the tolerance too, prepared, the cheapest first; each is
+    prepared when it is asked for."""
+    engines, refusals = _accepting(question, camera, None)
+    others = [one for one in engines if type(one) is not type(engine)]
+    return _readied(others, question.budget, refusals)
+
+
+def _readied(
+    engines: Iterable[Engine], budget: Budget, refusals: list[ToleranceError]
+) -> Iterator[Engine]:
+    """Prepared, the cheapest first; what the others say goes before the refusals."""
     for engine in sorted(engines, key=lambda engine: engine.cpu_seconds(budget.speed)):
         try:
             engine.prepare()
         except ToleranceError as error:
             refusals.insert(0, error)
             continue
-        return engine
-    floors = [error.floor for error in refusals if error.floor is not None]
-    if refusals[0].floor is None or not floors:
-        raise refusals[0]
-    raise advice(question, camera, method, rest, min(floors) + rest)
+        yield engine
 
 
 def _accepting(

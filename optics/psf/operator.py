@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
 
 import torch
 
@@ -22,7 +22,7 @@ from optics.camera import Camera, Lens
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
 from optics.psf.chain_grid import GridEngine
-from optics.psf.choice import CHAIN_METHODS, advice, prepared, require_method
+from optics.psf.choice import advice, prepared, require_method, stand_ins
 from optics.psf.engine import Engine
 from optics.psf.passed import Light, passed_light
 from optics.psf.question import Question
@@ -127,7 +127,8 @@ class PSFOperator:
         self._question = question
         self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
         self.engine = prepared(question, camera, method, rest)
-        self._chosen, self._rest = method is None, rest
+        self._method = method
+        self._stand_in: Engine | None = None
         self.account = self._accounted(question, tol, rest)
 
     def _accounted(self, question: Question, tol: float, rest: float) -> Account:
@@ -254,28 +255,24 @@ class PSFOperator:
             if spectrum is not None and isinstance(self.engine, GridEngine):
                 return self.engine.of_spectrum(spectrum, phase, amplitude)
             return self.engine.intensity(phase, amplitude)
-        except ToleranceError as refusal:
-            for other in self._others:
+        except ToleranceError:
+            for other in self._others():
                 try:
-                    return other.intensity(phase, amplitude)
+                    light = other.intensity(phase, amplitude)
                 except ToleranceError:
                     continue
-            raise refusal
+                self._stand_in = other
+                return light
+            raise
 
-    @cached_property
-    def _others(self) -> list[Engine]:
-        """Those that could stand in for an engine that nobody asked for by its name."""
-        if not self._chosen or self.camera is None or not self.camera.separation:
-            return []
-        found = []
-        for method in CHAIN_METHODS:
-            try:
-                one = prepared(self._question, self.camera, method, self._rest)
-            except ValueError:
-                continue
-            if type(one) is not type(self.engine):
-                found.append(one)
-        return found
+    def _others(self) -> Iterator[Engine]:
+        """Those that may stand in for an engine that nobody asked for by its name, the last one
+        that did first. Only a panel's pattern means the same to all of them."""
+        if self._method is not None or self.camera is None:
+            return
+        if self._stand_in is not None:
+            yield self._stand_in
+        yield from stand_ins(self._question, self.camera, self.engine)
 
     @tensors_inside
     @in_full_precision

@@ -10,7 +10,8 @@ import pytest
 
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.panel_file import PanelTable, bundled_panels, read_panel
+from labapp.files.finding import bundled_parts
+from labapp.files.panel_file import PanelTable, read_panel
 from labapp.files.reading import bundled
 from optics.slm import Panel, grey_to_phase, max_phase
 
@@ -70,7 +71,7 @@ def test_the_bundled_bench_has_the_bundled_panel(tmp_path):
 
 
 def test_every_bundled_panel_can_be_named_by_a_bench(tmp_path):
-    for name in bundled_panels():
+    for name in bundled_parts("panel"):
         assert bench(tmp_path, f'file = "{name}"').panel == read_panel(name, tmp_path)
 
 

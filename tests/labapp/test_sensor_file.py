@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from labapp.errors import UserError
+from labapp.files.finding import bundled_parts
 from labapp.files.reading import bundled, read_file
-from labapp.files.sensor_file import SensorFile, bundled_sensors, read_sensor, with_sensor
+from labapp.files.sensor_file import SensorFile, read_sensor, with_sensor
 from optics.camera import Sensor
 
 PLAIN = """
@@ -83,7 +84,7 @@ def test_the_oryx_is_monochrome_and_large():
     assert (sensor.shape, sensor.pitch, sensor.colour) == ((3000, 4096), 3.45e-6, None)
 
 
-@pytest.mark.parametrize("name", bundled_sensors())
+@pytest.mark.parametrize("name", bundled_parts("sensor"))
 def test_bundled_sensors_hold_all_that_they_need(name):
     table = read_sensor(name, Path("/nowhere"))
     assert table.resolved

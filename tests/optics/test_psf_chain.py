@@ -110,6 +110,26 @@ def test_the_cheapest_method_that_keeps_the_tolerance_is_taken(phase):
         assert operator.account.method in ("collapsed", "chain", "chain, quadrature")
 
 
+def test_another_method_stands_in_for_one_that_a_pattern_leaves_too_little_light(
+    phase, monkeypatch
+):
+    """Unless that one was asked for by its name."""
+    question = (camera(), 0.5, WAVELENGTH, PIXELS)
+    truth = direct_chain(camera(), np.exp(1j * phase), 0.5, WAVELENGTH, Y, X) * 64e-12
+
+    def dim(*given):
+        raise ToleranceError("the window gets so little of the light")
+
+    for method in (None, "chain"):
+        operator = PSFOperator(*question, integrate=False, tol=1e-4, method=method)
+        monkeypatch.setattr(operator.engine, "intensity", dim)
+        if method:
+            with pytest.raises(ToleranceError, match="so little"):
+                operator(phase)
+        else:
+            assert relative(operator(phase), truth) <= 1e-4
+
+
 def test_whole_pixels_get_the_mean_of_their_points(phase):
     """Gauss-Legendre points in every pixel, each by the judge."""
     n, w = np.polynomial.legendre.leggauss(6)
