@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
 from simulator.effects.limits import all_even
+from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 
 if TYPE_CHECKING:
@@ -69,16 +70,17 @@ def operations(s: Situation, levels: Mapping[str, int]) -> float:
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
     levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)
-    side = window(s, levels.get(REACH, 0)) * counts.samples
+    reach, orders = window(s, levels.get(REACH, 0)), ORDERS[levels.get(GRID, 0)] * counts.wave
+    down, across = (n * counts.samples for n in psf_window(s, reach, orders))
     one = psf_operations if counts.wave else ray_operations
-    rows, columns = (
-        (n + window(s, levels.get(REACH, 0))) * counts.samples for n in s.camera.sensor.shape
-    )
+    rows, columns = (n * counts.samples for n in picture_shape(s, reach, orders))
     transform = transform_operations(rows, columns)
     pixels = transform_operations(rows // counts.samples, columns // counts.samples)
     psfs = counts.psfs * (1 + counts.orders)
     drawing = counts.pictures * transform * _drawn(s, levels)
-    return psfs * one(s.camera.panel, side) + counts.transforms * transform + drawing + pixels
+    return (
+        psfs * one(s.camera.panel, down, across) + counts.transforms * transform + drawing + pixels
+    )
 
 
 def _drawn(s: Situation, levels: Mapping[str, int]) -> float:
@@ -107,9 +109,11 @@ def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
     # Of objects: once, and if they are weighed, back and once for each place.
     weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
     straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
+    # By orders each wavelength's picture stands elsewhere, and is drawn there.
+    pictures = parts * (1 + orders * nodes) if wave else parts
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
-    blurs = straight + aside - parts
-    return _Counts(psfs, orders if wave else 0, blurs, parts, s.coarsest_sampling, wave)
+    blurs = straight + aside - pictures
+    return _Counts(psfs, orders if wave else 0, blurs, pictures, s.coarsest_sampling, wave)
 
 
 def _ripples(s: Situation, levels: Mapping[str, int]) -> int:

@@ -20,6 +20,7 @@ from optics.plane import Plane
 from optics.pupil import open_area
 from optics.stop.shadow import share_through
 from simulator.formation.vignetting import vignetting
+from simulator.formation.windows import span
 from simulator.scene.drawable import Even
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def orders_near(s: Situation) -> bool:
     """Whether any pixel lies half a period from any light's image, where the first one begins."""
     shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
     period = s.pattern.period * shortest / s.wavelength
-    return span(s) + _FADING * s.camera.sensor.pitch > period / 2
+    return max(span(s)) + _FADING * s.camera.sensor.pitch > period / 2
 
 
 def _brighter(s: Situation) -> float:
@@ -110,19 +111,6 @@ def lit_otherwise(s: Situation) -> float:
     lit = open_area(s.camera) * share_through(s.camera, distance, (0.0, 0.0))
     width = min(as_number(lens.stop_diameter), max(s.camera.panel.shape) * s.camera.panel.pitch)
     return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0
-
-
-def span(s: Situation) -> float:
-    """Metres on the sensor, along an axis, from any light's image to any pixel, at most."""
-    sensor = s.camera.sensor
-    late = sensor.line_time * sensor.shape[0] if sensor.shutter == "rolling" else 0.0
-    speed = math.hypot(*s.target.velocity) * s.camera.magnification(min(s.picture.distances))
-    sides = [
-        extent + n * sensor.pitch / 2
-        for extent, n in zip(s.picture.extent, sensor.shape, strict=True)
-    ]
-    whole = max(sides) if s.mount.aligned else math.hypot(*sides)
-    return whole + speed * (s.exposure + late)
 
 
 @lru_cache(maxsize=8)

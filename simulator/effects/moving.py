@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simulator.effects.costs import REACH, window
 from simulator.effects.on_pixels import seconds, through_sensor
+from simulator.formation.windows import picture_shape
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
@@ -103,8 +104,8 @@ class Motion(Effect):
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
     """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
-    around = window(s, levels.get(REACH, 0))
-    rows, columns = ((n + around) * s.coarsest_sampling for n in s.camera.sensor.shape)
+    shape = picture_shape(s, window(s, levels.get(REACH, 0)), 0)
+    rows, columns = (n * s.coarsest_sampling for n in shape)
     return transform_operations(rows, columns)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from optics.edge import as_number
 from simulator.effects.blurs import NOTHING, hiding
 from simulator.effects.costs import REACH, WINDOWS, added, smallest_above, window
-from simulator.effects.limits import energy, span, uneven
+from simulator.effects.limits import energy, uneven
 from simulator.effects.on_pixels import light, sharp, through_sensor, whole
+from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class Reach(Effect):
         """All of the panel's middle order, at the longest wavelength, that can fall on a pixel."""
         longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
         period = longest * as_number(s.camera.lever) / s.camera.panel.pitch
-        far = min(period, 2 * span(s))
+        far = min(period, 2 * max(span(s)))
         return smallest_above(WINDOWS, far / s.camera.sensor.pitch + _FADING)
 
     def estimate(self, s: Situation, level: int) -> float:

@@ -24,9 +24,10 @@ Array = NDArray[np.float64]
 
 
 class Gathering:
-    """The samples of a picture: the sensor with half a PSF around it, `finer` samples a pixel.
+    """The samples of a picture: the sensor with what may shine on it, `finer` samples a pixel.
 
-    drawn: samples a pixel of pictures, before what is finer than the others is left out. check: is
+    around: pixels of the picture, (rows, columns), as many as the sensor's at least. drawn:
+    samples a pixel of pictures, before what is finer than the others is left out. check: is
     called before every transform, and may raise.
 
     Spectra are on its rfft2 grid, complex64, with the origin in the corner. What a PSF carries
@@ -36,13 +37,13 @@ class Gathering:
     def __init__(
         self,
         sensor: Sensor,
-        window: int,
+        around: tuple[int, int],
         finer: int,
         ledger: Ledger,
         drawn: int = 1,
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        shape = tuple(scipy.fft.next_fast_len(n + window, real=True) for n in sensor.shape)
+        shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in around)
         self.sensor, self.finer, self._ledger, self._check = sensor, finer, ledger, check
         self._pixels = (shape[0], shape[1])
         self.plane: Plane = sensor.window(self._pixels).finer(finer)

@@ -19,6 +19,7 @@ from optics.stop.shadow import share_through
 from simulator.caching import ByteCache
 from simulator.formation.panels import Fields, fields_of, modulator_at
 from simulator.formation.rays import RayOperator
+from simulator.formation.windows import psf_window
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
@@ -66,7 +67,7 @@ class Kernels:
         if not s.mount.aligned:
             camera = replace(camera, lens=s.mount.lens(camera.lens))
         self.camera: Camera = camera
-        window = (recipe.window, recipe.window)
+        window = psf_window(s, recipe.window, recipe.orders if recipe.wave else 0)
         self.plane = camera.sensor.window(window).finer(recipe.finer)
 
     @property
@@ -74,7 +75,7 @@ class Kernels:
         """What all PSFs follow from besides the point, and what is on the panel."""
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
-        axes = (r.window, r.finer, r.dispersion, beats, r.wave)
+        axes = (self.plane.shape, r.finer, r.dispersion, beats, r.wave)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
@@ -91,7 +92,7 @@ class Kernels:
 
     def central(self, wavelength: float) -> Order | None:
         """The order that stays in the middle, where the window holds more than that."""
-        period, side = self.period(wavelength), self.plane.shape[0] * self.plane.pitch[0]
+        period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
         return (0, 0) if wide and self._recipe.wave else None
 
@@ -178,10 +179,10 @@ class Kernels:
     def _counted(self, seen: Mixture | Procession, modulator: Modulator, effect: str) -> Fields:
         """The fields of a cell, with a check and an entry for each: they are made in between."""
         count = psf_operations if self._recipe.wave else ray_operations
-        samples, panel = max(self.plane.shape), self.camera.panel
+        shape, panel = self.plane.shape, self.camera.panel
         self._check()
         for part in self._fields(seen, modulator):
-            self._ledger.add(effect, count(panel, samples), 4 * samples**2)
+            self._ledger.add(effect, count(panel, *shape), 4 * math.prod(shape))
             yield part
             self._check()
 
