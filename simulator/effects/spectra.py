@@ -17,17 +17,17 @@ from simulator.formation.nodes import (
     fine_points,
     interpolating,
     mean_curve,
+    place_weights,
     seen_range,
 )
-from simulator.probing.radial import RadialProfile
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_TURNS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 160)])
-"""Phases, radians at the edge of the band, at which quadrature is tried."""
+_NODES = 65
+"""Wavelengths by which transfer functions are known over a band."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,31 +43,25 @@ class Measure:
         return not self.of.size or not self.of.any()
 
     @cached_property
-    def _true(self) -> NDArray[np.complex128]:
-        """Means of exp(i turn (x - middle)), in half widths of the range, for each turn."""
-        return np.asarray(
-            self.of @ np.exp(1j * np.outer(self._away(self.x), _TURNS)), np.complex128
-        )
-
-    def _away(self, x: Array) -> Array:
+    def nodes(self) -> Array:
+        """Chebyshev points of the range, metres: what is smooth over it is known by them."""
+        turns = np.pi * (np.arange(_NODES) + 0.5) / _NODES
         low, high = self.x.min(), self.x.max()
-        return (x - (low + high) / 2) / max((high - low) / 2, 1e-15)
+        return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
-    def errors(self, count: int) -> Array:
-        """How wrong `count` nodes make these means, at most of any channel, relative to the
-        brightest of each part: (parts, turns), at most up to each turn."""
-        nodes, weights = interpolating(self.x, self.of, count)
-        found = weights @ np.exp(1j * np.outer(self._away(nodes), _TURNS))
+    @cached_property
+    def _true(self) -> Array:
+        """Weights of the nodes by which they integrate whatever is smooth, as the points do."""
+        return np.asarray(self.of @ place_weights(self.nodes.tolist(), self.x).T)
+
+    def wrong(self, count: int) -> Array:
+        """By how much those weights differ of an integral by `count` of the picture's own nodes,
+        relative to the brightest channel of each part, (channels, parts, nodes)."""
+        found, weights = interpolating(self.x, self.of, count)
         masses = self.of.sum(-1).max(0)
         masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-        wrong = (np.abs(self._true - found) / masses).max(axis=0)
-        return np.maximum.accumulate(wrong, axis=-1)
-
-    def error(self, errors: Array, shift: Array, centre: float) -> Array:
-        """Of one part's, that of exp(i shift (x / centre - 1)); 2 beyond what was tried."""
-        half = (self.x.max() - self.x.min()) / 2 / centre
-        index = np.searchsorted(_TURNS, shift * half)
-        return np.append(errors, 2.0)[index]
+        apart = weights @ place_weights(self.nodes.tolist(), found).T - self._true
+        return np.asarray(apart / masses)
 
 
 @lru_cache(maxsize=16)
@@ -88,25 +82,23 @@ def measure(s: Situation, which: Literal["band", "leak"]) -> Measure:
 
 
 @lru_cache(maxsize=4)
-def colours(s: Situation) -> list[tuple[list[int], RadialProfile]]:
+def colours(s: Situation) -> list[tuple[list[int], torch.Tensor]]:
     """For each different spectrum, the numbers of the parts that have it, through all layers, and
-    the power by frequency of what shines with it, hidden or not."""
+    |spectrum|² by frequency of what shines with it, hidden or not, (electrons per second)², on
+    the rfft2 grid of the picture's plane."""
     target, picture = s.target.for_camera(s.camera), s.picture
     numbers: dict[Spectrum, list[int]] = {}
     lights: dict[Spectrum, torch.Tensor] = {}
     parts = [(layer, part) for layer in target.layers for part in layer.parts]
     rates = [rate for of_layer in picture.rates for rate in of_layer]
-    for number, (_, part) in enumerate(parts):
+    for number, ((layer, part), rate) in enumerate(zip(parts, rates, strict=True)):
         numbers.setdefault(part.spectrum, []).append(number)
-    if len(numbers) <= 1:
-        return [(list(range(len(parts))), picture.power)]
-    for (layer, part), rate in zip(parts, rates, strict=True):
         if rate:
             scale = s.camera.magnification(layer.distance)
             light = rate * part.picture.light(picture.plane, scale, picture.shift)
             known = lights.get(part.spectrum)
             lights[part.spectrum] = light if known is None else known + light
     return [
-        (numbers[spectrum], RadialProfile.of(spectrum_of_samples(light), picture.plane))
+        (numbers[spectrum], spectrum_of_samples(light).abs().square())
         for spectrum, light in lights.items()
     ]

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from simulator.effects.blurs import NOTHING, hiding, relative
 from simulator.effects.costs import BAND, WAVELENGTHS, added
-from simulator.effects.limits import contrast, energy
+from simulator.effects.limits import lit_otherwise
 from simulator.effects.on_pixels import in_proportion, light, seconds
-from simulator.effects.spectra import Measure, colours, measure
+from simulator.effects.spectra import colours, measure
+from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
+from simulator.probing.some_frequencies import SomeFrequencies
 
 if TYPE_CHECKING:
     from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 Array = NDArray[np.float64]
-
-_SHARES = (0.3, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
-"""Of the light that falls beyond the rings into which a PSF is cut."""
 
 _CONVERGED = 2e-5
 """Relative change from which on more nodes are no finer."""
@@ -53,7 +53,7 @@ class Bandwidth(Effect):
         if level >= self.finest(s):
             return NOTHING
         change = _changes(s)[level]
-        how = f"audited ×{_MARGIN:g}: quadrature of exp(i 2π k r λ) for the light up to each r"
+        how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
         return in_proportion(s, hiding(s) * change, how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
@@ -83,46 +83,54 @@ def _causes(s: Situation) -> Hashable:
 
 
 def _rates(s: Situation) -> tuple[float, ...]:
-    """Electrons per second."""
-    found, whole, changes = measure(s, "band"), light(s) / max(seconds(s), 1e-300), []
+    """Electrons per second, L2, on some frequencies of the picture."""
+    found, plane = measure(s, "band"), s.picture.plane
+    most, groups = light(s) / max(seconds(s), 1e-300), colours(s)
+    some = SomeFrequencies.of(torch.stack([squared for _, squared in groups]).sum(0), plane)
+    some = some.and_finer(plane)
+    squares = [(parts, some.squares(squared, plane)) for parts, squared in groups]
+    transfers, changes = _transfers(s, some, found.nodes), []
     for count in WAVELENGTHS:
-        changes.append(_change(s, found, count))
-        if changes[-1] <= _CONVERGED * whole:
+        wrong, change = found.wrong(count), 0.0
+        for parts, power in squares:
+            rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
+            apart = max(_squared(transfer, rows, power) for transfer in transfers)
+            change += math.sqrt(apart)
+        changes.append(min(_MARGIN * _elsewhere(s) * change, most))
+        if changes[-1] <= _CONVERGED * most:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
-def _change(s: Situation, found: Measure, count: int) -> float:
-    """Electrons per second, L2, that so few nodes make wrong at most: of the PSF's rings by
-    frequency up to some radius, and of what falls beyond by how much it is."""
-    path, errors = _path(s), found.errors(count)
-    best, resolved, left = light(s) / max(seconds(s), 1e-300), 0.0, 1.0
-    for share in (*_SHARES, 0.0):
-        # All of the middle order's light lies within half a period along each axis.
-        radius = s.pattern.reach(share) if share else s.pattern.period / math.sqrt(2)
-        for parts, profile in colours(s):
-            wrong = errors[parts].max(axis=0)
-            resolved += profile.changed(_gain(s, found, wrong, radius, path, left))
-        beyond = math.sqrt(energy(s, radius)) * s.picture.whole if share else 0.0
-        best, left = min(best, resolved + 2 * beyond), share
-    return _MARGIN * best
+def _squared(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
+    """Sum of squares of what weights make wrong of a transfer function, the worst of them.
+
+    transfer: (frequencies, nodes). wrong: (weights, nodes). power: of the frequencies."""
+    return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
 
-def _gain(
-    s: Situation, found: Measure, errors: Array, radius: float, path: float, share: float
-) -> Callable[[Array], Array]:
-    """On the frequencies of a ring of the PSF with a share of its light."""
+def _transfers(s: Situation, some: SomeFrequencies, nodes: Array) -> list[NDArray[np.complex128]]:
+    """(frequencies, nodes) of every light that may be, and with parts of the pattern apart by as
+    much as half of what it spans.
 
-    def gain(k: Array) -> Array:
-        # A phase goes with 1/λ; near the centre that is as far as with λ.
-        shift = 2 * math.pi * k * radius + path
-        wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
-        # Even light has no fringes: nothing is wrong with it but what rounding is.
-        return np.where(k > 0, wrong * np.minimum(share, contrast(s, k)), 0.0)
+    A PSF grows with λ, and so its transfer function shrinks; the pattern's phase and the lens'
+    aberrations go with 1/λ.
+    """
+    ky, kx = s.mount.turned_back(some.ky, some.kx)
+    grown = nodes / s.wavelength
+    far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in span(s)]
+    at = s.pattern.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
+    turns = [np.exp(1j * part * _path(s) * (1 / grown - 1)) for part in (0.0, 0.5, -0.5)]
+    return [one * turn for one in at for turn in turns]
 
-    return gain
+
+def _elsewhere(s: Situation) -> float:
+    """How much larger a change may be where other parts of the panel are lit: amplitudes add."""
+    return (1 + math.sqrt(lit_otherwise(s))) ** 2 if s.camera.separation else 1.0
 
 
 def _path(s: Situation) -> float:
-    """Radians that the shown phases span."""
-    return max(float(one.max() - one.min()) for one in s.pattern.phases)
+    """Radians that the phases of pattern and lens span."""
+    shown = max(float(one.max() - one.min()) for one in s.pattern.phases)
+    bent = max(float(one.max() - one.min()) for one in map(s.pattern.wave, s.pattern.distances))
+    return shown + bent

@@ -64,7 +64,7 @@ class FarField:
         return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
-    def _central(self) -> Light:
+    def central(self) -> Light:
         """The middle order's light."""
         down, along = (self._envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
@@ -81,25 +81,25 @@ class FarField:
     @cached_property
     def within(self) -> Array:
         """Share of the middle order's light within these squares."""
-        total = self._within(self._central)
+        total = self._within(self.central)
         return np.asarray(total / total[-1])
 
     @cached_property
     def beyond_energy(self) -> Array:
         """Integral of the squared density of the middle order's light over the period's area,
         beyond these squares; that of even light is 1. Exact: h is sampled at its Nyquist rate."""
-        total = self._within(self._central**2)
+        total = self._within(self.central**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))
 
     @cached_property
     def energy(self) -> float:
         """The same of all of it."""
-        return float(self.light.size * (self._central.astype(np.float64) ** 2).sum())
+        return float(self.light.size * (self.central.astype(np.float64) ** 2).sum())
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
         """Of the middle order's light, one row a frequency y and one column x; see radii()."""
-        spectrum = scipy.fft.rfft2(self._central)
+        spectrum = scipy.fft.rfft2(self.central)
         kept = _kept(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera, Panel
 from optics.edge import as_number
+from optics.fourier import NonuniformTransform
+from optics.plane import Plane
 from optics.pupil import lens_distance, pupil_amplitude
 from optics.slm import Modulator
 from optics.slm.dispersion import max_phase
@@ -26,6 +28,9 @@ Array = NDArray[np.float64]
 
 _MOST_PICTURES = 4
 """Of a video, that are looked at: evenly among them."""
+
+_SERIES = 1e-6
+"""Error of transfer functions between the samples of their grid, of all light."""
 
 _LINES = 128
 """Lines of a panel along each axis by which the turns of its rays are told."""
@@ -271,6 +276,41 @@ class PatternProbe:
             np.sqrt(most),
             np.maximum.accumulate(np.sqrt(lost)),
         )
+
+    def transfers_at(
+        self, ky: Array, kx: Array, half: tuple[float, float]
+    ) -> list[NDArray[np.complex128]]:
+        """The same at any frequencies, cycles per metre, of the middle order's light up to so
+        many metres from the axis: of the mean of all pictures at each distance, and of light that
+        ignores them where it is spread as far as theirs. 0 beyond what the panel resolves."""
+        lights = [np.mean([one.central for one in there], axis=0) for there in self._shown]
+        curves = [np.mean([one.within for one in there], axis=0) for there in self._shown]
+        far = [one for one in self._straight if (one.within < np.min(curves, axis=0)).any()]
+        found = []
+        for light in (*lights, *(one.central for one in far)):
+            found.append(_transfer_at(light, self.period, ky, kx, half))
+        return found
+
+
+def _transfer_at(
+    light: NDArray[np.float32], period: float, ky: Array, kx: Array, half: tuple[float, float]
+) -> NDArray[np.complex128]:
+    pitch = period / light.shape[0], period / light.shape[1]
+    kept = [
+        min(math.ceil(far / step) + 1, n // 2)
+        for far, step, n in zip(half, pitch, light.shape, strict=True)
+    ]
+    cut = np.fft.fftshift(light)
+    y, x = (n // 2 for n in light.shape)
+    cut = cut[y - kept[0] : y + kept[0], x - kept[1] : x + kept[1]]
+    known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
+    found = np.zeros(known.shape, dtype=np.complex128)
+    series = NonuniformTransform(
+        torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(cut.shape, pitch), 1.0,
+        _SERIES,
+    )  # fmt: skip
+    found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
+    return found
 
 
 def _power(transfer: NDArray[np.complex64]) -> NDArray[np.float32]:

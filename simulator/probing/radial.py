@@ -38,10 +38,10 @@ class RadialProfile:
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
         """spectrum: on the plane's rfft2 grid."""
-        index, low, high, count = _bins(plane)
+        index, low, high, count = bins(plane)
         # Columns between the first and the last stand for their mirror images, too.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
-        weighed = squared * _weights(plane)
+        weighed = squared * weights(plane)
         samples = plane.shape[0] * plane.shape[1]
         power = torch.bincount(index.flatten(), weighed.flatten(), minlength=len(low))
         least = torch.full((len(low),), math.inf, dtype=torch.float64)
@@ -79,7 +79,7 @@ class RadialProfile:
 
 
 @lru_cache(maxsize=4)
-def _bins(
+def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
     """The bin of each entry of a plane's rfft2 grid, the bins' edges, and entries in each."""
@@ -90,12 +90,12 @@ def _bins(
     largest = math.hypot(*(0.5 / p for p in plane.pitch))
     edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), BINS + 1)
     index = torch.bucketize(radius, torch.from_numpy(edges))
-    count = torch.bincount(index.flatten(), _weights(plane).expand_as(radius).flatten(),
+    count = torch.bincount(index.flatten(), weights(plane).expand_as(radius).flatten(),
                            minlength=BINS + 1)  # fmt: skip
     return index, np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]]), count
 
 
-def _weights(plane: Plane) -> torch.Tensor:
+def weights(plane: Plane) -> torch.Tensor:
     """How many entries of the whole spectrum each of a half one's columns stands for."""
     columns = plane.shape[1]
     weights = torch.full((1, columns // 2 + 1), 2.0, dtype=torch.float64)

@@ -1,0 +1,67 @@
+"""How far from an image its light is followed, and how large a picture has to be for that.
+
+No light goes farther than from the outermost of the target to the outermost pixel: a PSF that is
+known up to there is as good as a larger one, and what is carried around the picture's edges stays
+outside the sensor all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+_SPARE = 4
+"""Pixels beyond the outermost light, for what is between samples."""
+
+
+def shone(s: Situation) -> tuple[float, float]:
+    """Metres on the sensor, (y, x), from the axis to the outermost light, at any time of an
+    exposure; infinite of what has no end."""
+    sensor = s.camera.sensor
+    late = sensor.line_time * sensor.shape[0] if sensor.shutter == "rolling" else 0.0
+    speed = math.hypot(*s.target.velocity) * s.camera.magnification(min(s.picture.distances))
+    y, x = (side + speed * (s.exposure + late) for side in s.picture.extent)
+    return y, x
+
+
+def span(s: Situation) -> tuple[float, float]:
+    """Metres on the sensor, along each of the panel's axes, from any light's image to any pixel,
+    at most."""
+    sensor = s.camera.sensor
+    y, x = (side + n * sensor.pitch / 2 for side, n in zip(shone(s), sensor.shape, strict=True))
+    if s.mount.aligned:
+        return y, x
+    whole = math.hypot(y, x)
+    return whole, whole
+
+
+def psf_window(s: Situation, window: int, orders: int) -> tuple[int, int]:
+    """Sensor pixels, (rows, columns), of a PSF whose window has so many to a side, or of which
+    all that can count lies within less.
+
+    orders: of the panel's pixels that are looked for. Theirs begin far from any image.
+    """
+    if orders:
+        return window, window
+    pitch = s.camera.sensor.pitch
+    # Infinity has no whole number.
+    sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in span(s))
+    rows, columns = (min(window, side) for side in sides)
+    return rows, columns
+
+
+def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
+    """Sensor pixels, (rows, columns), of a picture around the frame on which PSFs of such a window
+    may be carried around the edges: not as far as onto the sensor."""
+    sides = psf_window(s, window, orders)
+    lit = [one / s.camera.sensor.pitch for one in shone(s)]
+    rows, columns = (
+        n + side
+        if orders
+        else max(n, math.ceil((n + side) / 2 + min(far, (n + side) / 2)) + _SPARE)
+        for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True)
+    )
+    return rows, columns
