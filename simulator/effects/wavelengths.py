@@ -87,6 +87,9 @@ def _rates(s: Situation) -> tuple[float, ...]:
     found, plane = measure(s, "band"), s.picture.plane
     most, groups = light(s) / max(seconds(s), 1e-300), colours(s)
     some = SomeFrequencies.of(torch.stack([squared for _, squared in groups]).sum(0), plane)
+    if not len(some.ky):
+        # Even light has no fringes.
+        return (0.0,)
     some = some.and_finer(plane)
     squares = [(parts, some.squares(squared, plane)) for parts, squared in groups]
     transfers, changes = _transfers(s, some, found.nodes), []

@@ -297,7 +297,7 @@ def _transfer_at(
 ) -> NDArray[np.complex128]:
     pitch = period / light.shape[0], period / light.shape[1]
     kept = [
-        min(math.ceil(far / step) + 1, n // 2)
+        math.ceil(min(far / step + 1, n // 2))
         for far, step, n in zip(half, pitch, light.shape, strict=True)
     ]
     cut = np.fft.fftshift(light)
