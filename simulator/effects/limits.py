@@ -45,6 +45,7 @@ def known(s: Situation) -> bool:
     return len(set(s.picture.distances)) == 1 and not hides
 
 
+@lru_cache(maxsize=64)
 def densest(s: Situation) -> float:
     """Share of a point's light on a pixel, at most. 1 where the PSF isn't known."""
     if not known(s):
@@ -57,6 +58,7 @@ def densest(s: Situation) -> float:
     return min(density * s.camera.sensor.pitch**2, 1.0)
 
 
+@lru_cache(maxsize=64)
 def energy(s: Situation, beyond: float = 0.0) -> float:
     """Sum over pixels of the squared shares of a point's light that they get, at most; of what
     falls beyond a square of so many metres to each side, if that is given."""

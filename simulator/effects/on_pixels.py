@@ -56,6 +56,7 @@ def whole(s: Situation) -> float:
     return s.picture.whole * seconds(s)
 
 
+@functools.lru_cache(maxsize=8)
 def _densest(s: Situation) -> float:
     """Electrons of the light on a pixel, at most, as its PSFs blur it: by Young, by the brightest
     place of a PSF, and by frequency."""
@@ -72,6 +73,7 @@ def beside(s: Situation) -> float:
     return s.picture.beside * seconds(s)
 
 
+@functools.lru_cache(maxsize=8)
 def light(s: Situation) -> float:
     """L2 norm of the picture's electrons at most, as its PSFs blur it: by Young; by the brightest
     pixel and the sum of all; and by frequency (Parseval)."""
@@ -143,6 +145,7 @@ class Full:
     energy: float
 
 
+@functools.lru_cache(maxsize=8)
 def full(s: Situation) -> Full:
     """Which wells may be full.
 

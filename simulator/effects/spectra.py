@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_NODES = 65
+_NODES = 49
 """Wavelengths by which transfer functions are known over a band."""
 
 

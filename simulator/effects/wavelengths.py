@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from simulator.effects.blurs import NOTHING, hiding, relative
 from simulator.effects.costs import BAND, WAVELENGTHS, added
+from simulator.effects.keeping import kept
 from simulator.effects.limits import lit_otherwise
 from simulator.effects.on_pixels import in_proportion, light, seconds
 from simulator.effects.spectra import colours, measure
@@ -70,16 +71,7 @@ class Bandwidth(Effect):
 def _changes(s: Situation) -> tuple[float, ...]:
     """Electrons, L2, of each level down from 1 node until it has converged; a coarser level is
     never told to be better than a finer one."""
-    known = s.pattern.kept.get(_causes(s))
-    if known is None:
-        known = s.pattern.kept[_causes(s)] = _rates(s)
-    return tuple(seconds(s) * one for one in known)
-
-
-def _causes(s: Situation) -> Hashable:
-    """What it follows from besides the pattern; not the exposure, but what that moves."""
-    moving = s.exposure if s.target.moves else None
-    return s.picture, s.band, s.camera, s.mount, moving
+    return tuple(seconds(s) * one for one in kept(s, BAND, lambda: _rates(s)))
 
 
 def _rates(s: Situation) -> tuple[float, ...]:

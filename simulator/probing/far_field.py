@@ -72,10 +72,11 @@ class FarField:
     def _within(self, light: Light) -> Array:
         """Sums of samples in squares around the axis, whose half sides are k + 1/2 steps: half a
         period along the shorter axis has as many as it has samples."""
-        steps, sums = min(light.shape) // 2, light.astype(np.float64)
-        for axis in (0, 1):
-            starts = _ring_starts(light.shape[axis], steps)
-            sums = np.add.reduceat(_folded(sums, axis), starts, axis)
+        steps = min(light.shape) // 2
+        # Four samples may be added in single precision; a million may not.
+        sums = _folded(_folded(light, 0), 1).astype(np.float64)
+        for axis in (1, 0):
+            sums = np.add.reduceat(sums, _ring_starts(light.shape[axis], steps), axis)
         return np.asarray(np.diagonal(sums.cumsum(0).cumsum(1)))
 
     @cached_property
@@ -134,13 +135,16 @@ def radii(shape: tuple[int, ...]) -> Array:
     return np.hypot(down[:, None], np.arange(kept))
 
 
-def _folded(light: Array, axis: int) -> Array:
+def _folded(light: Light, axis: int) -> Light:
     """Both directions of an axis as one: index k stands for samples k and -k."""
-    light = np.moveaxis(light, axis, 0)
-    half = light.shape[0] // 2
-    folded = light[: half + 1].copy()
-    folded[1:half] += light[:half:-1]
-    return np.moveaxis(folded, 0, axis)
+    half = light.shape[axis] // 2
+    if axis == 0:
+        folded = light[: half + 1].copy()
+        folded[1:half] += light[:half:-1]
+    else:
+        folded = light[:, : half + 1].copy()
+        folded[:, 1:half] += light[:, :half:-1]
+    return folded
 
 
 @lru_cache(maxsize=16)

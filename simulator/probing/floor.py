@@ -12,6 +12,7 @@ from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import Plane, centred_crop
+from simulator.effects.keeping import kept
 from simulator.effects.spectra import measure
 from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
@@ -41,20 +42,24 @@ def floor(s: Situation) -> Floor:
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
     dark = sensor.dark_current * s.exposure
-    attenuated = _MARGIN * _attenuation(s)
     total, norm = 0.0, 0.0
     if not s.picture.dark:
-        seconds = s.exposure * _lamp(s) * attenuated
-        spread = [(seconds * one, area) for one, area in _staying(s)]
-        total = max((one for one, _ in spread), default=0.0)
-        norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
-        norm = max(norm, seconds * _by_frequency(s), seconds * _surrounded(s))
+        seconds = s.exposure * _lamp(s)
+        total, norm = (seconds * one for one in kept(s, "floor", lambda: _lit(s)))
     noise = dark + sensor.read_noise**2
     return Floor(
         math.hypot(norm, dark * math.sqrt(pixels)),
         math.hypot(norm, noise * math.sqrt(pixels)),
         math.sqrt(total + noise * pixels),
     )
+
+
+def _lit(s: Situation) -> tuple[float, float]:
+    """Sum and norm of the picture's light at least, electrons per second."""
+    attenuated, spread = _MARGIN * _attenuation(s), _staying(s)
+    total = max((one for one, _ in spread), default=0.0)
+    norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
+    return attenuated * total, attenuated * max(norm, _by_frequency(s), _surrounded(s))
 
 
 def _attenuation(s: Situation) -> float:

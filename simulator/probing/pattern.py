@@ -6,6 +6,7 @@ import math
 from collections.abc import Hashable
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,6 +32,9 @@ _MOST_PICTURES = 4
 
 _SERIES = 1e-6
 """Error of transfer functions between the samples of their grid, of all light."""
+
+_AS_FAR = 1e-3
+"""Share of the light by which one PSF is wider than another, to count besides it."""
 
 _LINES = 128
 """Lines of a panel along each axis by which the turns of its rays are told."""
@@ -68,7 +72,7 @@ class PatternProbe:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.shown, self.wavelength = camera, shown, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
-        self.kept: dict[Hashable, tuple[float, ...]] = {}
+        self.kept: dict[Hashable, Any] = {}
         """What somebody has found out by it, by its other causes."""
 
     @property
@@ -285,7 +289,8 @@ class PatternProbe:
         ignores them where it is spread as far as theirs. 0 beyond what the panel resolves."""
         lights = [np.mean([one.central for one in there], axis=0) for there in self._shown]
         curves = [np.mean([one.within for one in there], axis=0) for there in self._shown]
-        far = [one for one in self._straight if (one.within < np.min(curves, axis=0)).any()]
+        least = np.min(curves, axis=0) - _AS_FAR
+        far = [one for one in self._straight if (one.within < least).any()]
         found = []
         for light in (*lights, *(one.central for one in far)):
             found.append(_transfer_at(light, self.period, ky, kx, half))

@@ -16,7 +16,7 @@ from simulator.probing.radial import BINS, bins, weights
 
 Array = NDArray[np.float64]
 
-_LEAST, _MOST = 8, 96
+_LEAST, _MOST = 6, 64
 """Frequencies of the innermost ring of a picture's spectrum, and of the outermost, where most
 is to be told apart; in between they grow with the radius."""
 

@@ -218,6 +218,52 @@ def test_a_probes_light_is_that_of_the_rendered_psf():
     assert known.order_light == pytest.approx(aside, abs=0.01)
 
 
+def test_a_transfer_function_between_its_samples_is_that_of_the_rendered_psf():
+    """By the Fourier sum over PSFs of the middle order, on finer samples."""
+    known = probe(pattern(np.random.default_rng(2), PANEL), distances=(0.9,))
+    camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
+    plane = camera.sensor.window((121, 121)).finer(2)
+    operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
+    y, x = (at.numpy() for at in plane.mesh())
+    half = known.period / 2
+    light = operator(None, known.fields[0]).double().numpy() * ((abs(y) < half) & (abs(x) < half))
+    ky, kx = np.array([700.0, -2100.0, 5000.0, 0.0]), np.array([300.0, 1500.0, 0.0, -6300.0])
+    ends = (known.period, known.period)
+    found = known.transfers_at(ky, kx, ends)[0]
+    for at, v, u in zip(found, ky, kx, strict=True):
+        direct = (light * np.exp(2j * np.pi * (v * y + u * x))).sum() / light.sum()
+        assert (
+            abs(at / abs(known.transfers_at(np.zeros(1), np.zeros(1), ends)[0][0]) - direct) < 0.01
+        )
+
+
+def test_a_transfer_function_is_nothing_beyond_what_the_panel_resolves():
+    known = probe(pattern(np.random.default_rng(2), PANEL))
+    finest = PANEL.shape[0] / known.period
+    assert not known.transfers_at(np.array([1.01 * finest]), np.zeros(1), (1.0, 1.0))[0].any()
+
+
+@pytest.mark.parametrize("width", [10e-9, 40e-9])
+def test_what_few_wavelengths_miss_isnt_told_to_be_much_larger_than_it_is(width):
+    """Nor smaller, on a panel and a sensor that are nearly like real ones."""
+    camera = Camera(
+        Panel(shape=(270, 480), pitch=8e-6, unmodulated=0.05),
+        Lens(0.05, 10.0, 1.0),
+        Sensor(shape=(96, 128), pitch=5e-6, full_well=1e7, bits=16, gain=200.0),
+    )
+    blocks = np.random.default_rng(3).integers(0, 60, (27, 48))
+    grey = np.kron(blocks, np.ones((10, 10))).astype(np.uint8)
+    s = situation(STAR, camera, Band(550e-9, width), Shown.of(grey[None], math.inf), numerics=1e-4)
+    full = {name: level for name, level in finest(s).items() if name in STRUCTURE}
+    full |= {"filter bandwidth": 7, "panel dispersion": 1, "panel orders": 0}
+    cache, effect = ByteCache(), Bandwidth()
+    whole = rendered(s, full, cache)
+    for level in (0, 1, 2):
+        changed = np.linalg.norm(rendered(s, {**full, "filter bandwidth": level}, cache) - whole)
+        assert changed <= effect.bound(s, level).mean
+        assert effect.bound(s, level).mean <= max(12 * changed, 1e-3 * np.linalg.norm(whole))
+
+
 def test_reach_is_where_so_much_falls_beyond():
     known = probe(pattern(np.random.default_rng(2), PANEL))
     for share in (0.5, 0.1, 0.01):
