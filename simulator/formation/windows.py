@@ -58,10 +58,11 @@ def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
     may be carried around the edges: not as far as onto the sensor."""
     sides = psf_window(s, window, orders)
     lit = [one / s.camera.sensor.pitch for one in shone(s)]
+    found = []
+    for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
+        around = (n + side) / 2
+        found.append(math.ceil(around + (around if orders else min(far, around))) + _SPARE)
     rows, columns = (
-        n + side
-        if orders
-        else max(n, math.ceil((n + side) / 2 + min(far, (n + side) / 2)) + _SPARE)
-        for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True)
+        max(one, n, side) for one, n, side in zip(found, s.camera.sensor.shape, sides, strict=True)
     )
     return rows, columns

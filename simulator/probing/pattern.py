@@ -285,16 +285,12 @@ class PatternProbe:
         self, ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[NDArray[np.complex128]]:
         """The same at any frequencies, cycles per metre, of the middle order's light up to so
-        many metres from the axis: of the mean of all pictures at each distance, and of light that
-        ignores them where it is spread as far as theirs. 0 beyond what the panel resolves."""
-        lights = [np.mean([one.central for one in there], axis=0) for there in self._shown]
-        curves = [np.mean([one.within for one in there], axis=0) for there in self._shown]
-        least = np.min(curves, axis=0) - _AS_FAR
+        many metres from the axis: of every picture at each distance, and of light that ignores
+        them where it is spread as far as theirs. 0 beyond what the panel resolves."""
+        shown = [one for there in self._shown for one in there]
+        least = np.min([one.within for one in shown], axis=0) - _AS_FAR
         far = [one for one in self._straight if (one.within < least).any()]
-        found = []
-        for light in (*lights, *(one.central for one in far)):
-            found.append(_transfer_at(light, self.period, ky, kx, half))
-        return found
+        return [_transfer_at(one.central, self.period, ky, kx, half) for one in (*shown, *far)]
 
 
 def _transfer_at(

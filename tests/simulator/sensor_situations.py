@@ -40,7 +40,14 @@ def picture(rng: np.random.Generator, most: float) -> torch.Tensor:
     return torch.from_numpy(light)
 
 
-def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -> SimpleNamespace:
+class Known(SimpleNamespace):
+    """What a test says of a situation; as a real one, it is equal to nothing but itself."""
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+
+def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -> Known:
     """light: electrons per second on each pixel, as sharp as it is."""
     plane = Plane(tuple(light.shape), (one.pitch, one.pitch))
     probe = SimpleNamespace(
@@ -58,7 +65,7 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         dark=not bool(light.any()),
         power=RadialProfile.of(torch.fft.rfft2(light), plane),
     )
-    return SimpleNamespace(**{
+    return Known(**{
         "camera": Camera(sensor=one), "picture": probe, "exposure": exposure, "moment": 0.0,
         "target": SimpleNamespace(lamp=None, moves=False, layers=()),
         "shown": SimpleNamespace(moves=False),

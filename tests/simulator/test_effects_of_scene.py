@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.fft
+from sensor_situations import Known
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform
@@ -103,7 +104,7 @@ def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach
         reach=reach, order_light=0.0, period=1.0, peak=math.inf, energy=math.inf, middle=1.0,
         transfer=SimpleNamespace(most_at=lambda k, spread: np.ones_like(k)),
     )  # fmt: skip
-    return SimpleNamespace(
+    return Known(
         camera=cam, target=target, picture=probe, exposure=exposure, moment=moment,
         pattern=pattern, shown=Shown.of(grey, 1 / 60 if moves else math.inf), band=probe.band,
         smallest_window=64, coarsest_sampling=1, mount=Mount(), wavelength=WAVELENGTH,
