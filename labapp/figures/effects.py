@@ -13,8 +13,9 @@ import torch
 
 from labapp.console import say
 from labapp.figures import Figure
-from labapp.figures.random_pictures import Case, cases, deep, deviation, everything
+from labapp.figures.random_pictures import Case, cases, deviation, everything
 from optics.threads import single_threaded
+from simulator.effects.on_pixels import deep
 from simulator.imaging import Imaging
 from simulator.planning import Audited, EffectPlan, audit
 from simulator.recipe import Recipe

@@ -13,7 +13,7 @@ from labapp.figures.random_benches import random_bench
 from labapp.figures.random_targets import Chance
 from labapp.simulating.everything import FINE, Deviation
 from optics.pupil import pupil_amplitude
-from simulator.effects.on_pixels import near_limit
+from simulator.effects.on_pixels import deep
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, Picture
 from simulator.planning import Effect, EffectPlan
@@ -130,12 +130,6 @@ def everything(case: Case) -> Picture:
     """With every effect at its finest."""
     s = replace(case.situation, numerics=FINE)
     return Imaging(0.0).picture(s, deep(s, case.finest_recipe))
-
-
-def deep(s: Situation, recipe: Recipe) -> Recipe:
-    """The same with wells and a converter without an end, where any may be full: what a full well
-    clips counts as before it does (see simulator.probing.floor)."""
-    return recipe.having(clipping=False) if near_limit(s) else recipe
 
 
 def deviation(case: Case, tol: float, truth: Picture) -> tuple[Deviation, EffectPlan]:

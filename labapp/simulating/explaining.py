@@ -12,6 +12,7 @@ import torch
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.simulating.asked import AskedPicture, stage
+from simulator.effects.on_pixels import deep
 from simulator.effects.registry import EFFECTS
 from simulator.planning import EffectPlan
 from simulator.planning.auditing import Audited, audit
@@ -107,7 +108,7 @@ def _audited(world: World, s: Situation, plan: EffectPlan, pairs: int) -> tuple[
     """Every single effect that is left out, and so many pairs of them, the largest first."""
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
-        picture = world.imaging.picture(s, recipe)
+        picture = world.imaging.picture(s, deep(s, recipe))
         return picture.mean, picture.variance
 
     left_out = [one for one in plan.decisions if one.level != one.levels[-1]]

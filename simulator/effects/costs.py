@@ -71,16 +71,16 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)
     reach, orders = window(s, levels.get(REACH, 0)), ORDERS[levels.get(GRID, 0)] * counts.wave
-    down, across = (n * counts.samples for n in psf_window(s, reach, orders))
+    down, across = (n * counts.samples for n in psf_window(s, reach))
     one = psf_operations if counts.wave else ray_operations
     rows, columns = (n * counts.samples for n in picture_shape(s, reach, orders))
     transform = transform_operations(rows, columns)
     pixels = transform_operations(rows // counts.samples, columns // counts.samples)
-    psfs = counts.psfs * (1 + counts.orders)
     drawing = counts.pictures * transform * _drawn(s, levels)
-    return (
-        psfs * one(s.camera.panel, down, across) + counts.transforms * transform + drawing + pixels
-    )
+    beside = reach * counts.samples
+    of_order = counts.orders * one(s.camera.panel, beside, beside)
+    spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
+    return spreading + counts.transforms * transform + drawing + pixels
 
 
 def _drawn(s: Situation, levels: Mapping[str, int]) -> float:

@@ -16,6 +16,7 @@ from simulator.effects.limits import contrast, densest, energy, known, straight
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
+    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _GAIN = 1.1
@@ -127,6 +128,12 @@ def near_limit(s: Situation) -> bool:
     return most + 7 * math.sqrt(most) + 20 > limit(s.camera.sensor)
 
 
+def deep(s: Situation, recipe: Recipe) -> Recipe:
+    """The same with wells and a converter without an end, where any may be full: what a full well
+    clips counts as before it does (see simulator.probing.floor)."""
+    return recipe.having(clipping=False) if near_limit(s) else recipe
+
+
 def safe(s: Situation) -> float:
     """Electrons of light up to which seven standard deviations clip nothing."""
     free = max(limit(s.camera.sensor) - 20 - dark(s), 0.0)
@@ -195,9 +202,9 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     return Bound(mean * change, varied, sigma, how=how)
 
 
-def in_proportion(s: Situation, change: float, how: str) -> Bound:
+def in_proportion(s: Situation, change: float, how: str, uneven: float = _UNEVEN) -> Bound:
     """through_sensor() of a change that goes with the light that is there: dark pixels change no
-    more of theirs than bright ones do.
+    more of theirs than bright ones do, or by a factor `uneven`.
 
     Where m changes by a share ε of it, √(m + r²) changes by no more than ε √m / 2, whatever the
     read noise: over all pixels by ε/2 of the root of all light.
@@ -207,7 +214,7 @@ def in_proportion(s: Situation, change: float, how: str) -> Bound:
     if not norm:
         return bound
     root = math.sqrt(bound.variance / change * (whole(s) + beside(s))) if change else 0.0
-    sigma = min(bound.sigma, _UNEVEN * change / norm / 2 * root)
+    sigma = min(bound.sigma, uneven * change / norm / 2 * root)
     return replace(bound, sigma=sigma)
 
 

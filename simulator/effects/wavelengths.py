@@ -31,6 +31,10 @@ _CONVERGED = 2e-5
 
 _MARGIN = 2.0
 
+_UNEVEN = 12.0
+"""Audited: by so much more of theirs than all do on the average, dim pixels may change: what is
+far from an image is both dim and the first to be wrong."""
+
 
 class Bandwidth(Effect):
     """A PSF grows with the wavelength, and a pattern's phase falls with it."""
@@ -55,7 +59,7 @@ class Bandwidth(Effect):
             return NOTHING
         change = _changes(s)[level]
         how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
-        return in_proportion(s, hiding(s) * change, how)
+        return in_proportion(s, hiding(s) * change, how, _UNEVEN)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)

@@ -67,15 +67,16 @@ class Kernels:
         if not s.mount.aligned:
             camera = replace(camera, lens=s.mount.lens(camera.lens))
         self.camera: Camera = camera
-        window = psf_window(s, recipe.window, recipe.orders if recipe.wave else 0)
-        self.plane = camera.sensor.window(window).finer(recipe.finer)
+        sensor, finer = camera.sensor, recipe.finer
+        self.plane = sensor.window(psf_window(s, recipe.window)).finer(finer)
+        self._around_orders = sensor.window((recipe.window, recipe.window)).finer(finer)
 
     @property
     def causes(self) -> tuple[object, ...]:
         """What all PSFs follow from besides the point, and what is on the panel."""
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
-        axes = (self.plane.shape, r.finer, r.dispersion, beats, r.wave)
+        axes = (self.plane.shape, r.window, r.finer, r.dispersion, beats, r.wave)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
@@ -126,12 +127,13 @@ class Kernels:
     ) -> torch.Tensor:
         mount, operator = self._s.mount, self._operator(point, order or (0, 0))
         modulator = modulator_at(self.camera.panel, point.wavelength)
-        light = self._light(operator, modulator, self._counted(seen, modulator, effect))
+        parts = self._counted(seen, modulator, effect, self._window(order).shape)
+        light = self._light(operator, modulator, parts)
         if order is not None:
             light = light * self._cell(operator.pixels, point.wavelength, order).to(light)
         light = light * self._evened(point)
         if not mount.aligned:
-            light = mount.turned(light, self.plane)
+            light = mount.turned(light, self._window(order))
         return light
 
     def _light(
@@ -151,9 +153,13 @@ class Kernels:
         axis = share_through(self.camera, point.distance, (0.0, 0.0))
         return axis / here if here else 0.0
 
+    def _window(self, order: Order | None) -> Plane:
+        """Other orders than the middle one are far from any image: all of theirs counts."""
+        return self._around_orders if order and any(order) else self.plane
+
     def _operator(self, point: Point, order: Order) -> PSFOperator | RayOperator:
         """Unmodulated light is the modulator's."""
-        plane = self.plane
+        plane = self._window(order)
         if not self._s.mount.aligned:
             plane = self._s.mount.plane(plane)
         plane = replace(plane, centre=self._aside(point.wavelength, order))
@@ -176,10 +182,16 @@ class Kernels:
             ),
         )
 
-    def _counted(self, seen: Mixture | Procession, modulator: Modulator, effect: str) -> Fields:
+    def _counted(
+        self,
+        seen: Mixture | Procession,
+        modulator: Modulator,
+        effect: str,
+        shape: tuple[int, int],
+    ) -> Fields:
         """The fields of a cell, with a check and an entry for each: they are made in between."""
         count = psf_operations if self._recipe.wave else ray_operations
-        shape, panel = self.plane.shape, self.camera.panel
+        panel = self.camera.panel
         self._check()
         for part in self._fields(seen, modulator):
             self._ledger.add(effect, count(panel, *shape), 4 * math.prod(shape))

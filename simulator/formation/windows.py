@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
-_SPARE = 4
-"""Pixels beyond the outermost light, for what is between samples."""
+_SPARE = 32
+"""Pixels more than the outermost light needs: of detail that is finer than the samples, these
+ring beside it."""
 
 
 def shone(s: Situation) -> tuple[float, float]:
@@ -38,14 +39,9 @@ def span(s: Situation) -> tuple[float, float]:
     return whole, whole
 
 
-def psf_window(s: Situation, window: int, orders: int) -> tuple[int, int]:
+def psf_window(s: Situation, window: int) -> tuple[int, int]:
     """Sensor pixels, (rows, columns), of a PSF whose window has so many to a side, or of which
-    all that can count lies within less.
-
-    orders: of the panel's pixels that are looked for. Theirs begin far from any image.
-    """
-    if orders:
-        return window, window
+    all that can count lies within less."""
     pitch = s.camera.sensor.pitch
     # Infinity has no whole number.
     sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in span(s))
@@ -55,14 +51,16 @@ def psf_window(s: Situation, window: int, orders: int) -> tuple[int, int]:
 
 def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
     """Sensor pixels, (rows, columns), of a picture around the frame on which PSFs of such a window
-    may be carried around the edges: not as far as onto the sensor."""
-    sides = psf_window(s, window, orders)
-    lit = [one / s.camera.sensor.pitch for one in shone(s)]
+    may be carried around the edges: not as far as onto the sensor.
+
+    orders: of the panel's pixels that are looked for. Theirs begin far from any image, and need
+    all of the window.
+    """
+    sides = (window, window) if orders else psf_window(s, window)
+    lit = [math.inf if orders else one / s.camera.sensor.pitch for one in shone(s)]
     found = []
     for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
         around = (n + side) / 2
-        found.append(math.ceil(around + (around if orders else min(far, around))) + _SPARE)
-    rows, columns = (
-        max(one, n, side) for one, n, side in zip(found, s.camera.sensor.shape, sides, strict=True)
-    )
+        found.append(max(math.ceil(around + min(far, around)) + _SPARE, n, side))
+    rows, columns = found
     return rows, columns

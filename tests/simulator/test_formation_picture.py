@@ -81,19 +81,21 @@ def test_a_photograph_in_a_lamps_light_through_a_mosaic():
 def test_windows_are_no_larger_than_light_can_go():
     """And the picture is the same as by loops over everything."""
     image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
-    camera = replace(CAMERA, sensor=replace(CAMERA.sensor, shape=(10, 22)))
+    # Its orders are too far apart to meet the sensor.
+    panel = replace(PANEL, pitch=12e-6)
+    camera = replace(CAMERA, panel=panel, sensor=replace(CAMERA.sensor, shape=(10, 22)))
     s = taken(Photograph(image, 1.1, 1e9, cover=0.5), camera)
-    recipe = FULL.having(orders=0, window=128)
-    rows, columns = psf_window(s, recipe.window, 0)
+    recipe = FULL.having(panel=panel, orders=0, window=128)
+    rows, columns = psf_window(s, recipe.window)
     assert rows < columns < 128
     assert picture_shape(s, recipe.window, 0) < (10 + 128, 22 + 128)
-    assert psf_window(s, recipe.window, 1) == (128, 128)
+    assert picture_shape(s, recipe.window, 1) >= (10 + 128, 22 + 128)
     assert error(s, recipe, replace(FINEST, orders=0)) <= 1e-5
 
 
 def test_endless_light_has_whole_windows():
     s = taken(Flat(1.0, 1e9))
-    assert psf_window(s, 64, 0) == (64, 64)
+    assert psf_window(s, 64) == (64, 64)
     assert picture_shape(s, 64, 0) >= (14 + 64, 16 + 64)
 
 
