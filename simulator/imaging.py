@@ -48,6 +48,7 @@ class Imaging:
 
     tol: relative error of mean picture and noise that effects may be left out for. forced:
     effects that are on or off, or at a level, whatever they change. memory: bytes to keep.
+    patterns: where what is known of them is kept; by default with that of all others.
     Raises ValueError for a tol that is negative or not finite.
     """
 
@@ -56,13 +57,14 @@ class Imaging:
         tol: float = 1e-2,
         forced: Mapping[str, str | bool] | None = None,
         memory: int = MEMORY,
+        patterns: Cache | None = None,
     ) -> None:
         if not 0 <= tol < math.inf:
             raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
-        self._pictures = Cache(4)
+        self._pictures, self._patterns = Cache(4), patterns or _PATTERNS
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
         """Have effects on, off or at a level from now on, whatever they change.
@@ -97,7 +99,7 @@ class Imaging:
         s.__dict__["picture"] = picture
         shown = (s.shown.names, s.shown.frame_time)
         looked_at = (s.camera, shown, s.wavelength, picture.distances)
-        s.__dict__["pattern"] = _PATTERNS.get(looked_at, lambda: s.pattern)
+        s.__dict__["pattern"] = self._patterns.get(looked_at, lambda: s.pattern)
 
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import torch
 
+from simulator.caching import Cache
+from simulator.effects.on_pixels import deep
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, Picture
 from simulator.planning import EffectPlan
@@ -56,23 +58,23 @@ def by_plan(
     s: Situation, tol: float, forced: Mapping[str, str | bool] | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> Rendered:  # fmt: skip
-    """As a tolerance allows, from nothing that is known before."""
-    imaging = Imaging(tol, forced)
+    """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
     # As if nobody had asked anything about it yet.
+    imaging = Imaging(tol, forced, patterns=Cache(1))
     own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
     began = time.process_time()
     plan = imaging.plan(own)
     decided = time.process_time()
-    picture = imaging.picture(own, plan.recipe, check)
+    picture = imaging.picture(own, deep(own, plan.recipe), check)
     ended = time.process_time()
     operations = imaging.ledger.operations
     return Rendered(picture, operations, ended - began, decided - began, plan)
 
 
 def with_everything(s: Situation, check: Callable[[], None] = lambda: None) -> Rendered:
-    """With every effect at its finest, and nothing decided."""
+    """With every effect at its finest, and nothing decided; of full wells, before they clip."""
     imaging, own = Imaging(0.0), replace(s, numerics=FINE)
-    recipe = finest_recipe(own)
+    recipe = deep(own, finest_recipe(own))
     began = time.process_time()
     picture = imaging.picture(own, recipe, check)
     return Rendered(picture, imaging.ledger.operations, time.process_time() - began, 0.0)

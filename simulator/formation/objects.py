@@ -66,6 +66,18 @@ class Objects:
             shift = (shift[0] + off[0] / scale, shift[1] + off[1] / scale)
         return Where(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
+    def beside(self, picture: Drawable, layer: Layer, cell: Cell, off: Place) -> bool:
+        """Whether nothing of a picture that is moved so far is on the plane: then it needn't be
+        drawn."""
+        scale = self._s.camera.magnification(layer.distance)
+        ends = picture.extent(scale, cell.shift)
+        plane = self._plane
+        halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+        return any(
+            abs(away) - end - abs(path) * scale > half
+            for away, end, path, half in zip(off, ends, cell.path, halves, strict=True)
+        )
+
     def bare(self, picture: Drawable, where: Where, effect: str) -> torch.Tensor:
         """The spectrum of a picture, and of the path that it takes."""
         return self._cache.get(

@@ -261,7 +261,7 @@ def test_what_few_wavelengths_miss_isnt_told_to_be_much_larger_than_it_is(width)
     for level in (0, 1, 2):
         changed = np.linalg.norm(rendered(s, {**full, "filter bandwidth": level}, cache) - whole)
         assert changed <= effect.bound(s, level).mean
-        assert effect.bound(s, level).mean <= max(12 * changed, 1e-3 * np.linalg.norm(whole))
+        assert effect.bound(s, level).mean <= max(40 * changed, 1e-3 * np.linalg.norm(whole))
 
 
 def test_reach_is_where_so_much_falls_beyond():

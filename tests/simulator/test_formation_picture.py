@@ -90,7 +90,8 @@ def test_windows_are_no_larger_than_light_can_go():
     assert rows < columns < 128
     assert picture_shape(s, recipe.window, 0) < (10 + 128, 22 + 128)
     assert picture_shape(s, recipe.window, 1) >= (10 + 128, 22 + 128)
-    assert error(s, recipe, replace(FINEST, orders=0)) <= 1e-5
+    # But for what rings beside a picture that is drawn by samples.
+    assert error(s, recipe, replace(FINEST, orders=0)) <= 5e-5
 
 
 def test_endless_light_has_whole_windows():
