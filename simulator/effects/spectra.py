@@ -7,10 +7,8 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from optics.formation import spectrum_of_samples
 from optics.light import Spectrum
 from simulator.formation.nodes import (
     density,
@@ -49,19 +47,29 @@ class Measure:
         low, high = self.x.min(), self.x.max()
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
-    @cached_property
-    def _true(self) -> Array:
-        """Weights of the nodes by which they integrate whatever is smooth, as the points do."""
-        return np.asarray(self.of @ place_weights(self.nodes.tolist(), self.x).T)
-
     def wrong(self, count: int) -> Array:
-        """By how much those weights differ of an integral by `count` of the picture's own nodes,
-        relative to the brightest channel of each part, (channels, parts, nodes)."""
-        found, weights = interpolating(self.x, self.of, count)
-        masses = self.of.sum(-1).max(0)
-        masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-        apart = weights @ place_weights(self.nodes.tolist(), found).T - self._true
-        return np.asarray(apart / masses)
+        """By how much the nodes' weights that integrate whatever is smooth, as the points do,
+        differ from those of `count` of the picture's own nodes, relative to the brightest channel
+        of each part, (channels, parts, nodes)."""
+        return _wrong(self.x.tobytes(), self.of.tobytes(), self.of.shape, count)
+
+
+@lru_cache(maxsize=256)
+def _wrong(x: bytes, of: bytes, shape: tuple[int, ...], count: int) -> Array:
+    """By value: light and filter are the same for all patterns."""
+    one = Measure(np.frombuffer(x), np.frombuffer(of).reshape(shape))
+    nodes = one.nodes.tolist()
+    found, weights = interpolating(one.x, one.of, count)
+    masses = one.of.sum(-1).max(0)
+    masses = np.where(masses > 0, masses, 1.0)[None, :, None]
+    apart = weights @ place_weights(nodes, found).T - _true(x, of, shape)
+    return np.asarray(apart / masses)
+
+
+@lru_cache(maxsize=16)
+def _true(x: bytes, of: bytes, shape: tuple[int, ...]) -> Array:
+    one = Measure(np.frombuffer(x), np.frombuffer(of).reshape(shape))
+    return np.asarray(one.of @ place_weights(one.nodes.tolist(), one.x).T)
 
 
 @lru_cache(maxsize=16)
@@ -79,26 +87,3 @@ def measure(s: Situation, which: Literal["band", "leak"]) -> Measure:
     x, w = fine_points(parts, curves, low, high)
     passed = s.band.transmission(x) if which == "band" else np.full_like(x, s.band.leak)
     return Measure(x, density(parts, curves, x) * (w * passed))
-
-
-@lru_cache(maxsize=4)
-def colours(s: Situation) -> list[tuple[list[int], torch.Tensor]]:
-    """For each different spectrum, the numbers of the parts that have it, through all layers, and
-    |spectrum|² by frequency of what shines with it, hidden or not, (electrons per second)², on
-    the rfft2 grid of the picture's plane."""
-    target, picture = s.target.for_camera(s.camera), s.picture
-    numbers: dict[Spectrum, list[int]] = {}
-    lights: dict[Spectrum, torch.Tensor] = {}
-    parts = [(layer, part) for layer in target.layers for part in layer.parts]
-    rates = [rate for of_layer in picture.rates for rate in of_layer]
-    for number, ((layer, part), rate) in enumerate(zip(parts, rates, strict=True)):
-        numbers.setdefault(part.spectrum, []).append(number)
-        if rate:
-            scale = s.camera.magnification(layer.distance)
-            light = rate * part.picture.light(picture.plane, scale, picture.shift)
-            known = lights.get(part.spectrum)
-            lights[part.spectrum] = light if known is None else known + light
-    return [
-        (numbers[spectrum], spectrum_of_samples(light).abs().square())
-        for spectrum, light in lights.items()
-    ]

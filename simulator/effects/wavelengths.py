@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from simulator.effects.blurs import NOTHING, hiding, relative
@@ -15,7 +14,7 @@ from simulator.effects.costs import BAND, WAVELENGTHS, added
 from simulator.effects.keeping import kept
 from simulator.effects.limits import lit_otherwise
 from simulator.effects.on_pixels import in_proportion, light, seconds
-from simulator.effects.spectra import colours, measure
+from simulator.effects.spectra import measure
 from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
 from simulator.probing.some_frequencies import SomeFrequencies
@@ -81,13 +80,12 @@ def _changes(s: Situation) -> tuple[float, ...]:
 def _rates(s: Situation) -> tuple[float, ...]:
     """Electrons per second, L2, on some frequencies of the picture."""
     found, plane = measure(s, "band"), s.picture.plane
-    most, groups = light(s) / max(seconds(s), 1e-300), colours(s)
-    some = SomeFrequencies.of(torch.stack([squared for _, squared in groups]).sum(0), plane)
+    most, some = light(s) / max(seconds(s), 1e-300), s.picture.some_frequencies
     if not len(some.ky):
         # Even light has no fringes.
         return (0.0,)
     some = some.and_finer(plane)
-    squares = [(parts, some.squares(squared, plane)) for parts, squared in groups]
+    squares = [(parts, some.squares(squared, plane)) for parts, squared in s.picture.colours]
     transfers, changes = _transfers(s, some, found.nodes), []
     for count in WAVELENGTHS:
         wrong, change = found.wrong(count), 0.0

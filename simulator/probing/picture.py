@@ -12,9 +12,11 @@ import torch
 from optics.camera import Camera
 from optics.formation import spectrum_of_samples
 from optics.light.bands import Band
+from optics.light.spectrum import Spectrum
 from optics.plane import Plane
 from simulator.probing.radial import Gain, RadialProfile
 from simulator.probing.rates import electron_rates
+from simulator.probing.some_frequencies import SomeFrequencies
 from simulator.scene.disc import Disc
 from simulator.scene.merging import merged
 from simulator.scene.target import Layer, Target
@@ -177,6 +179,32 @@ class PictureProbe:
         if len(self.lights) == 1:
             return (self.power,)
         return tuple(self._profile(light) for light in self.lights)
+
+    @cached_property
+    def colours(self) -> list[tuple[list[int], torch.Tensor]]:
+        """For each different spectrum, the numbers of the parts that have it, through all layers,
+        and |spectrum|² by frequency of what shines with it, hidden or not, (electrons per
+        second)², on the rfft2 grid of the plane."""
+        numbers: dict[Spectrum, list[int]] = {}
+        lights: dict[Spectrum, torch.Tensor] = {}
+        parts = [(layer, part) for layer in self.target.layers for part in layer.parts]
+        rates = [rate for of_layer in self.rates for rate in of_layer]
+        for number, ((layer, part), rate) in enumerate(zip(parts, rates, strict=True)):
+            numbers.setdefault(part.spectrum, []).append(number)
+            if rate:
+                light = rate * part.picture.light(self.plane, self._scale(layer), self.shift)
+                known = lights.get(part.spectrum)
+                lights[part.spectrum] = light if known is None else known + light
+        return [
+            (numbers[spectrum], spectrum_of_samples(light).abs().square())
+            for spectrum, light in lights.items()
+        ]
+
+    @cached_property
+    def some_frequencies(self) -> SomeFrequencies:
+        """By which all of its light is told apart."""
+        squared = torch.stack([squared for _, squared in self.colours]).sum(0)
+        return SomeFrequencies.of(squared, self.plane)
 
     @cached_property
     def cover_powers(self) -> tuple[RadialProfile | None, ...]:
