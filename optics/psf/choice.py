@@ -101,11 +101,12 @@ def prepared(question: Question, camera: Camera | None, method: str | None, rest
     raise advice(question, camera, method, rest, min(floors) + rest)
 
 
-def stand_ins(question: Question, camera: Camera, engine: Engine) -> Iterator[Engine]:
-    """Engines of other kinds that promise the tolerance too, prepared, the cheapest first; each is
-    prepared when it is asked for."""
+def stand_ins(question: Question, camera: Camera, tried: Iterable[Engine]) -> Iterator[Engine]:
+    """Engines of other kinds than those that were tried, which promise the tolerance too, the
+    cheapest first; each is prepared when it is asked for."""
     engines, refusals = _accepting(question, camera, None)
-    others = [one for one in engines if type(one) is not type(engine)]
+    kinds = {type(one) for one in tried}
+    others = [one for one in engines if type(one) not in kinds]
     return _readied(others, question.budget, refusals)
 
 

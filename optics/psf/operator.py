@@ -267,12 +267,14 @@ class PSFOperator:
 
     def _others(self) -> Iterator[Engine]:
         """Those that may stand in for an engine that nobody asked for by its name, the last one
-        that did first. Only a panel's pattern means the same to all of them."""
-        if self._method is not None or self.camera is None:
+        that did first. Only of a panel apart from the lens are there any."""
+        if self._method is not None or self.camera is None or not self.camera.separation:
             return
+        tried = [self.engine]
         if self._stand_in is not None:
+            tried.append(self._stand_in)
             yield self._stand_in
-        yield from stand_ins(self._question, self.camera, self.engine)
+        yield from stand_ins(self._question, self.camera, tried)
 
     @tensors_inside
     @in_full_precision
