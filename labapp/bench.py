@@ -253,21 +253,25 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     scene = setup.scene
     assert scene is not None
     targets, truth = scene.build(), scene.truth
-    forced = {name: on for name, on in scene.effects.items() if isinstance(on, bool)}
-    for name in scene.effects.keys() - forced.keys():
-        raise UserError(f"{setup.scene_source}: key 'effects.{name}': say true or false.")
+    polarisation = setup.bench.polarisation
     try:
-        return World(
+        world = World(
             truth.camera(camera) if truth else camera,
             targets,
             mount=truth.mount.build() if truth else None,
+            # What passes and what isn't turned is in the camera already: this is for the beats.
+            path=polarisation.build().effect() if polarisation else None,
             tol=scene.tol,
-            forced=forced,
             clock=clock,
             faults=setup.faults,
         )
     except ValueError as error:
         raise UserError(f"{setup.scene_source}: {error}.") from error
+    try:
+        world.force(scene.effects)
+    except ValueError as error:
+        raise UserError(f"{setup.scene_source}: key 'effects': {error}.") from error
+    return world
 
 
 def _maker(

@@ -11,6 +11,7 @@ import numpy as np
 from labapp.console import out, print_json, table
 from labapp.record import layout
 from labapp.record.reader import Record
+from labapp.showing_effects import show_effects
 
 
 def show_record(path: Path, *, as_json: bool) -> None:
@@ -36,19 +37,8 @@ def show_record(path: Path, *, as_json: bool) -> None:
     table("Frames", columns, [list(group.values()) for group in data["groups"]])
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     table("Devices", ["device", "model", "serial", "simulated"], devices)
-    for name, plan in (data["effect_plan"] or {}).items():
-        rows = [
-            [
-                d["effect"],
-                "on" if d["on"] else "off",
-                f"{d['estimate']:.2g}",
-                d["measure"],
-                d["why"],
-            ]
-            for d in plan["decisions"]
-        ]
-        heading = f"What the simulator did for {name}, tolerance {plan['tol']:g}"
-        table(heading, ["effect", "", "estimate ", "of", "why"], rows)
+    if data["effect_plan"]:
+        show_effects(data["effect_plan"])
     table("Log", ["bench time s ", ""], [[f"{t:.3f}", text] for t, text in data["log"]])
 
 

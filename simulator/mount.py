@@ -11,12 +11,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.camera import Lens
 from optics.fourier import NonuniformTransform, fft
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
 from optics.stop.aperture import Circle, Point, Polygon, Shape
+
+Array = NDArray[np.float64]
 
 _SLOPE = 96
 """Samples over which a PSF fades out beyond the window that is wanted: a Fourier series
@@ -74,9 +78,14 @@ class Mount:
 
     def _point(self, point: Point) -> Point:
         """A place (y, x) before the sensor, in the panel's axes: turned back, and mirrored."""
-        (y, x), cos, sin = point, math.cos(self.rotation), math.sin(self.rotation)
+        y, x = self.turned_back(*(np.asarray(one) for one in point))
+        return float(y), float(x)
+
+    def turned_back(self, y: Array, x: Array) -> tuple[Array, Array]:
+        """Places on the sensor, or frequencies of what falls on it, in the panel's axes."""
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
-        return (-y if self.flip_y else y, -x if self.flip_x else x)
+        return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
         """Zernike's cosines and sines of one degree and order turn into each other.

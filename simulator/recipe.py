@@ -30,7 +30,8 @@ class Recipe:
     each side; `vignetting`; `lamp` whether the lamp's waveform weighs times and rows; `rolling`
     whether rows are exposed in turn.
 
-    Window: PSF's side in sensor pixels, and samples a pixel along each axis.
+    Window: PSF's side in sensor pixels, and samples of the light in a pixel along each axis;
+    `drawn`: of pictures before they are blurred, if that is more.
 
     Sensor: in the order of the physics. `poisson_below`: electrons below which shot noise is
     Poisson's where it is else normal.
@@ -39,6 +40,7 @@ class Recipe:
     panel: Panel
     window: int
     finer: int
+    drawn: int = 1
     dispersion: bool = False
     crystal: bool = False
     interference: bool = False

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from optics.camera import Camera, Panel
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
+from optics.psf import nyquist_samples
+from optics.sensor.shutter import span
 from simulator.mount import Mount
-from simulator.probing.pattern import PatternProbe
+from simulator.probing.pattern import PatternProbe, ideal
 from simulator.probing.picture import PictureProbe
 from simulator.scene.target import Target
 from simulator.shown import Shown
+
+_TO_SPARE = 1.05
+"""Over the samples that resolve the finest fringe."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +49,21 @@ class Situation:
         """Metres, the band's centre."""
         return self.band.centre
 
+    @property
+    def lasts(self) -> float:
+        """Seconds from the first row's beginning to the last one's end."""
+        return span(self.camera.sensor, self.exposure)
+
+    @property
+    def moved(self) -> float:
+        """Metres on the sensor that a moving target's image goes meanwhile, at most."""
+        scale = self.camera.magnification(min(self.picture.distances))
+        return math.hypot(*self.target.velocity) * scale * self.lasts
+
     @cached_property
     def picture(self) -> PictureProbe:
         """What is known of the target's picture without any blur."""
-        middle = self.moment + self.exposure / 2
+        middle = self.exposure / 2
         shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
         return PictureProbe(self.target, self.camera, self.band, shift)
 
@@ -58,19 +75,7 @@ class Situation:
     @property
     def ideal_panel(self) -> Panel:
         """The panel without any of its effects."""
-        return replace(
-            self.camera.panel,
-            response=None,
-            response_time=0.0,
-            coupling=0.0,
-            flicker=0.0,
-            jitter=0.0,
-            front_reflection=0.0,
-            gap_reflection=0.0,
-            flatness=None,
-            illumination=None,
-            unmodulated=0.0,
-        )
+        return ideal(self.camera.panel)
 
     @property
     def smallest_window(self) -> int:
@@ -79,5 +84,9 @@ class Situation:
 
     @property
     def coarsest_sampling(self) -> int:
-        """Samples a pixel along each axis, at least."""
-        return 1
+        """Samples of the light in a pixel along each axis, that resolve the finest fringe of the
+        shortest wavelength."""
+        shortest = self.band.support[0]
+        if self.band.leak:
+            shortest = min(shortest, self.band.leak_range[0])
+        return math.ceil(_TO_SPARE * nyquist_samples(self.camera, shortest))

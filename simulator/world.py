@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,44 +12,34 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Clock
 from optics.camera import Camera
-from optics.formation import form_image
-from optics.light import electron_rate
-from simulator.caching import Cache
+from optics.edge import require_positive
+from optics.light.bands import Band
+from optics.polarisation import PathEffect
 from simulator.clock import VirtualClock
-from simulator.deciding import Decided, Decider
-from simulator.effects import EffectPlan
-from simulator.effects.video import CRYSTAL
 from simulator.faults import Fault, FaultScript
-from simulator.grid import grid_for
-from simulator.motion import Pictures
+from simulator.imaging import MEMORY, Imaging
 from simulator.mount import Mount
-from simulator.rendering import Renderer
-from simulator.scene import Scene, Target
-from simulator.shown import Mixture, Procession, Shown
+from simulator.planning import EffectPlan
+from simulator.planning.plan import EFFECTS_SHARE
+from simulator.scene import Scene
+from simulator.shown import Shown
+from simulator.situation import Situation
+from simulator.streaming import Stream
 
-
-@dataclass(frozen=True)
-class _State:
-    """All that a picture's light follows from, as it was when the picture was begun.
-
-    seen: what was on the panel during the exposure.
-    """
-
-    seen: Mixture | Procession
-    wavelength: float
-    bandwidth: float
-    target: str
+TYPICAL_EXPOSURE = 0.01
+"""Seconds for which a plan is made where nobody says another exposure."""
 
 
 class World:
     """What the panel shows, the filter passes and the target sends, and what follows.
 
-    camera: what it really is, whatever its users think. scene: its targets. tol: relative L2
-    error of the mean picture that effects may be left out for. forced: effects that are on or
-    off whatever their size. mount: how the panel sits before the sensor. clock: of the bench.
-    faults: what will go wrong with its devices.
-    The devices write what is shown, `wavelength`, `bandwidth` and `target`; `light()` is
-    computed from them, and only when they have changed.
+    camera: what it really is, whatever its users think. scene: its targets. tol: relative error
+    of mean picture and noise that effects may be left out for. forced: effects that are on or
+    off, or at a level, whatever they change. mount: how the panel sits before the sensor. path:
+    what polariser, panel and splitter do to the light, where that is known. clock: of the bench.
+    faults: what will go wrong with its devices. memory: bytes that are kept for later pictures.
+    The devices write what is shown, `band` and `target`; pictures are computed from them, and
+    only when they have changed.
     """
 
     def __init__(
@@ -58,29 +48,49 @@ class World:
         scene: Scene,
         *,
         tol: float = 1e-2,
-        forced: Mapping[str, bool] | None = None,
+        forced: Mapping[str, str | bool] | None = None,
         mount: Mount | None = None,
+        path: PathEffect | None = None,
         clock: Clock | None = None,
         faults: Iterable[Fault] = (),
+        memory: int = MEMORY,
     ) -> None:
-        self.camera, self.scene, self.tol = camera, scene, tol
-        self.forced = dict(forced or {})
+        self.camera, self.scene = camera, scene
+        self.mount, self.path = mount or Mount(), path
+        self.imaging = Imaging(tol, memory=memory)
         self.clock: Clock = clock or VirtualClock()
         self.faults = FaultScript(faults)
-        self.wavelength = 550e-9
-        self.bandwidth = 7e-9
+        self.band = Band(550e-9, 7e-9)
         self.target = next(iter(scene.targets))
-        for target in scene.targets.values():
-            _spectrum(target)
-        self._decide = Decider(camera, tol, self.forced)
-        self._renderer = Renderer(camera, mount or Mount(), tol)
-        self._psfs = Cache(8)
-        self._spectra = Cache(4)
-        self._lights = Cache(8)
         self.begin(0, 0, 0)
         self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
-        # Wrong settings shall be heard of now, not at the first picture.
-        self.effect_plan(self.grey, self.wavelength)
+        self.force(forced or {})
+
+    def force(self, forced: Mapping[str, str | bool]) -> None:
+        """Have effects on (True), off (False) or at a level by its name, whatever they change.
+
+        Raises ValueError, now and not at the first picture, for an effect that doesn't exist, a
+        level that it hasn't, or one that is on and requires one that is off.
+        """
+        self.imaging.force(forced, self.situation())
+
+    @property
+    def wavelength(self) -> float:
+        """Metres, of the filter's centre."""
+        return self.band.centre
+
+    @wavelength.setter
+    def wavelength(self, wavelength: float) -> None:
+        self.band = replace(self.band, centre=wavelength)
+
+    @property
+    def bandwidth(self) -> float:
+        """Metres, of the filter at half maximum."""
+        return self.band.fwhm
+
+    @bandwidth.setter
+    def bandwidth(self, bandwidth: float) -> None:
+        self.band = replace(self.band, fwhm=bandwidth)
 
     def begin(self, run: int, step: int, frame: int, *, index: int = 0, moment: float = 0) -> None:
         """A frame of a run is about to be taken: its chance and its time follow from this alone.
@@ -109,87 +119,68 @@ class World:
         """Show frames (n, rows, columns) in turn for `frame_time` seconds each."""
         self._shown = Shown.of(video, frame_time)
 
-    def effect_plan(self, shown: NDArray[np.uint8], wavelength: float) -> EffectPlan:
-        """What a pattern, or a video (n, rows, columns) at the panel's rate, calls for."""
+    def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
+        """All that a picture of an exposure in seconds follows from, as things stand.
+
+        Raises ValueError for an exposure that isn't positive and finite.
+        """
+        require_positive("exposure", exposure, "s")
+        return Situation(
+            self.camera,
+            self.mount,
+            self.scene.targets[self.target],
+            self.band,
+            self._shown,
+            self._moment,
+            exposure,
+            self.path,
+            numerics=max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5),
+        )
+
+    def effect_plan(
+        self,
+        shown: NDArray[np.uint8],
+        wavelength: float,
+        exposure: float = TYPICAL_EXPOSURE,
+        target: str | None = None,
+        bandwidth: float | None = None,
+    ) -> EffectPlan:
+        """What a pattern, or a video (n, rows, columns) at the panel's rate, calls for.
+
+        target, bandwidth: those that are there now if None. Nothing is rendered.
+        """
         frames = shown if shown.ndim == 3 else shown[None]
-        video = Shown.of(frames, 1 / self.camera.panel.frame_rate)
-        return self._decide(video, wavelength, self.bandwidth).plan
+        video = Shown.of(frames, 1 / self.camera.panel.frame_rate if len(frames) > 1 else math.inf)
+        asked = replace(
+            self.situation(exposure),
+            shown=video,
+            band=replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth),
+            target=self.scene.targets[target or self.target],
+        )
+        return self.imaging.plan(asked)
 
     def light(
-        self, exposure: float = 0.0, check: Callable[[], None] = lambda: None
+        self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
         """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan.
 
-        It is the mean over an exposure in seconds, which matters when a video is shown.
+        It is the mean over an exposure in seconds, which matters when anything moves.
         check: is called between the steps of a long computation, and may raise.
         """
-        shown = self._shown
         # The devices may be set anew while the light of this state is still computed.
-        wavelength, bandwidth, target = self.wavelength, self.bandwidth, self.target
-        moment = self._moment
-        decided = self._decide(shown, wavelength, bandwidth)
-        moves = shown.moves and decided.plan.is_on(CRYSTAL)
-        seen = (shown.procession if moves else shown.mixture)(moment, exposure)
-        state = _State(seen, wavelength, bandwidth, target)
-        light = self._lights.get(state, lambda: self._form(state, decided, shown.pictures, check))
-        return light, decided.plan
+        s, plan = self._planned(exposure, check)
+        return self.imaging.electrons(s, plan.recipe, check) / exposure, plan
 
-    def _form(
-        self, state: _State, decided: Decided, pictures: Pictures, check: Callable[[], None]
-    ) -> torch.Tensor:
-        wavelength, bandwidth, plan = state.wavelength, state.bandwidth, decided.plan
-        target = self.scene.targets[state.target]
-        rate = electron_rate(
-            self._renderer.camera, target.radiance, bandwidth, wavelength, target.distance
-        )
-        if rate == 0:
-            return torch.zeros(self.camera.sensor.shape)
-        grid = grid_for(self.camera, target.distance, decided.spread, wavelength)
-        plane = grid.plane(self.camera.sensor)
-        psf = self._psfs.get(
-            (state.seen, wavelength, bandwidth, target.distance),
-            lambda: self._renderer.psf(
-                state.seen,
-                pictures,
-                _band(wavelength, bandwidth, plan["filter bandwidth"].nodes),
-                plan.panel(self.camera.panel),
-                target.distance,
-                grid,
-                check,
-            ),
-        )
+    def stream(
+        self, exposure: float, check: Callable[[], None] = lambda: None
+    ) -> tuple[Stream, EffectPlan]:
+        """What draws frames of an exposure, as things stand, and the plan."""
+        s, plan = self._planned(exposure, check)
+        return self.imaging.stream(s, plan, check), plan
+
+    def _planned(self, exposure: float, check: Callable[[], None]) -> tuple[Situation, EffectPlan]:
+        s = self.situation(exposure)
         check()
-        spectrum = self._spectra.get(
-            (state.target, wavelength, grid),
-            lambda: _spectrum(target)(plane, self.camera, wavelength),
-        )
+        plan = self.imaging.plan(s)
         check()
-        shares = form_image(
-            spectrum,
-            psf,
-            plane,
-            grid.finer,
-            self.camera.sensor.shape,
-            pixel_aperture=plan.is_on("pixel aperture"),
-        )
-        per_sample = rate * plane.pitch[0] * plane.pitch[1]
-        return (shares * per_sample).clamp(min=0).to(torch.float32)
-
-
-def _band(centre: float, bandwidth: float, nodes: int) -> list[tuple[float, float]]:
-    """Gauss-Hermite wavelengths and weights of the filter's Gaussian band."""
-    x, weights = np.polynomial.hermite.hermgauss(nodes)
-    sigma = bandwidth / (2 * math.sqrt(2 * math.log(2)))
-    wavelengths = centre + math.sqrt(2) * sigma * x
-    return list(zip(wavelengths.tolist(), (weights / weights.sum()).tolist(), strict=True))
-
-
-def _spectrum(target: Target) -> Callable[..., torch.Tensor]:
-    """What gives a target's light at one wavelength; ValueError for one of layers or parts."""
-    found: Callable[..., torch.Tensor] | None = getattr(target, "spectrum", None)
-    if found is None:
-        raise ValueError(
-            f"a target of the kind {type(target).__name__.lower()} can't be rendered by a run yet; "
-            "take a star, a flat field or a photograph"
-        )
-    return found
+        return s, plan

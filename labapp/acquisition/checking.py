@@ -17,8 +17,8 @@ from labapp.record.layout import LOG_ROW, MEASURED, PLANNED, log_rows
 _FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
 """Bytes that a record keeps of a frame beside its picture."""
 
-_DECISIONS = 2_000
-"""Bytes of what a simulator decides for one pattern at one wavelength."""
+_DECISIONS = 12_000
+"""Bytes of what a simulator decides for one picture, at most."""
 
 _RECORD = 100_000
 """Bytes of the rest, at most: bench, scene, and the file's own books."""
@@ -50,7 +50,7 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) ->
     """Of the finished record, or a little more."""
     picture, panel = prod(abilities.frame_shape), prod(abilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
-    decided = {(shot.pattern, shot.wavelength) for shot in listed}
+    decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
     return (
         len(listed) * (2 * picture + _FRAME_ROW)
         + shown * panel

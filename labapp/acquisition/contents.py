@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.acquisition.abilities import Abilities
+from labapp.acquisition.effects import effect_plans
 from labapp.acquisition.steps import Shot
 from labapp.bench import Bench
 from labapp.files.plan_file import PlanFile
 from labapp.record.making import Contents
 from labapp.record.reader import digest
-from simulator.world import World
 
 
 def contents_of(
@@ -24,8 +23,10 @@ def contents_of(
     patterns: Mapping[str, NDArray[np.uint8]],
     listed: Sequence[Shot],
     abilities: Abilities,
+    check: Callable[[], None] = lambda: None,
 ) -> Contents:
-    """patterns: grey levels by name. listed: every frame of the plan."""
+    """patterns: grey levels by name. listed: every frame of the plan. check: is called between
+    the steps of a long computation, and may raise."""
     scene = bench.scene_file
     return Contents(
         title=plan.title,
@@ -33,7 +34,7 @@ def contents_of(
         plan=plan.model_dump(mode="json"),
         bench=bench.file.model_dump(mode="json"),
         scene=scene.model_dump(mode="json") if scene else None,
-        effect_plan=_effect_plans(bench.world, listed, patterns) if bench.world else None,
+        effect_plan=effect_plans(bench, listed, patterns, check),
         identities={name: device.identity for name, device in bench.devices.items()},
         targets=list(dict.fromkeys(shot.target for shot in listed)),
         patterns=patterns,
@@ -45,16 +46,3 @@ def contents_of(
         clock="real" if bench.file.is_real else "virtual",
         faults=[asdict(fault) for fault in bench.world.faults.script] if bench.world else (),
     )
-
-
-def _effect_plans(
-    world: World, listed: Sequence[Shot], patterns: Mapping[str, NDArray[np.uint8]]
-) -> dict[str, Any]:
-    """What the simulator decides for each pattern and wavelength of a plan."""
-    plans = {}
-    for shot in listed:
-        key = f"{shot.pattern}, {shot.wavelength * 1e9:g} nm"
-        if key not in plans:
-            decided = world.effect_plan(patterns[shot.pattern], shot.wavelength)
-            plans[key] = decided.as_data()
-    return plans

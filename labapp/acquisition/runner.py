@@ -64,8 +64,9 @@ def run_plan(
         part = progress.part(0, _PATTERNS_SHARE)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
     with watch.stage("acquire"):
-        make(path, contents_of(bench, plan, patterns, listed, abilities), force=force)
         part = progress.part(_PATTERNS_SHARE, 1)
+        contents = contents_of(bench, plan, patterns, listed, abilities, part.check)
+        make(path, contents, force=force)
         run = RunUnderWay(bench, plan, path, patterns, hooks, ask, part)
         return run.take(listed, on_frame)
 

@@ -12,7 +12,8 @@ from typing import Any
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, plans, bench
+from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
+from labapp.cli import plans, bench
 
 # isort: on
 
@@ -28,6 +29,7 @@ __all__ = [
     "records",
     "refining",
     "runs",
+    "simulating",
 ]
 
 

@@ -36,19 +36,25 @@ def measurements() -> dict[str, Measurement]:
         chain_cost,
         chains,
         closed_forms,
+        depth,
         durability,
+        edge_mtf,
+        effects,
         first_light,
         free_space,
         free_space_peers,
         free_space_problems,
         full_disk,
+        live,
         peers,
         problems,
         promptness,
         psf,
         retrieval,
+        sensor_emva,
         startup,
         troubles,
+        work_saved,
     )
 
     return {
@@ -83,6 +89,12 @@ def measurements() -> dict[str, Measurement]:
         "cancel": promptness.cancel_figure,
         "overhead": promptness.overhead_figure,
         "sustained": promptness.sustained_figure,
+        "effects": effects.effects_figures,
+        "work": work_saved.work_figures,
+        "emva": sensor_emva.emva_figures,
+        "edge": edge_mtf.edge_figure,
+        "live": live.live_figures,
+        "depth": depth.depth_figure,
     }
 
 

@@ -13,7 +13,8 @@ from labapp.files.calibration_file import CalibrationFile
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.reading import FileModel, read_file, validate
-from optics.camera import Camera, Lens, Sensor
+from labapp.files.sensor_file import SensorTable, with_sensor
+from optics.camera import Camera, Lens
 from optics.slm import Panel
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
@@ -21,7 +22,6 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class LensTable(FileModel):
@@ -64,38 +64,6 @@ class LensTable(FileModel):
             Stop(opening, obscured),
             tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
             self.kind,
-        )
-
-
-class SensorTable(FileModel):
-    """The sensor, in the quantities of EMVA 1288."""
-
-    model: str
-    width: Count
-    height: Count
-    pitch_um: Positive
-    bits: Annotated[int, Field(ge=1, le=16)]
-    full_well_electrons: Positive
-    gain_electrons_per_dn: Positive
-    read_noise_electrons: Annotated[float, Field(ge=0)]
-    dark_current_electrons_per_s: Annotated[float, Field(ge=0)]
-    black_level_dn: Annotated[float, Field(ge=0)]
-    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
-    shortest_exposure_us: Positive
-    longest_exposure_s: Positive
-
-    def build(self) -> Sensor:
-        return Sensor(
-            shape=(self.height, self.width),
-            pitch=self.pitch_um * 1e-6,
-            bits=self.bits,
-            full_well=self.full_well_electrons,
-            gain=self.gain_electrons_per_dn,
-            read_noise=self.read_noise_electrons,
-            dark_current=self.dark_current_electrons_per_s,
-            black_level=self.black_level_dn,
-            quantum_efficiency=self.quantum_efficiency,
-            exposure_range=(self.shortest_exposure_us * 1e-6, self.longest_exposure_s),
         )
 
 
@@ -195,16 +163,23 @@ def plain_data(path: Path) -> dict[str, Any]:
 
 
 def found_in(data: dict[str, Any], path: Path, model: type[C]) -> C:
-    """A file's plain data with all that its panel's and its calibration's files hold.
+    """A file's plain data with all that its panel's, sensor's and calibration's files hold.
 
-    The panel may be a file of its own, as in `panel = { file = "mine.toml" }`, or the name of
-    a bundled one (see labapp.files.panel_file); keys beside `file` count more than the file's.
+    Panel and sensor may be files of their own, as in `panel = { file = "mine.toml" }`, or names
+    of bundled ones (see labapp.files.panel_file and sensor_file); keys beside `file` count more
+    than the file's.
     Files are looked for beside the one that names them; the answer holds what is in them, or
     absolute paths of pictures, so that a record of it can be read again. UserError names file,
     key, value and rule.
     """
     folder = path.resolve().parent
-    file = validate(with_panel(data, folder, str(path)), model, str(path))
+    source = str(path)
+    whole = with_sensor(with_panel(data, folder, source), folder, source)
+    file = validate(whole, model, source)
+    if not file.sensor.resolved:
+        # With their curves in it, it is looked at as a whole.
+        curves = file.sensor.found_in(folder).model_dump()
+        file = validate(whole | {"sensor": curves}, model, source)
     found: dict[str, Any] = {"panel": file.panel.found_in(folder)}
     if isinstance(file.calibration, str):
         found["calibration"] = read_file(folder / file.calibration, CalibrationFile)

@@ -5,7 +5,10 @@
     clock            "real", or "virtual" where time moves as the plan says
     end_time, state, message, writer   (1,)  see labapp.acquisition.state; why it ended as it
                      did; who writes: host, process, start of the process (JSON)
-    plan, bench, scene, effect_plan, faults, versions          as run (JSON)
+    plan, bench, scene, faults, versions                       as run (JSON)
+    effect_plan      what the simulator decided (JSON, null for a real bench): "effects", what
+                     they are, by name; "plans", one for each different target, pattern,
+                     wavelength and exposure. Older records have one by "pattern, wavelength"
     pictures         SHA-256 of the simulated scene's picture files (JSON)
     instrument (NXinstrument) slm, filter, camera, targets: model, serial, simulated
     data (NXdata), one row a planned frame, axes frame, y, x

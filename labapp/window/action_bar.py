@@ -13,7 +13,7 @@ _GROUPS = (
     ("acquire", "pause", "cancel"),
     ("reconstruct",),
     ("contrast", "marks"),
-    ("reset",),
+    ("why", "reset"),
 )
 
 

@@ -30,6 +30,7 @@ DECLARED = (
     Declared("open", "Open run …", "Ctrl+O", "Reconstruct a run that was taken earlier"),
     Declared("contrast", "Auto contrast", "A", "Contrast follows the picture", checkable=True),
     Declared("marks", "Clipping marks", "C", "Saturated red, zero blue", checkable=True),
+    Declared("why", "Why", "W", "What the simulator does and why, or the queue", checkable=True),
     Declared("reset", "Reset layout", "", "Put every panel back where it was"),
 )
 

@@ -2,81 +2,42 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersistentModelIndex, Qt
-from PySide6.QtGui import QColor
 
+from labapp.window.messages import EffectTold
 from labapp.window.theme import FAINT, SIMULATED, TEXT
 
 Index = QModelIndex | QPersistentModelIndex
 
 _NOWHERE = QModelIndex()
 _COLUMNS = ("Effect", "Level", "Changes at most")
-
-
-@dataclass(frozen=True)
-class EffectRow:
-    """One effect of a plan. share: the most that its level changes, relative; None: no limit is
-    known. why, physics: a sentence each. how: where the bound comes from."""
-
-    name: str
-    level: str
-    on: bool
-    forced: bool
-    share: float | None
-    why: str
-    physics: str
-    how: str
-
-    @staticmethod
-    def of(decision: Mapping[str, Any]) -> EffectRow:
-        """From a decision as plain data. Raises KeyError where something is missing."""
-        return EffectRow(
-            decision["effect"],
-            decision["level"],
-            decision["on"],
-            decision["forced"],
-            decision["relative"],
-            decision["why"],
-            decision["physics"],
-            decision["bound"]["how"],
-        )
-
-    @property
-    def told(self) -> str:
-        """The share as a person reads it."""
-        if self.share is None or math.isinf(self.share):
-            return "no limit known"
-        return f"{self.share:.1e}" if self.share else "nothing"
-
-    @property
-    def tip(self) -> str:
-        forced = "Forced by the scene." if self.forced else ""
-        sentences = (self.physics, self.why, f"Bound: {self.how}", forced)
-        return "\n".join(text[:1].upper() + text[1:] for text in sentences if text)
-
-    @property
-    def colour(self) -> QColor:
-        if self.forced:
-            return QColor(SIMULATED)
-        return QColor(TEXT if self.on else FAINT)
+_TIPS = (
+    "Whatever optics and electronics of this bench could do to the picture, in the light's order",
+    "How far the simulator goes: faint is off, amber is forced by the scene",
+    "Beyond that level, relative to the picture. The bar is logarithmic, from 1e-7 to 1; "
+    "the line is the tolerance, which all effects share",
+)
 
 
 class EffectsModel(QAbstractTableModel):
-    """The effects of one plan, in the order of the light."""
+    """The effects of one picture, in the order of the light."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.rows: list[EffectRow] = []
+        self.rows: tuple[EffectTold, ...] = ()
 
-    def show_rows(self, rows: list[EffectRow]) -> None:
-        self.beginResetModel()
-        self.rows = rows
-        self.endResetModel()
+    def show_rows(self, rows: tuple[EffectTold, ...]) -> None:
+        """Rows that are of the same effects as before stay where the person has scrolled to."""
+        if [row.name for row in rows] != [row.name for row in self.rows]:
+            self.beginResetModel()
+            self.rows = rows
+            self.endResetModel()
+        elif rows:
+            self.rows = rows
+            last = self.index(len(rows) - 1, len(_COLUMNS) - 1)
+            self.dataChanged.emit(self.index(0, 0), last)
 
     def rowCount(self, parent: Index = _NOWHERE) -> int:
         return 0 if parent.isValid() else len(self.rows)
@@ -87,11 +48,9 @@ class EffectsModel(QAbstractTableModel):
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return (row.name, row.level, row.told)[index.column()]
+            return (row.name, row.level, limit(row))[index.column()]
         if role == Qt.ItemDataRole.ToolTipRole:
-            return row.tip
-        if role == Qt.ItemDataRole.ForegroundRole:
-            return row.colour
+            return _tip(row)
         return None
 
     def headerData(
@@ -100,6 +59,46 @@ class EffectsModel(QAbstractTableModel):
         orientation: Qt.Orientation,
         role: int = Qt.ItemDataRole.DisplayRole,
     ) -> Any:
-        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
-            return _COLUMNS[section]
-        return None
+        if orientation is not Qt.Orientation.Horizontal:
+            return None
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return _TIPS[section]
+        return _COLUMNS[section] if role == Qt.ItemDataRole.DisplayRole else None
+
+
+def share(number: float) -> str:
+    """A relative change as a person reads it: 0.18, 4e-3, 1.2e-5, 0."""
+    if number == 0 or number >= 0.1:
+        return f"{number:.2g}"
+    digits, power = f"{number:.1e}".split("e")
+    return f"{digits.removesuffix('.0')}e{int(power)}"
+
+
+def limit(row: EffectTold) -> str:
+    if row.at_most is None:
+        return "no limit known"
+    return share(row.at_most) if row.at_most else "nothing"
+
+
+def reason(row: EffectTold) -> str:
+    """Why an effect is at its level, with what the level is likely to change."""
+    forced = "forced by the scene; " if row.forced else ""
+    about = f"about {share(row.about)}: " if row.about else ""
+    return _sentence(f"{forced}{about}{row.why}")
+
+
+def colour(row: EffectTold) -> str:
+    if row.forced:
+        return SIMULATED
+    return TEXT if row.on else FAINT
+
+
+def _tip(row: EffectTold) -> str:
+    forced = "forced by the scene" if row.forced else ""
+    source = f"source: {row.source}" if row.source else ""
+    sentences = (row.physics, row.why, f"limit {row.how}", source, forced)
+    return "\n".join(_sentence(text) for text in sentences if text)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -2,121 +2,71 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any
+from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from PySide6.QtCore import QObject, QRect, Qt
-from PySide6.QtGui import QColor, QPainter
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QHeaderView,
-    QStyledItemDelegate,
-    QStyleOptionViewItem,
-    QTableView,
-    QVBoxLayout,
-    QWidget,
-)
-
-from labapp.window.effects_model import EffectRow, EffectsModel, Index
+from labapp.window.effects_model import share
+from labapp.window.effects_table import EffectsTable
 from labapp.window.label import label
+from labapp.window.messages import DeviceInfo, EffectsTold
 from labapp.window.panel import Panel
-from labapp.window.theme import EDGE, ERROR, FIELD
 
-BAR = 2
-"""The column of bars."""
-
-_LEAST = 1e-7
-"""Relative change at the left end of a bar; the right end is the whole picture."""
-
-_EMPTY = "What the simulator does appears here with the first picture."
+_EMPTY = "What the simulator does, and why, appears here with the first picture."
+_REAL = "Real devices: nothing is simulated."
+_REAL_CAMERA = "The camera is real: nothing is simulated in its pictures."
 
 
 class EffectsPanel(Panel):
-    """Each effect with its level, and what that changes at most against the tolerance."""
+    """Each effect with its level, what that changes at most, and why; and all of them summed up.
+
+    setting: what the picture was taken with that all this is said of.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.summary = label(self, _EMPTY, look="faint", wrap=True)
-        self.model = EffectsModel(self)
-        self.table = QTableView(self)
-        self.table.setModel(self.model)
-        self._bars = _Bars(self.model, self.table)
-        self.table.setItemDelegateForColumn(BAR, self._bars)
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self.table.setShowGrid(False)
-        self.table.setTabKeyNavigation(False)
-        self.table.verticalHeader().hide()
-        self.table.verticalHeader().setDefaultSectionSize(self.fontMetrics().lineSpacing() + 6)
-        header = self.table.horizontalHeader()
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        for column in range(BAR):
-            header.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(BAR, QHeaderView.ResizeMode.Stretch)
+        self.setting = label(self, look="faint", wrap=True)
+        self.summary = label(self, _EMPTY, wrap=True)
+        self.table = EffectsTable(self)
         layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 4, 8, 6)
+        layout.setSpacing(5)
+        layout.addWidget(self.setting)
         layout.addWidget(self.summary)
-        layout.addWidget(self.table)
+        layout.addWidget(self.table, 1)
+        self.clear(_EMPTY)
 
-    def show_plan(self, plan: Mapping[str, Any] | None) -> None:
-        """A plan as plain data, as EffectPlan.as_data() gives it; None where nothing is
-        simulated. Raises KeyError for data of something else."""
-        if plan is None:
-            self.model.show_rows([])
-            self.summary.setText(_EMPTY)
-            return
-        rows = [EffectRow.of(decision) for decision in plan["decisions"]]
-        self._bars.tol = plan["tol"]
-        self.summary.setText(_summary(plan, sum(row.on for row in rows)))
-        self.model.show_rows(rows)
+    def clear(self, text: str) -> None:
+        """Nothing is known; say why."""
+        self.setting.hide()
+        self.summary.setText(text)
+        self.table.show_effects((), 0.0)
 
+    def show_bench(self, devices: tuple[DeviceInfo, ...]) -> None:
+        """A bench has opened, and no picture of it has come yet."""
+        simulated = {device.name for device in devices if device.simulated}
+        self.clear(_EMPTY if "camera" in simulated else _REAL_CAMERA if simulated else _REAL)
 
-def _summary(plan: Mapping[str, Any], on: int) -> str:
-    error, tol = plan["error"], plan["tol"]
-    count = f"{on} of {len(plan['decisions'])} effects are on"
-    if error is None:
-        return f"{count}; how far the picture is from that with all of them isn't known."
-    kept = "" if error <= tol else ", which forced effects exceed"
-    work = plan["work"] / plan["most_work"] if plan["most_work"] else 1.0
-    return (
-        f"{count}. The picture is within {error:.1e} of that with all of them (tolerance "
-        f"{tol:.1e}{kept}), for {work:.1%} of the work."
-    )
-
-
-class _Bars(QStyledItemDelegate):
-    """A bar on a logarithmic scale, a mark at the tolerance, and the number."""
-
-    def __init__(self, model: EffectsModel, parent: QObject) -> None:
-        super().__init__(parent)
-        self._model = model
-        self.tol = 0.01
-
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        row = self._model.rows[index.row()]
-        place: QRect = option.rect.adjusted(2, 2, -2, -2)
-        painter.save()
-        painter.fillRect(place, QColor(FIELD))
-        full = QRect(place)
-        full.setWidth(round(place.width() * _along(row.share)))
-        painter.fillRect(full, row.colour.darker(250))
-        mark = place.left() + round((place.width() - 1) * _along(self.tol))
-        painter.setPen(QColor(ERROR))
-        painter.drawLine(mark, place.top(), mark, place.bottom())
-        painter.setPen(QColor(EDGE))
-        painter.drawRect(place.adjusted(0, 0, -1, -1))
-        painter.setPen(row.colour)
-        painter.drawText(
-            place.adjusted(5, 0, -3, 0),
-            Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft,
-            row.told,
+    def show_effects(self, told: EffectsTold) -> None:
+        self.setting.setText(
+            f"{told.target} · {told.pattern} · {told.wavelength * 1e9:.2f} nm · "
+            f"{told.exposure * 1e3:.3f} ms"
         )
-        painter.restore()
+        self.setting.show()
+        self.summary.setText(_summary(told))
+        self.table.show_effects(told.effects, told.tol)
 
 
-def _along(share: float | None) -> float:
-    """Where a share lies on a bar, 0 to 1; one that isn't known at its end."""
-    if share is None:
-        return 1.0
-    if share <= _LEAST:
-        return 0.0
-    return min(1 - math.log(share) / math.log(_LEAST), 1.0)
+def _summary(told: EffectsTold) -> str:
+    on = sum(effect.on for effect in told.effects)
+    count = f"{on} of {len(told.effects)} effects take part."
+    work = f"for {_percent(told.work)} of its work"
+    if told.error is None:
+        return f"How far the picture is from everything on isn't known, {work}. {count}"
+    kept = f"tolerance {share(told.tol)}"
+    if told.error > told.tol:
+        kept += ", which forced effects exceed"
+    return f"The picture is within {share(told.error)} of everything on ({kept}), {work}. {count}"
+
+
+def _percent(part: float) -> str:
+    """With two digits; none of a hundred is lost."""
+    return f"{100 * part:.2g} %" if part < 0.995 else "all"

@@ -21,6 +21,7 @@ from labapp.window.actions import Actions
 from labapp.window.call_line import CallLine
 from labapp.window.connection import Connection
 from labapp.window.device_list import DeviceList
+from labapp.window.effects_panel import EffectsPanel
 from labapp.window.live_view import LiveView
 from labapp.window.message_line import MessageLine
 from labapp.window.pattern_panel import PatternPanel
@@ -33,7 +34,7 @@ from labapp.window.settings_panel import SettingsPanel
 
 _SIZE = QSize(1600, 900)
 _LEFT, _RIGHT = 310, 370
-_LAYOUT_VERSION = 2
+_LAYOUT_VERSION = 3
 
 _FIELDS = (QAbstractSpinBox, QComboBox, QLineEdit)
 """Where Enter means that what was typed holds."""
@@ -62,15 +63,18 @@ class MainWindow(QMainWindow):
         self.run = RunPanel([self.actions_["acquire"], self.actions_["reconstruct"]], self)
         files = [self.actions_[name] for name in ("plan", "resume", "open")]
         self.queue = QueuePanel(files, self)
+        self.effects = EffectsPanel(self)
         self._dock("Devices", self.devices, Qt.DockWidgetArea.LeftDockWidgetArea)
         self._dock("Pattern", self.pattern, Qt.DockWidgetArea.LeftDockWidgetArea)
         self._dock("Settings", self.settings, Qt.DockWidgetArea.RightDockWidgetArea)
         self._dock("Bracket and run", self.run, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._dock("Queue", self.queue, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._queue_dock = self._dock("Queue", self.queue, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._why_dock = self._dock("Why", self.effects, Qt.DockWidgetArea.RightDockWidgetArea)
         self.message = MessageLine(self)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addWidget(self.message, 1)
         self.resize(_SIZE)
+        self._tab_docks()
         self._arrange_docks()
         self._first_layout = self.saveState(_LAYOUT_VERSION)
         self.actions_["reset"].triggered.connect(self._reset_layout)
@@ -108,13 +112,38 @@ class MainWindow(QMainWindow):
         layout.addWidget(self.tabs, 1)
         return central
 
-    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> None:
+    def show_queue(self) -> None:
+        """Bring the queue to the front of what it shares its place with."""
+        self._queue_dock.raise_()
+
+    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
         dock = QDockWidget(title, self)
         dock.setObjectName(title)
         feature = QDockWidget.DockWidgetFeature
         dock.setFeatures(feature.DockWidgetMovable | feature.DockWidgetFloatable)
         dock.setWidget(widget)
         self.addDockWidget(area, dock)
+        return dock
+
+    def _tab_docks(self) -> None:
+        """Queue and reasons share a place: both are tall, and nobody reads both at a time."""
+        right = Qt.DockWidgetArea.RightDockWidgetArea
+        self.setTabPosition(right, QTabWidget.TabPosition.North)
+        self.tabifyDockWidget(self._queue_dock, self._why_dock)
+        self._queue_dock.raise_()
+        self.actions_["why"].triggered.connect(self._turn_tab)
+        # What is visible is known once Qt has moved it.
+        later = Qt.ConnectionType.QueuedConnection
+        for moved in (self._why_dock.visibilityChanged, self._why_dock.topLevelChanged):
+            moved.connect(self._mark_why, later)
+
+    def _turn_tab(self, on: bool) -> None:
+        (self._why_dock if on else self._queue_dock).raise_()
+        self._mark_why()
+
+    def _mark_why(self) -> None:
+        """Checked while it is seen: where a person has put the two apart, always."""
+        self.actions_["why"].setChecked(not self._why_dock.visibleRegion().isEmpty())
 
     def _arrange_docks(self) -> None:
         docks = self.findChildren(QDockWidget)
@@ -122,7 +151,7 @@ class MainWindow(QMainWindow):
         widths = [_LEFT if self.dockWidgetArea(dock) == left else _RIGHT for dock in docks]
         self.resizeDocks(docks, widths, Qt.Orientation.Horizontal)
         # What has a list or a picture in it takes the height that the others leave.
-        tall = (self.pattern, self.queue)
+        tall = (self.pattern, self.queue, self.effects)
         short = [dock for dock in docks if dock.widget() not in tall]
         self.resizeDocks(short, [1] * len(short), Qt.Orientation.Vertical)
 

@@ -225,6 +225,46 @@ class LiveFrame:
     number: int
 
 
+@dataclass(frozen=True)
+class EffectTold:
+    """An effect that the simulated bench could have, and how far the simulator goes with it.
+
+    level: in words. on: whether it takes part. forced: whether the scene says so. at_most: the
+    most that the level changes against the finest, relative; None: no limit is known. about:
+    what it is likely to be. why: what there is of it in this picture. how: where the limit
+    comes from.
+    """
+
+    name: str
+    level: str
+    on: bool
+    forced: bool
+    at_most: float | None
+    about: float
+    why: str
+    physics: str
+    source: str
+    how: str
+
+
+@dataclass(frozen=True)
+class EffectsTold:
+    """What the simulator does for pictures of a setting: its effects, in the order of the light.
+
+    error: the most by which the picture differs from that with everything on, relative; None:
+    no limit is known. tol: what was allowed. work: its share of the work of everything on.
+    """
+
+    target: str
+    pattern: str
+    wavelength: float
+    exposure: float
+    effects: tuple[EffectTold, ...]
+    tol: float
+    error: float | None
+    work: float
+
+
 @dataclass(frozen=True, eq=False)
 class PatternPreview:
     """A pattern's grey levels, made smaller, and its PSF on sensor pixels (peak 1)."""
@@ -362,6 +402,7 @@ Report = (
     BenchOpened
     | BenchState
     | LiveFrame
+    | EffectsTold
     | PatternPreview
     | JobProgress
     | CancelHeard

@@ -10,6 +10,7 @@ from labapp.window.messages import (
     BenchOpened,
     BenchState,
     CancelHeard,
+    EffectsTold,
     Failure,
     JobEnded,
     JobProgress,
@@ -45,6 +46,7 @@ class Reports:
             BenchOpened: self._bench_opened,
             BenchState: self._bench_state,
             LiveFrame: window.live_view.show_frame,
+            EffectsTold: window.effects.show_effects,
             PatternPreview: window.pattern.show_preview,
             JobProgress: self._job_progress,
             JobEnded: self._job_ended,
@@ -70,6 +72,7 @@ class Reports:
         window.live_view.set_running(False)
         window.run.show_end("", done=False)
         window.devices.clear("the engine is not running")
+        window.effects.clear("The engine is not running.")
         window.queue.show_queue(QueueState(()))
         window.call.show_queue(QueueState(()))
         window.message.complain(self._why_dead(how), restart=True)
@@ -91,6 +94,7 @@ class Reports:
         window.setWindowTitle(f"labapp – {report.name}")
         window.bar.badge.show_devices(report.devices)
         window.devices.show_devices(report.devices)
+        window.effects.show_bench(report.devices)
         window.live_view.set_scale(Scale(report.full_scale))
         window.run.set_frame_shape(report.camera_shape)
         window.run.times.set_virtual(report.virtual)
@@ -119,6 +123,8 @@ class Reports:
 
     def _queue_state(self, report: QueueState) -> None:
         window = self._window
+        if report.held and not self._session.queue.held:
+            window.show_queue()
         window.queue.show_queue(report)
         window.call.show_queue(report)
         ended = [run for run in report.runs if run.state.has_ended]

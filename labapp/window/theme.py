@@ -41,7 +41,7 @@ BLACK = (40, 90, 255)
 _SHEET = f"""
 QMainWindow, QDialog, QMessageBox {{ background: {BACKGROUND}; }}
 QToolButton {{ color: {TEXT}; background: {PANEL}; border: 1px solid {EDGE};
-  border-radius: 3px; padding: 4px 9px; }}
+  border-radius: 3px; padding: 4px 7px; }}
 QToolButton:hover, QPushButton:hover {{ border-color: {ACCENT}; }}
 QToolButton:checked {{ background: #3a2f1c; border-color: {ACCENT}; color: #f0d9ae; }}
 QToolButton:disabled, QPushButton:disabled {{ color: #5a5852; border-color: #26282c; }}
@@ -56,6 +56,13 @@ QTabWidget::pane {{ border: 0; }}
 QTabBar::tab {{ background: {BACKGROUND}; color: {FAINT}; padding: 5px 14px;
   border-bottom: 2px solid {BACKGROUND}; }}
 QTabBar::tab:selected {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
+QTabBar {{ qproperty-drawBase: 0; }}
+QScrollBar:vertical {{ background: {FIELD}; width: 11px; margin: 0; }}
+QScrollBar::handle:vertical {{ background: {EDGE}; border-radius: 3px; margin: 2px;
+  min-height: 24px; }}
+QScrollBar::handle:vertical:hover {{ background: {ACCENT}; }}
+QScrollBar::add-line:vertical, QScrollBar::sub-line:vertical {{ height: 0; }}
+QScrollBar::add-page:vertical, QScrollBar::sub-page:vertical {{ background: {FIELD}; }}
 QProgressBar {{ background: {FIELD}; border: 1px solid {EDGE}; border-radius: 3px;
   text-align: center; min-height: 17px; }}
 QProgressBar::chunk {{ background: #6b5126; }}

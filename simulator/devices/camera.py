@@ -7,19 +7,18 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from drivers.interfaces import Frame, Setting, Surroundings, checksum
 from optics.edge import require_positive
-from optics.sensor import expose
 from simulator.devices.simulated import Simulated, require_duration
 
 
 class SimulatedCamera(Simulated):
     """A camera whose every picture follows from the state of the world and a seed.
 
+    What its pictures share is computed once, as long as nothing changes; each has its own noise.
+
     readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
-    beyond the exposure, that a step of a picture's computation may take; by default 5, and
+    beyond the exposure, that a step of a picture's computation may take; by default 15, and
     5 more a megapixel.
     """
 
@@ -33,7 +32,7 @@ class SimulatedCamera(Simulated):
         require_duration("readout_ms", readout_ms)
         if reply_s is not None:
             require_positive("reply_s", reply_s, "s")
-        self.reply_time = reply_s or 5.0 + 5e-6 * math.prod(self.shape)
+        self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
         self.alive_at = 0.0
         self._readout = readout_ms * 1e-3
         self._exposure = 0.01
@@ -99,28 +98,19 @@ class SimulatedCamera(Simulated):
             self._luck.require_alive("capture")
 
         try:
-            rate, plan = self._world.light(seconds, check)
+            stream, _ = self._world.stream(seconds, check)
         except ValueError as error:
             raise self._refuse("capture", str(error), "Change the scene or the bench") from error
         # The world's chance is for those who are alive.
         self._luck.require_alive("capture")
-        sensor = self._world.camera.sensor
-        numbers = expose(
-            rate,
-            seconds,
-            sensor,
-            self._world.chance(),
-            shot_noise=plan.is_on("shot noise"),
-            read_noise=plan.is_on("read noise"),
-            dark_current=plan.is_on("dark current"),
-        )
+        image = stream.frame(self._world.chance())
         self._clock.wait_until(
             began + seconds + self._readout, lambda: cancelled() or self._luck.killed
         )
         self._luck.require_alive("capture")
         self._number += 1
-        image = numbers.numpy().astype(np.uint16)
-        return Frame(image, seconds, sensor.gain, began, self._number, checksum(image))
+        gain = self._world.camera.sensor.gain
+        return Frame(image, seconds, gain, began, self._number, checksum(image))
 
     def _wrong_exposure(self) -> float:
         """What a camera exposes that hasn't heard of its new setting yet."""

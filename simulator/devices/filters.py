@@ -3,18 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self
+from dataclasses import replace
+from typing import Literal, Self, get_args
 
 from drivers.interfaces import Setting, Slot, Surroundings
 from optics.edge import require_positive
+from optics.light.bands import Band
 from simulator.devices.simulated import Simulated, require_duration
+
+Range = tuple[float, float]
+
+Shape = Literal["gaussian", "lyot", "interference"]
+"""Of bands that have a centre and a width."""
+
+VISIBLE: Range = (400.0, 720.0)
+"""Nanometres, beyond which a filter's blocking glass lets nothing leak."""
+
+
+def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: Range) -> Band:
+    """Of a filter in metres; ValueError, in the words of its options, for what it can't be."""
+    if shape not in get_args(Shape):
+        raise ValueError(f"shape is {shape!r}; choose {', '.join(get_args(Shape))}")
+    low, high = leak_range_nm
+    if not 0 < low < high:
+        raise ValueError(f"leak_range_nm is {leak_range_nm}; give the shorter wavelength first")
+    return Band(centre, fwhm, shape, leak, (low * 1e-9, high * 1e-9))
 
 
 class SimulatedFilter(Simulated):
-    """A liquid-crystal tunable filter with a Gaussian band.
+    """A liquid-crystal tunable filter.
 
     range_nm: lowest and highest wavelength. bandwidth_nm: full width at half maximum.
-    settling_ms: time until a new wavelength stands.
+    settling_ms: time until a new wavelength stands. shape: of its band, "gaussian", "lyot" or
+    "interference" (see optics.light.bands.Band). leak: share of the light that it passes at all
+    wavelengths from the shorter to the longer of leak_range_nm, besides.
     """
 
     model = "simulated tunable filter"
@@ -26,6 +48,9 @@ class SimulatedFilter(Simulated):
         range_nm: tuple[float, float] = (420.0, 720.0),
         bandwidth_nm: float = 7.0,
         settling_ms: float = 50.0,
+        shape: Shape = "gaussian",
+        leak: float = 0.0,
+        leak_range_nm: Range = VISIBLE,
     ) -> None:
         super().__init__(surroundings)
         if not 0 < range_nm[0] < range_nm[1]:
@@ -34,7 +59,10 @@ class SimulatedFilter(Simulated):
         require_duration("settling_ms", settling_ms)
         self._range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
-        self._world.bandwidth = bandwidth_nm * 1e-9
+        # A band that can be at the shortest wavelength can be at all others.
+        band = _band(self._range[0], bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
+        low, high = self._range
+        self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
 
     @property
     def wavelength_range(self) -> tuple[float, float]:
@@ -67,10 +95,11 @@ class SimulatedFilter(Simulated):
 
 
 class SimulatedWheel(Simulated):
-    """A wheel of interference filters with Gaussian bands.
+    """A wheel of filters.
 
     slots_nm: centre and full width at half maximum of each slot. step_ms: time that the
-    wheel needs from a slot to the next one; it turns the shorter way.
+    wheel needs from a slot to the next one; it turns the shorter way. shape, leak,
+    leak_range_nm: of all its filters, as those of a SimulatedFilter.
     """
 
     model = "simulated filter wheel"
@@ -81,6 +110,9 @@ class SimulatedWheel(Simulated):
         surroundings: Surroundings,
         slots_nm: Sequence[tuple[float, float]] = ((450, 10), (532, 10), (550, 10), (633, 10)),
         step_ms: float = 200.0,
+        shape: Shape = "gaussian",
+        leak: float = 0.0,
+        leak_range_nm: Range = VISIBLE,
     ) -> None:
         super().__init__(surroundings)
         if not slots_nm:
@@ -93,6 +125,10 @@ class SimulatedWheel(Simulated):
             Slot(f"{centre:g} nm", round(centre * 1e3) * 1e-12, width * 1e-9)
             for centre, width in slots_nm
         )
+        self._bands = [
+            _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm)
+            for slot in self._slots
+        ]
         self._step = step_ms * 1e-3
         self.settling = self._step * (len(self._slots) // 2)
         self._slot = 1
@@ -151,4 +187,4 @@ class SimulatedWheel(Simulated):
 
     def _turn_to(self, number: int) -> None:
         self._slot = number
-        self._world.wavelength, self._world.bandwidth = self.wavelength, self.bandwidth
+        self._world.band = self._bands[number - 1]

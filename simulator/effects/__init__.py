@@ -1,12 +1,5 @@
-"""Which effects a picture calls for: each is estimated, compared with a tolerance, explained.
+"""What optics and electronics do to a picture, one effect a file, in `registry` all of them.
 
-`plan` decides; `band`, `panel` and `sensor` hold the estimates, in the order in which the light
-meets what they are of; `pattern` is what the estimates look at.
+Each says when it is there, what it changes at most at each of its levels, what it costs, and what
+it adds to the recipe of a picture: `simulator.planning.Effect`. None renders anything.
 """
-
-from simulator.effects.pattern import Pattern as Pattern
-from simulator.effects.pattern import phase_spread as phase_spread
-from simulator.effects.plan import EffectPlan as EffectPlan
-from simulator.effects.plan import decide as decide
-from simulator.effects.situation import Decision as Decision
-from simulator.effects.situation import Situation as Situation

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.on_pixels import light, seconds, through_sensor
+from simulator.effects.limits import uneven
+from simulator.effects.on_pixels import in_proportion, light, seconds, sharp, through_sensor, whole
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
@@ -40,17 +41,13 @@ def spread_otherwise(s: Situation, change: float, how: str, density: float = mat
     change = min(change, 2.0)
     on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
     of_points = math.sqrt(on_pixel * change) * whole(s)
-    return through_sensor(s, hiding(s) * min(change * light(s), of_points), how)
-
-
-def whole(s: Situation) -> float:
-    """Electrons over frame and margin, without any blur."""
-    return float(s.picture.picture.double().sum()) * seconds(s)
+    most = min(change * sharp(s), of_points, 2 * light(s))
+    return through_sensor(s, hiding(s) * uneven(s) * most, how)
 
 
 def filtered(s: Situation, gain: Gain, how: str) -> Bound:
     """Of transfer functions that differ by a gain at most, of cycles per metre."""
-    return through_sensor(s, hiding(s) * float(s.picture.power.changed(gain)) * seconds(s), how)
+    return in_proportion(s, hiding(s) * float(s.picture.power.changed(gain)) * seconds(s), how)
 
 
 def relative(s: Situation, bound: Bound) -> float:

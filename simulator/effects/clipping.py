@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from simulator.effects.on_pixels import (
     FURTHEST,
     brightest,
-    held,
+    full,
     limit,
     near_limit,
     near_zero,
@@ -61,10 +61,7 @@ class Clipping(Effect):
             return Bound(how=how)
         sensor, most, least = s.camera.sensor, brightest(s), limit(s.camera.sensor)
         spread = math.sqrt(most)
-        from_here = least - 8 * math.sqrt(least) - 30
-        count = float(pixels(s))
-        if from_here > 0:
-            count = min(count, (held(s) / from_here) ** 2)
+        count = full(s).count
         noise = sensor.read_noise + sensor.gain
         excess = max(most - least, 0.0) + 0.5 * spread + 0.5 * noise + FURTHEST * sensor.dsnu
         varied = (spread + noise) ** 2

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
+from simulator.effects.limits import all_even
+from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 
 if TYPE_CHECKING:
@@ -32,14 +36,19 @@ VIGNETTING, BEATS = "vignetting", "polarisation interference"
 ORDER = (REACH, SAMPLING, WAVES, BAND, BESIDE, DISPERSION, BEATS, PLACE, VIGNETTING, GRID)
 """In which their work is told apart: each adds to those before."""
 
+_LOOKED = (*ORDER, "depth layers", "colour filter array", "flicker")
+"""Effects whose levels make a difference."""
+
 
 @dataclass(frozen=True)
 class _Counts:
-    """PSFs of the middle order, orders beside it, transforms of all samples, samples a pixel."""
+    """PSFs of the middle order, orders beside it, transforms of all samples but those of pictures
+    as they are drawn, pictures, samples a pixel."""
 
     psfs: float
     orders: float
     transforms: float
+    pictures: float
     samples: int
     wave: bool
 
@@ -47,22 +56,37 @@ class _Counts:
 def added(s: Situation, levels: Mapping[str, int], name: str) -> float:
     """Operations that an effect adds to a picture with those that stand before it in ORDER."""
     place = ORDER.index(name)
-    off = dict.fromkeys(ORDER[place + 1 :], 0)
-    return max(operations(s, {**levels, **off}) - operations(s, {**levels, **off, name: 0}), 0.0)
+    # What doesn't count isn't looked at: a plan asks again only where something else counts.
+    seen = {one: levels.get(one, 0) for one in _LOOKED if one not in ORDER[place + 1 :]}
+    return max(operations(s, seen) - operations(s, {**seen, name: 0}), 0.0)
 
 
 def operations(s: Situation, levels: Mapping[str, int]) -> float:
     """Of all that is rendered, without what the sensor does."""
+    return _operations(s, tuple(levels.get(one, 0) for one in _LOOKED))
+
+
+@lru_cache(maxsize=8192)
+def _operations(s: Situation, found: tuple[int, ...]) -> float:
+    levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)
-    side = window(s, levels.get(REACH, 0)) * counts.samples
+    reach, orders = window(s, levels.get(REACH, 0)), ORDERS[levels.get(GRID, 0)] * counts.wave
+    down, across = (n * counts.samples for n in psf_window(s, reach))
     one = psf_operations if counts.wave else ray_operations
-    rows, columns = (
-        (n + window(s, levels.get(REACH, 0))) * counts.samples for n in s.camera.sensor.shape
-    )
+    rows, columns = (n * counts.samples for n in picture_shape(s, reach, orders))
     transform = transform_operations(rows, columns)
     pixels = transform_operations(rows // counts.samples, columns // counts.samples)
-    psfs = counts.psfs * (1 + counts.orders)
-    return psfs * one(s.camera.panel, side) + counts.transforms * transform + pixels
+    drawing = counts.pictures * transform * _drawn(s, levels)
+    beside = reach * counts.samples
+    of_order = counts.orders * one(s.camera.panel, beside, beside)
+    spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
+    return spreading + counts.transforms * transform + drawing + pixels
+
+
+def _drawn(s: Situation, levels: Mapping[str, int]) -> float:
+    """Samples of pictures over those of the light."""
+    along = math.ceil(SAMPLES[levels.get(SAMPLING, 0)] / s.coarsest_sampling)
+    return float(along**2)
 
 
 def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
@@ -77,14 +101,19 @@ def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
     channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
     cells = max(1, len(s.shown.pictures))
     psfs = nodes * depths * places * fields * cells
+    if all_even(s) and not levels.get(VIGNETTING, 0):
+        # Nothing to be blurred.
+        psfs = parts = 0
     channels = channels if levels.get("colour filter array", 0) else 1
     wave = bool(levels.get(WAVES, 0))
     # Of objects: once, and if they are weighed, back and once for each place.
     weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
     straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
+    # By orders each wavelength's picture stands elsewhere, and is drawn there.
+    pictures = parts * (1 + orders * nodes) if wave else parts
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
-    samples = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
-    return _Counts(psfs, orders if wave else 0, straight + aside, samples, wave)
+    blurs = straight + aside - pictures
+    return _Counts(psfs, orders if wave else 0, blurs, pictures, s.coarsest_sampling, wave)
 
 
 def _ripples(s: Situation, levels: Mapping[str, int]) -> int:

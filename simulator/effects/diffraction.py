@@ -23,6 +23,7 @@ _MARGIN = 1.5
 class Diffraction(Effect):
     name = WAVES
     kind = "stage"
+    last = True
     physics = "light is a wave: it spreads behind every edge and interferes where rays cross"
     source = "Goodman, Introduction to Fourier Optics 6.4"
     levels = ("rays", "waves")

@@ -11,6 +11,7 @@ import torch
 from optics.slm.gap import gap_light
 from simulator.effects.blurs import NOTHING, relative, spread_otherwise
 from simulator.effects.costs import DISPERSION
+from simulator.effects.keeping import kept
 from simulator.effects.panel_effects import blurred
 from simulator.effects.spectra import measure
 from simulator.effects.wavefronts import MARGIN, of_phase, sampled
@@ -40,7 +41,7 @@ class PanelDispersion(Effect):
     def bound(self, s: Situation, level: int) -> Bound:
         if level:
             return NOTHING
-        change = MARGIN * (_change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0))
+        change = MARGIN * kept(s, self.name, lambda: _changes(s))
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
         return spread_otherwise(s, change, how, s.pattern.peak)
 
@@ -57,6 +58,10 @@ class PanelDispersion(Effect):
         return recipe.having(dispersion=True)
 
 
+def _changes(s: Situation) -> float:
+    return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
+
+
 def _change(s: Situation, which: Literal["band", "leak"]) -> float:
     """‖Δh‖₁ at most, in the mean over wavelengths as the brightest channel sees them, or as that
     part and channel does whose share is largest; of the leak by its share of the light."""
@@ -64,11 +69,7 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
     if found.empty:
         return 0.0
     nodes, weights = interpolating(found.x, found.of, _NODES)
-    masses = found.of.sum(-1)
-    if not band.empty and band.of.shape[:2] == masses.shape:
-        masses = np.maximum(masses.max(0), band.of.sum(-1).max(0))
-    else:
-        masses = masses.max(0)
+    masses = np.maximum(found.of.sum(-1).max(0), band.of.sum(-1).max(0))
     lit = masses > 0
     shares = np.abs(weights[:, lit]) / masses[lit][None, :, None]
     worst = shares.reshape(-1, len(nodes)).max(0)
@@ -79,13 +80,16 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
 def _at(s: Situation, wavelength: float) -> float:
     pixels, panel = sampled(s), s.camera.panel
     there = modulator_at(panel, wavelength)
+    # Only of a panel that is the same all over, some pixels do without the others.
+    maps = panel.response is not None and panel.response.shares.shape[1:3] != (1, 1)
     figure = 0.0
     if panel.flatness is not None:
         figure = 2 * np.pi * (1 / wavelength - 1 / s.wavelength)
     spread = (1 + gap_light(panel)) ** 2 * blurred(panel)
     changes = []
     for grey, phase in zip(s.pattern.greys, s.pattern.phases, strict=True):
-        error = pixels(torch.as_tensor(there.phase(grey)) - phase)
+        error = pixels(there.phase(grey)) if maps else there.phase(pixels(grey))
+        error = torch.as_tensor(error) - pixels(phase)
         if figure and panel.flatness is not None:
             error = error + figure * pixels(panel.flatness.on(panel))
         changes.append(of_phase(s, pixels, error) * spread)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optics.light.waveform import Waveform
+from optics.sensor.shutter import row_starts, skew
 from simulator.effects.on_pixels import through_sensor
 from simulator.planning import Bound, Effect
 
@@ -58,10 +59,9 @@ class LampFlicker(Effect):
     def _rows(self, s: Situation) -> float:
         """Of all rows' exposures, the largest deviation of the mean from 1.
 
-        With a rolling shutter rows may also be exposed all at once, where it is left out.
+        Where a rolling shutter is left out, all are exposed with the first.
         """
-        sensor = s.camera.sensor
-        begins = s.moment + sensor.line_time * np.arange(sensor.shape[0])
+        begins = row_starts(s.camera.sensor, s.moment).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
     def _within(self, s: Situation) -> float:
@@ -69,8 +69,8 @@ class LampFlicker(Effect):
 
         Of means over parts; what they don't show of it is that of a part, at most.
         """
-        lamp, sensor = _lamp(s), s.camera.sensor
-        if sensor.line_time and sensor.shutter == "rolling":
+        lamp = _lamp(s)
+        if skew(s.camera.sensor):
             return lamp.ripple
         ends = s.moment + s.exposure * np.linspace(0, 1, _INSTANTS + 1)
         parts = np.abs(lamp.mean(ends[:-1], ends[1:]) - 1).mean()

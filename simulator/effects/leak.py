@@ -57,8 +57,7 @@ class Leak(Effect):
 
 def _share(s: Situation) -> float:
     """Of the electrons of any part and channel, over those of its brightest channel."""
-    beside, inside = measure(s, "leak").of.sum(-1), measure(s, "band").of
-    band = inside.sum(-1) if inside.shape[:2] == beside.shape else 0 * beside
-    both = (beside + band).max(0)
+    beside, inside = measure(s, "leak").of.sum(-1), measure(s, "band").of.sum(-1)
+    both = (beside + inside).max(0)
     lit = both > 0
     return float((beside[:, lit] / both[lit]).max()) if lit.any() else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from optics.light.spectrum import Spectrum
 from optics.sensor import Mosaic
-from simulator.effects.on_pixels import light, pixels, through_sensor
+from simulator.effects.on_pixels import in_proportion, light, pixels
 from simulator.planning import Bound, Effect
 from simulator.probing.rates import electron_rates
 
@@ -38,7 +38,7 @@ class ColourFilters(Effect):
         if level:
             return Bound(how="proved: nothing changes")
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
-        return through_sensor(s, self._largest(s) * light(s), how)
+        return in_proportion(s, self._largest(s) * light(s), how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.costs import REACH, SAMPLES, SAMPLING, window
+from optics.sensor.shutter import skew
+from simulator.effects.costs import REACH, window
 from simulator.effects.on_pixels import seconds, through_sensor
+from simulator.formation.windows import picture_shape
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
@@ -36,7 +38,7 @@ class Motion(Effect):
 
     def finest(self, s: Situation) -> int:
         # An even path in steady light is exact as it is.
-        return len(self.levels) - 1 if _changing(s) or _late(s) else 1
+        return len(self.levels) - 1 if _changing(s) or skew(s.camera.sensor) else 1
 
     def estimate(self, s: Situation, level: int) -> float:
         whole = s.picture.l2
@@ -69,7 +71,7 @@ class Motion(Effect):
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
-        return 2**level * math.ceil(_whole(s) / s.exposure) if level else 1
+        return 2**level * math.ceil(s.lasts / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
         """L2 of electrons per second against the path itself, at most."""
@@ -87,8 +89,8 @@ class Motion(Effect):
         ripple = 0.0 if lamp is None else lamp.ripple
         part = path / 2**level if level else path
         uneven = 2.0 * (1 + ripple) if s.shown.moves else 2 * ripple
-        late = math.sqrt(_whole(s) / s.exposure) * (1 + ripple) if _late(s) else 0.0
-        away = part if level else path * _whole(s) / s.exposure
+        late = math.sqrt(s.lasts / s.exposure) * (1 + ripple) if skew(s.camera.sensor) else 0.0
+        away = part if level else path * s.lasts / s.exposure
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             if late:
@@ -103,9 +105,8 @@ class Motion(Effect):
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
     """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
-    around = window(s, levels.get(REACH, 0))
-    finer = max(SAMPLES[levels.get(SAMPLING, 0)], s.coarsest_sampling)
-    rows, columns = ((n + around) * finer for n in s.camera.sensor.shape)
+    shape = picture_shape(s, window(s, levels.get(REACH, 0)), 0)
+    rows, columns = (n * s.coarsest_sampling for n in shape)
     return transform_operations(rows, columns)
 
 
@@ -113,13 +114,3 @@ def _changing(s: Situation) -> bool:
     """Whether the panel or the lamp is not the same during the exposure."""
     lamp = s.target.lamp
     return s.shown.moves or not (lamp is None or lamp.constant)
-
-
-def _late(s: Situation) -> bool:
-    return s.camera.sensor.shutter == "rolling" and s.camera.sensor.line_time > 0
-
-
-def _whole(s: Situation) -> float:
-    """Seconds from the first row's beginning to the last one's end."""
-    sensor = s.camera.sensor
-    return s.exposure + (sensor.line_time * (sensor.shape[0] - 1) if _late(s) else 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,21 @@ import numpy as np
 from optics.camera import Sensor
 from optics.sensor import Stages
 from optics.sensor.table import pieces
+from simulator.effects.limits import contrast, densest, energy, known, straight
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
+    from simulator.recipe import Recipe
     from simulator.situation import Situation
+
+_GAIN = 1.1
+"""Audited: light that orders, or an uneven lamp, may add to a pixel's."""
+
+_SWITCH = 1.01
+"""Audited: means bend so much more where a normal distribution takes over from Poisson's."""
+
+_UNEVEN = 3.0
+"""Audited: dim pixels may change by so much more of theirs than all do on the average."""
 
 FURTHEST = 4.5
 """Standard deviations of the response and offset of pixels, at most."""
@@ -35,9 +47,42 @@ def seconds(s: Situation) -> float:
     return s.exposure * (1 + (lamp.ripple if lamp is not None else 0.0))
 
 
-def light(s: Situation) -> float:
+def sharp(s: Situation) -> float:
     """L2 norm of the picture's electrons at most, however blurred: no blur adds light (Young)."""
     return float(s.picture.l2) * seconds(s)
+
+
+def whole(s: Situation) -> float:
+    """Electrons over frame and margin, without any blur."""
+    return s.picture.whole * seconds(s)
+
+
+@functools.lru_cache(maxsize=8)
+def _densest(s: Situation) -> float:
+    """Electrons of the light on a pixel, at most, as its PSFs blur it: by Young, by the brightest
+    place of a PSF, and by frequency."""
+    sharpest = float(s.picture.brightest) * seconds(s)
+    if not known(s):
+        return sharpest
+    sharpest = min(sharpest, straight(s) * sharpest + beside(s))
+    in_phase = s.picture.power.highest(lambda k: contrast(s, k)) * seconds(s) + beside(s)
+    return min(sharpest, densest(s) * (whole(s) + beside(s)), in_phase)
+
+
+def beside(s: Situation) -> float:
+    """Electrons of stars beside what is looked at of the picture."""
+    return s.picture.beside * seconds(s)
+
+
+@functools.lru_cache(maxsize=8)
+def light(s: Situation) -> float:
+    """L2 norm of the picture's electrons at most, as its PSFs blur it: by Young; by the brightest
+    pixel and the sum of all; and by frequency (Parseval)."""
+    if not known(s):
+        return sharp(s)
+    summed = math.sqrt(energy(s)) * (whole(s) + beside(s))
+    resolved = s.picture.power.changed(lambda k: contrast(s, k)) * seconds(s) + beside(s)
+    return min(sharp(s), summed, resolved)
 
 
 def dark(s: Situation) -> float:
@@ -60,7 +105,7 @@ def at_most(share: float, count: int) -> float:
 def brightest(s: Situation) -> float:
     """Electrons of the brightest pixel at most, hot ones included."""
     sensor = s.camera.sensor
-    lit = float(s.picture.brightest) * seconds(s) * (1 + FURTHEST * sensor.prnu)
+    lit = _densest(s) * (1 + FURTHEST * sensor.prnu)
     return lit + dark(s) + (sensor.hot_current * s.exposure if sensor.hot else 0.0)
 
 
@@ -83,6 +128,54 @@ def near_limit(s: Situation) -> bool:
     return most + 7 * math.sqrt(most) + 20 > limit(s.camera.sensor)
 
 
+def deep(s: Situation, recipe: Recipe) -> Recipe:
+    """The same with wells and a converter without an end, where any may be full: what a full well
+    clips counts as before it does (see simulator.probing.floor)."""
+    return recipe.having(clipping=False) if near_limit(s) else recipe
+
+
+def safe(s: Situation) -> float:
+    """Electrons of light up to which seven standard deviations clip nothing."""
+    free = max(limit(s.camera.sensor) - 20 - dark(s), 0.0)
+    # x + 7 √x is what is left of the well.
+    root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
+    return root**2 / (1 + FURTHEST * s.camera.sensor.prnu)
+
+
+@dataclass(frozen=True)
+class Full:
+    """Pixels with more light than is safe, at most: their number, the sum of their electrons, and
+    of these squared."""
+
+    count: float
+    total: float
+    energy: float
+
+
+@functools.lru_cache(maxsize=8)
+def full(s: Situation) -> Full:
+    """Which wells may be full.
+
+    However blurred, a picture has no more of (m - θ)₊ and its square than the sharp one, for any
+    θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) of m - θ.
+    """
+    if not near_limit(s):
+        return Full(0.0, 0.0, 0.0)
+    count, well = float(pixels(s)), safe(s)
+    total, energy = whole(s) + beside(s), light(s) ** 2
+    if well <= 0:
+        return Full(count, total, energy)
+    if not s.picture.beside:
+        for share in (0.5, 0.7, 0.8, 0.9):
+            over = s.picture.over(share * well / seconds(s))
+            factor = _GAIN * seconds(s) / (1 - share)
+            total = min(total, factor * over[0])
+            energy = min(energy, factor**2 * over[1])
+    sensor = s.camera.sensor
+    hot = at_most(sensor.hot, pixels(s)) if sensor.hot_current else 0.0
+    return Full(min(count, energy / well**2 + hot, total / well + hot), total, energy)
+
+
 def near_zero(sensor: Sensor) -> bool:
     """Whether noise and offsets of a dark pixel can reach the converter's lower end."""
     room = sensor.black_level * sensor.gain - FURTHEST * sensor.dsnu
@@ -93,18 +186,42 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     """What a change of the picture's electrons does to mean, variance and σ of what is read.
 
     change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, with read noise and without. σ:
-    |√a - √b| is |a - b| over the sum of both, of which read noise is the least, and at most
+    they are of electrons anywhere up to the brightest pixel, or to where wells are full, with read
+    noise. What a full well clips counts as before it is clipped (see floor()). σ:
+    |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
+    of the picture are the least (audited: a change is no larger in the dark), and at most
     √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
     read_noise: whether it may be counted on; without it, few electrons more make much of σ.
     """
-    sensor = s.camera.sensor
-    mean, variance, least = _steepest(sensor, _round(brightest(s)))
+    sensor, most = s.camera.sensor, brightest(s)
+    mean, variance, least = _steepest(sensor, min(_round(most), float(round(safe(s)))))
     varied = variance * change
     sigma = math.sqrt(varied * root_pixels(s))
     if read_noise and least:
-        sigma = min(sigma, varied / (2 * least))
+        sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(_dim(s)))))
     return Bound(mean * change, varied, sigma, how=how)
+
+
+def in_proportion(s: Situation, change: float, how: str, uneven: float = _UNEVEN) -> Bound:
+    """through_sensor() of a change that goes with the light that is there: dark pixels change no
+    more of theirs than bright ones do, or by a factor `uneven`.
+
+    Where m changes by a share ε of it, √(m + r²) changes by no more than ε √m / 2, whatever the
+    read noise: over all pixels by ε/2 of the root of all light.
+    """
+    bound = through_sensor(s, change, how)
+    norm = light(s)
+    if not norm:
+        return bound
+    root = math.sqrt(bound.variance / change * (whole(s) + beside(s))) if change else 0.0
+    sigma = min(bound.sigma, uneven * change / norm / 2 * root)
+    return replace(bound, sigma=sigma)
+
+
+def _dim(s: Situation) -> float:
+    """Electrons that pixels hold where a change counts, at least: as much as the dim tenth of the
+    sharp picture has, and half of that, for it may be dimmer there."""
+    return 0.5 * s.picture.dim * s.exposure
 
 
 def _round(electrons: float) -> float:
@@ -114,15 +231,14 @@ def _round(electrons: float) -> float:
 @functools.lru_cache(maxsize=64)
 def _steepest(sensor: Sensor, most: float) -> tuple[float, float, float]:
     """Largest slopes of mean and variance by electrons, and the least σ with read noise."""
-    whole, smooth, quiet = (
-        pieces(sensor, stages, most)
-        for stages in (Stages(), Stages(quantisation=False), Stages(read_noise=False))
+    whole, smooth = (
+        pieces(sensor, stages, most) for stages in (Stages(), Stages(quantisation=False))
     )
-    slopes = [table.steepest(most) for tables in (whole, smooth, quiet) for table in tables]
+    slopes = [table.steepest(most) for tables in (whole, smooth) for table in tables]
     mean, variance = np.array(slopes).max(axis=0)
     least = min(table.least(most) for tables in (whole, smooth) for table in tables)
     return (
-        max(float(mean), 1.0),
+        _SWITCH * max(float(mean), 1.0),
         max(float(variance), 1.0),
         math.sqrt(least) if sensor.read_noise else 0.0,
     )

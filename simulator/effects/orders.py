@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from simulator.effects.blurs import NOTHING, relative, spread_otherwise
 from simulator.effects.costs import GRID, ORDERS, added
+from simulator.effects.limits import orders_near
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ class PanelOrders(Effect):
     def bound(self, s: Situation, level: int) -> Bound:
         if level >= self.finest(s):
             return NOTHING
+        if not orders_near(s):
+            return Bound(how="proved: none of them meets the sensor")
         lost = s.pattern.beyond_orders(ORDERS[level]) - s.pattern.beyond_orders(ORDERS[-1])
         how = f"audited ×{_MARGIN:g}: Young; light that one pixel's square sends there"
         return spread_otherwise(s, _MARGIN * max(lost, 0.0), how)

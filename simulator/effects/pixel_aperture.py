@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.on_pixels import pixels, seconds, through_sensor
+from simulator.effects.on_pixels import in_proportion, pixels, seconds
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ than the finest octave that they resolve."""
 class PixelAperture(Effect):
     name = "pixel aperture"
     kind = "stage"
+    last = True
     physics = "a pixel averages the light over its area, which takes contrast from fine detail"
     source = "sinc(p fx) sinc(p fy); Goodman, Introduction to Fourier Optics"
 
@@ -45,7 +46,7 @@ class PixelAperture(Effect):
         resolved = float(s.picture.power.changed(self._gain(s)))
         finest = float(s.picture.power.changed(self._beyond(s)))
         change = math.hypot(resolved, _MARGIN * _MOST * self._aliases(s) * finest)
-        return through_sensor(
+        return in_proportion(
             s,
             seconds(s) * change,
             f"audited ×{_MARGIN:g}: 1 - sinc sinc ≤ (π p k)²/6 in every frequency",

@@ -6,11 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from optics.edge import as_number
-from optics.pupil import open_area
-from optics.stop.shadow import share_through
 from simulator.effects.blurs import NOTHING, relative, spread_otherwise
 from simulator.effects.costs import PLACE, PLACES, added
+from simulator.effects.limits import lit_otherwise
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -37,7 +35,7 @@ class FieldPosition(Effect):
     def bound(self, s: Situation, level: int) -> Bound:
         if level >= self.finest(s):
             return NOTHING
-        area = _differs(s)
+        area = lit_otherwise(s)
         change = (2 * math.sqrt(area) + area) * _FALLS[level]
         how = "proved: Cauchy-Schwarz; the panel's area that isn't lit alike"
         if level:
@@ -48,19 +46,7 @@ class FieldPosition(Effect):
         return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
-        return f"from the axis to a corner {_differs(s):.2g} of the lit panel changes"
+        return f"from the axis to a corner {lit_otherwise(s):.2g} of the lit panel changes"
 
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         return recipe.having(places=PLACES[level])
-
-
-def _differs(s: Situation) -> float:
-    """Area of the panel that is lit from the axis or from a corner, and not from both, over what
-    is lit from the axis: a shadow that moves by v changes v times its width on either side."""
-    sensor, lens = s.camera.sensor, s.camera.lens
-    corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
-    moved = as_number(s.camera.separation) * corner / lens.image_distance
-    distance = min(s.picture.distances)
-    lit = open_area(s.camera) * share_through(s.camera, distance, (0.0, 0.0))
-    width = min(as_number(lens.stop_diameter), max(s.camera.panel.shape) * s.camera.panel.pitch)
-    return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0

@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from optics.edge import as_number
-from simulator.effects.blurs import NOTHING, spread_otherwise
+from simulator.effects.blurs import NOTHING, hiding
 from simulator.effects.costs import REACH, WINDOWS, added, smallest_above, window
+from simulator.effects.limits import energy, uneven
+from simulator.effects.on_pixels import light, sharp, through_sensor, whole
+from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -33,10 +36,11 @@ class Reach(Effect):
         return not s.picture.dark
 
     def finest(self, s: Situation) -> int:
-        """All of the panel's middle order, at the longest wavelength."""
+        """All of the panel's middle order, at the longest wavelength, that can fall on a pixel."""
         longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
         period = longest * as_number(s.camera.lever) / s.camera.panel.pitch
-        return smallest_above(WINDOWS, period / s.camera.sensor.pitch + _FADING)
+        far = min(period, 2 * max(span(s)))
+        return smallest_above(WINDOWS, far / s.camera.sensor.pitch + _FADING)
 
     def estimate(self, s: Situation, level: int) -> float:
         return 0.0 if level >= self.finest(s) else 0.5 * _beyond(s, level)
@@ -45,7 +49,9 @@ class Reach(Effect):
         if level >= self.finest(s):
             return NOTHING
         how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
-        return spread_otherwise(s, _MARGIN * _beyond(s, level), how)
+        missing = math.sqrt(energy(s, _half(s, level))) * whole(s)
+        change = min(_MARGIN * _beyond(s, level) * sharp(s), missing, light(s))
+        return through_sensor(s, hiding(s) * uneven(s) * change, how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)
@@ -58,9 +64,14 @@ class Reach(Effect):
         return recipe.having(window=max(recipe.window, WINDOWS[level]))
 
 
-def _beyond(s: Situation, level: int) -> float:
+def _half(s: Situation, level: int) -> float:
+    """Metres from a point's image to the sides of the window, of the middle wavelength's light."""
     half = (window(s, level) / 2 - 1) * s.camera.sensor.pitch
     # Long waves are spread the farthest.
     scale = s.wavelength / s.band.support[1]
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
-    return s.pattern.beyond(half * scale / (math.sqrt(2) if turned else 1.0))
+    return half * scale / (math.sqrt(2) if turned else 1.0)
+
+
+def _beyond(s: Situation, level: int) -> float:
+    return s.pattern.beyond(_half(s, level))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 class ReadNoise(Effect):
     name = "read noise"
     kind = "stage"
+    last = True
     physics = "amplifier and converter add a normal noise, the same in light and darkness"
     source = "EMVA 1288 release 4, section 2.4, temporal dark noise"
 

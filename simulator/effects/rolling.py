@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optics.sensor.shutter import skew
+from optics.sensor.shutter import row_starts
 from simulator.effects.on_pixels import light, pixels, through_sensor
 from simulator.planning import Bound, Effect
 
@@ -39,8 +39,7 @@ class RollingShutter(Effect):
         return float(pixels(s)) if levels[self.name] else 0.0
 
     def why(self, s: Situation) -> str:
-        sensor = s.camera.sensor
-        late = (sensor.shape[0] - 1) * skew(sensor)
+        late = s.lasts - s.exposure
         return (
             f"the last row starts {late * 1e3:.3g} ms after the first, of an exposure of "
             f"{s.exposure * 1e3:.3g} ms"
@@ -55,12 +54,10 @@ class RollingShutter(Effect):
 
     def _share(self, s: Situation) -> float:
         """Of the light, what is another in some row than in the first, at most."""
-        sensor = s.camera.sensor
-        late = skew(sensor) * np.arange(sensor.shape[0])
+        begins = row_starts(s.camera.sensor, s.moment).numpy()
         if s.target.moves or s.shown.moves:
             # Both windows have light of their own, of the time by which they are apart.
-            return float(2 * min(late[-1] / s.exposure, 1.0))
-        begins = s.moment + late
+            return float(2 * min(s.lasts / s.exposure - 1, 1.0))
         lamp = s.target.lamp
         assert lamp is not None
         seen = lamp.mean(begins, begins + s.exposure)

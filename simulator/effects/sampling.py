@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.psf import nyquist_samples
-from simulator.effects.blurs import NOTHING, filtered, relative
-from simulator.effects.costs import SAMPLES, SAMPLING, added, smallest_above
+from simulator.effects.blurs import NOTHING, Gain, filtered, relative
+from simulator.effects.costs import SAMPLES, SAMPLING, added, window
+from simulator.effects.limits import contrast
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -20,16 +20,20 @@ if TYPE_CHECKING:
 
 _FINEST = 4
 
-_TO_SPARE = 1.05
-"""Over the samples that resolve the finest fringe of the shortest wavelength."""
+_MARGIN = 2.0
+"""Audited: what is finer than pixels isn't known of a picture, only its finest detail."""
 
-_MARGIN = 4.0
-"""Audited: what is finer than pixels isn't known of a picture, only its finest octave."""
+_TOP = 0.4
+"""Cycles a pixel, from which on detail tells of what is finer."""
+
+
+_MOST = 2**27
+"""Samples of a picture that are drawn at most."""
 
 
 class Sampling(Effect):
-    """Light with fringes that samples don't resolve isn't rendered at all: too few are out of the
-    question, whatever the tolerance."""
+    """Of pictures, before they are blurred: the light itself has always as many samples as
+    resolve its finest fringe."""
 
     name = SAMPLING
     kind = "stage"
@@ -41,40 +45,74 @@ class Sampling(Effect):
         return not s.picture.dark
 
     def finest(self, s: Situation) -> int:
-        return smallest_above(SAMPLES, max(_needed(s), _FINEST))
+        if _exact(s):
+            return 0
+        pixels = math.prod(n + window(s, 0) for n in s.camera.sensor.shape)
+        most = [
+            level for level, n in enumerate(SAMPLES) if n <= _FINEST and n * n * pixels <= _MOST
+        ]
+        return max(most)
 
     def estimate(self, s: Situation, level: int) -> float:
-        bound = self.bound(s, level)
-        return relative(s, bound) / _MARGIN if math.isfinite(bound.mean) else 1.0
+        return relative(s, self.bound(s, level)) / _MARGIN
 
     def bound(self, s: Situation, level: int) -> Bound:
         if level >= self.finest(s):
             return NOTHING
-        samples = SAMPLES[level]
-        if samples < _needed(s):
-            how = "proved: samples that miss the PSF's fringes may make any picture"
-            return Bound(math.inf, math.inf, math.inf, how=how)
-        octave = 0.25 / s.camera.sensor.pitch
-
-        def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
-            # Of an edge's spectrum, 1/k, cells of a sample's size leave (k / (n - k))² aliased.
-            alias = _MARGIN * (0.5 / (samples - 0.5)) ** 2
-            return np.where(k >= octave, alias, 0.0)
-
-        return filtered(s, gain, f"audited ×{_MARGIN:g}: what a picture's edges fold back")
+        samples = max(SAMPLES[level], s.coarsest_sampling)
+        how = f"audited ×{_MARGIN:g}: what a picture's edges fold back, as blurred"
+        return filtered(s, _folding(s, samples), how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
-        return f"the PSF's finest fringes need {_needed(s):.2g} samples in a pixel"
+        if _exact(s):
+            return "the picture's spectrum is known by a formula, whatever the samples"
+        falls = "sharp edges" if _falls(s) == 1 else "no edge sharper than its own pixels"
+        return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
 
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(finer=max(recipe.finer, SAMPLES[level]))
+        return recipe.having(drawn=SAMPLES[level])
 
 
-def _needed(s: Situation) -> float:
-    shortest = s.band.support[0]
-    if s.band.leak:
-        shortest = min(shortest, s.band.leak_range[0])
-    return _TO_SPARE * nyquist_samples(s.camera, shortest)
+def _folding(s: Situation, samples: int) -> Gain:
+    """What so few samples in a pixel fold back, by frequency, of what is there.
+
+    A picture's spectrum falls with 1/k where it has edges, and the mean over a sample's cell with
+    another: (k / (n - k))² of what is at k comes from beyond the samples' Nyquist frequency, k in
+    cycles a pixel. What lies between the pixels' Nyquist frequency and that is as much as just
+    below it, and falls on. The blur takes contrast from either.
+    """
+    pitch, falls = s.camera.sensor.pitch, min(_falls(s), 2)
+
+    def folded(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return contrast(s, cycles / pitch) * (cycles / (samples - cycles)) ** (1 + falls)
+
+    fine = np.linspace(0.5, samples / 2, 65)
+    beyond = folded(fine) * np.abs(np.sinc(fine)) * (0.5 / fine) ** falls
+
+    def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
+        cycles = k * pitch
+        known = folded(np.minimum(cycles, samples / 2))
+        return _MARGIN * np.where(cycles >= _TOP, np.hypot(known, beyond.max()), known)
+
+    return gain
+
+
+def _falls(s: Situation) -> int:
+    """With which power of the frequency the pictures' spectra fall where pixels end, at least."""
+    found = []
+    for layer in s.target.layers:
+        scale = s.camera.magnification(layer.distance)
+        finest = 0.5 / s.camera.sensor.pitch
+        found += [part.picture.falls(scale, finest) for part in layer.parts]
+        found += [layer.cover.falls(scale, finest)] if layer.cover is not None else []
+    return min(found)
+
+
+def _exact(s: Situation) -> bool:
+    """Whether the spectra of all pictures are known, whatever the samples."""
+    covers = [layer.cover for layer in s.target.layers]
+    parts = [part.picture for layer in s.target.layers for part in layer.parts]
+    return all(one.exact for one in parts) and not any(covers)

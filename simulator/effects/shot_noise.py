@@ -11,9 +11,9 @@ from simulator.effects.on_pixels import (
     FURTHEST,
     brightest,
     dark,
+    full,
     held,
     limit,
-    near_limit,
     near_zero,
     pixels,
     root_pixels,
@@ -80,14 +80,14 @@ class ShotNoise(Effect):
         """A variance of the electrons' number, up to a rounding step, and as a knee bends it."""
         sensor, root = s.camera.sensor, root_pixels(s)
         step = sensor.gain
-        kinked = 0.5 * math.sqrt(brightest(s)) if near_limit(s) else 0.0
+        kinked = 0.5 * math.sqrt(brightest(s) * full(s).count)
         if near_zero(sensor):
-            kinked += 0.5 * (sensor.read_noise + FURTHEST * sensor.dsnu)
+            kinked += 0.5 * (sensor.read_noise + FURTHEST * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
         spread = math.sqrt(_l1(s))
         normal = self._normal(s, 1)
         return Bound(
-            max((step + kinked) * root, normal.mean),
+            max(step * root + kinked, normal.mean),
             max(held(s) + step * spread + floor * root, normal.variance),
             max(spread + (step + sensor.read_noise) * root, normal.sigma),
             1.0,
@@ -102,15 +102,15 @@ class ShotNoise(Effect):
         sensor, count = s.camera.sensor, root_pixels(s)
         step = sensor.gain / math.sqrt(few)
         most = math.sqrt(brightest(s))
-        full = min(most, math.sqrt(limit(sensor) + 50 * most)) if near_limit(s) else 0.0
-        knee = 1.0 if near_limit(s) else 0.0
-        mean = 0.2 * knee + 0.15 * step + 1e-3
-        variance = 0.6 * full + sensor.gain + 0.2 * sensor.gain * step + 0.05
-        sigma = math.sqrt(variance) if knee or sensor.gain**2 > few else variance / math.sqrt(few)
+        mean = 0.15 * step + 1e-3
+        variance = sensor.gain + 0.2 * sensor.gain * step + 0.05
+        sigma = math.sqrt(variance) if sensor.gain**2 > few else variance / math.sqrt(few)
+        wells = math.sqrt(full(s).count)
+        knee = min(most, math.sqrt(limit(sensor) + 50 * most)) if wells else 0.0
         return Bound(
-            mean * count,
-            variance * count,
-            sigma * count,
+            mean * count + 0.2 * wells,
+            variance * count + 0.6 * knee * wells,
+            sigma * count + math.sqrt(0.6 * knee) * wells,
             self._distance(s, level),
             "audited ×1.5: first term of Edgeworth's series",
         )

@@ -7,27 +7,24 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from optics.formation import spectrum_of_samples
 from optics.light import Spectrum
+from optics.light.bands import Band
 from simulator.formation.nodes import (
-    density,
-    fine_points,
+    electrons_by_wavelength,
     interpolating,
     mean_curve,
-    seen_range,
+    place_weights,
 )
-from simulator.probing.radial import RadialProfile
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_TURNS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 160)])
-"""Phases, radians at the edge of the band, at which quadrature is tried."""
+_NODES = 49
+"""Wavelengths by which transfer functions are known over a band."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,34 +40,32 @@ class Measure:
         return not self.of.size or not self.of.any()
 
     @cached_property
-    def _true(self) -> NDArray[np.complex128]:
-        """Means of exp(i turn (x - middle)), in half widths of the range, for each turn."""
-        return np.asarray(
-            self.of @ np.exp(1j * np.outer(self._away(self.x), _TURNS)), np.complex128
-        )
-
-    def _away(self, x: Array) -> Array:
+    def nodes(self) -> Array:
+        """Chebyshev points of the range, metres: what is smooth over it is known by them."""
+        turns = np.pi * (np.arange(_NODES) + 0.5) / _NODES
         low, high = self.x.min(), self.x.max()
-        return (x - (low + high) / 2) / max((high - low) / 2, 1e-15)
+        return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
-    def errors(self, count: int) -> Array:
-        """How wrong `count` nodes make these means, at most of any channel and part, relative to
-        its brightest channel, up to each turn."""
-        nodes, weights = interpolating(self.x, self.of, count)
-        found = weights @ np.exp(1j * np.outer(self._away(nodes), _TURNS))
-        masses = self.of.sum(-1).max(0)
-        masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-        wrong = (np.abs(self._true - found) / masses).max(axis=(0, 1))
-        return np.maximum.accumulate(wrong)
+    def wrong(self, count: int) -> Array:
+        """By how much the nodes' weights that integrate whatever is smooth, as the points do,
+        differ from those of `count` of the picture's own nodes, relative to the brightest channel
+        of each part, (channels, parts, nodes)."""
+        return _wrong(self, count)
 
-    def error(self, errors: Array, shift: Array, centre: float) -> Array:
-        """The same of exp(i shift (x / centre - 1)); 2 beyond what was tried."""
-        half = (self.x.max() - self.x.min()) / 2 / centre
-        index = np.searchsorted(_TURNS, shift * half)
-        return np.append(errors, 2.0)[index]
+    @cached_property
+    def _true(self) -> Array:
+        return np.asarray(self.of @ place_weights(self.nodes.tolist(), self.x).T)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
+def _wrong(one: Measure, count: int) -> Array:
+    found, weights = interpolating(one.x, one.of, count)
+    masses = one.of.sum(-1).max(0)
+    masses = np.where(masses > 0, masses, 1.0)[None, :, None]
+    apart = weights @ place_weights(one.nodes.tolist(), found).T - one._true
+    return np.asarray(apart / masses)
+
+
 def measure(s: Situation, which: Literal["band", "leak"]) -> Measure:
     parts = [part for layer in s.target.for_camera(s.camera).layers for part in layer.parts]
     sensor = s.camera.sensor
@@ -78,28 +73,13 @@ def measure(s: Situation, which: Literal["band", "leak"]) -> Measure:
     if sensor.colour is not None:
         curves = [sensor.colour.efficiencies[name] for name in sensor.colour.channels]
         curves.append(mean_curve(sensor.colour))
-    ends = s.band.support if which == "band" else s.band.leak_range
-    low, high = seen_range(parts, curves, *ends)
-    if low >= high:
-        return Measure(np.zeros(1), np.zeros((1, 1, 1)))
-    x, w = fine_points(parts, curves, low, high)
-    passed = s.band.transmission(x) if which == "band" else np.full_like(x, s.band.leak)
-    return Measure(x, density(parts, curves, x) * (w * passed))
+    spectra = tuple(part.spectrum for part in parts)
+    return _measure(spectra, tuple(curves), s.band, which == "leak")
 
 
-@lru_cache(maxsize=4)
-def colours(s: Situation) -> list[RadialProfile]:
-    """Power by frequency of what shines with each different spectrum, hidden or not."""
-    target, picture = s.target.for_camera(s.camera), s.picture
-    spectra = {part.spectrum for layer in target.layers for part in layer.parts}
-    if len(spectra) <= 1:
-        return [picture.power]
-    lights: dict[Spectrum, torch.Tensor] = {}
-    for layer, rates in zip(target.layers, picture.rates, strict=True):
-        scale = s.camera.magnification(layer.distance)
-        for part, rate in zip(layer.parts, rates, strict=True):
-            if rate:
-                light = rate * part.picture.light(picture.plane, scale, picture.shift)
-                known = lights.get(part.spectrum)
-                lights[part.spectrum] = light if known is None else known + light
-    return [RadialProfile.of(spectrum_of_samples(one), picture.plane) for one in lights.values()]
+@lru_cache(maxsize=16)
+def _measure(
+    spectra: tuple[Spectrum, ...], curves: tuple[Spectrum, ...], band: Band, leak: bool
+) -> Measure:
+    """By value: light and filter are the same for every pattern."""
+    return Measure(*electrons_by_wavelength(spectra, curves, band, leak))

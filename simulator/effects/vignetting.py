@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import torch
-
-from optics.plane import Plane
 from simulator.effects.blurs import NOTHING, hiding, relative
 from simulator.effects.costs import VIGNETTING, added
-from simulator.effects.on_pixels import light, through_sensor
-from simulator.formation.vignetting import vignetting
+from simulator.effects.limits import unequal
+from simulator.effects.on_pixels import in_proportion, light
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -36,26 +32,13 @@ class Vignetting(Effect):
         if level:
             return NOTHING
         how = "proved: Young; the largest loss anywhere in the frame and its margin"
-        return through_sensor(s, hiding(s) * _most(s) * light(s), how)
+        return in_proportion(s, hiding(s) * unequal(s) * light(s), how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
-        return f"{_most(s):.2g} of the light is lost, or gained, where it differs most"
+        return f"{unequal(s):.2g} of the light is lost, or gained, where it differs most"
 
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         return recipe.having(vignetting=True)
-
-
-def _most(s: Situation) -> float:
-    """Of a point's light, on a few places of the frame and its margin, corners among them."""
-    rows, columns = s.picture.plane.shape
-    camera = s.camera
-    if not s.mount.aligned:
-        camera = replace(camera, lens=s.mount.lens(camera.lens))
-    pitch = camera.sensor.pitch
-    plane = Plane((9, 9), (rows * pitch / 8, columns * pitch / 8))
-    distances = sorted(set(s.picture.distances))
-    maps = [vignetting(camera, s.mount, plane, d) for d in {distances[0], distances[-1]}]
-    return float((torch.stack(maps) - 1).abs().max())

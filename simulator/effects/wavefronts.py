@@ -27,7 +27,7 @@ class Sampled:
     opened: torch.Tensor
 
     def __call__(self, values: torch.Tensor) -> torch.Tensor:
-        return values[:: self.rows, :: self.columns]
+        return values[:: self.rows, :: self.columns].contiguous()
 
     def mean(self, values: torch.Tensor) -> complex:
         """Over what is open."""
@@ -37,7 +37,7 @@ class Sampled:
 
 def sampled(s: Situation) -> Sampled:
     rows, columns = (max(1, math.ceil(n / SIDE)) for n in s.camera.panel.shape)
-    return Sampled(rows, columns, s.pattern.opened[::rows, ::columns])
+    return Sampled(rows, columns, s.pattern.opened[::rows, ::columns].contiguous())
 
 
 def whole(s: Situation) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,21 +11,28 @@ from numpy.typing import NDArray
 
 from simulator.effects.blurs import NOTHING, hiding, relative
 from simulator.effects.costs import BAND, WAVELENGTHS, added
-from simulator.effects.on_pixels import light, seconds, through_sensor
-from simulator.effects.spectra import Measure, colours, measure
+from simulator.effects.keeping import kept
+from simulator.effects.limits import lit_otherwise
+from simulator.effects.on_pixels import in_proportion, light, seconds
+from simulator.effects.spectra import measure
+from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
+from simulator.probing.some_frequencies import SomeFrequencies
 
 if TYPE_CHECKING:
     from simulator.recipe import Recipe
     from simulator.situation import Situation
 
-_SHARES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 0.0)
-"""Of the light that may fall beyond the radius to which a PSF's scaling is followed."""
+Array = NDArray[np.float64]
 
 _CONVERGED = 2e-5
 """Relative change from which on more nodes are no finer."""
 
-_MARGIN = 1.5
+_MARGIN = 2.0
+
+_UNEVEN = 12.0
+"""Audited: by so much more of theirs than all do on the average, dim pixels may change: what is
+far from an image is both dim and the first to be wrong."""
 
 
 class Bandwidth(Effect):
@@ -51,8 +57,8 @@ class Bandwidth(Effect):
         if level >= self.finest(s):
             return NOTHING
         change = _changes(s)[level]
-        how = f"audited ×{_MARGIN:g}: quadrature of exp(i 2π k r λ) for all light within r"
-        return through_sensor(s, hiding(s) * change, how)
+        how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
+        return in_proportion(s, hiding(s) * change, how, _UNEVEN)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added(s, levels, self.name)
@@ -65,39 +71,63 @@ class Bandwidth(Effect):
         return recipe.having(wavelengths=WAVELENGTHS[level])
 
 
-@lru_cache(maxsize=8)
 def _changes(s: Situation) -> tuple[float, ...]:
     """Electrons, L2, of each level down from 1 node until it has converged; a coarser level is
     never told to be better than a finer one."""
-    found, whole, changes = measure(s, "band"), light(s), []
+    return tuple(seconds(s) * one for one in kept(s, BAND, lambda: _rates(s)))
+
+
+def _rates(s: Situation) -> tuple[float, ...]:
+    """Electrons per second, L2, on some frequencies of the picture."""
+    found, plane = measure(s, "band"), s.picture.plane
+    most, some = light(s) / max(seconds(s), 1e-300), s.picture.some_frequencies
+    if not len(some.ky):
+        # Even light has no fringes.
+        return (0.0,)
+    some = some.and_finer(plane)
+    squares = [(parts, some.squares(squared, plane)) for parts, squared in s.picture.colours]
+    transfers, changes = _transfers(s, some, found.nodes), []
     for count in WAVELENGTHS:
-        changes.append(_change(s, found, count))
-        if changes[-1] <= _CONVERGED * whole:
+        wrong, change = found.wrong(count), 0.0
+        for parts, power in squares:
+            rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
+            apart = max(_squared(transfer, rows, power) for transfer in transfers)
+            change += math.sqrt(apart)
+        changes.append(min(_MARGIN * _elsewhere(s) * change, most))
+        if changes[-1] <= _CONVERGED * most:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
-def _change(s: Situation, found: Measure, count: int) -> float:
-    """Electrons, L2, that so few nodes make wrong at most."""
-    path, errors = _path(s), found.errors(count)
-    best = math.inf
-    for share in _SHARES:
-        # All of the middle order's light lies within half a period along each axis.
-        radius = s.pattern.reach(share) if share else s.pattern.period / math.sqrt(2)
+def _squared(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
+    """Sum of squares of what weights make wrong of a transfer function, the worst of them.
 
-        def gain(
-            k: NDArray[np.float64], radius: float = radius, share: float = share
-        ) -> NDArray[np.float64]:
-            # A phase goes with 1/λ; near the centre that is as far as with λ.
-            shift = 2 * math.pi * k * radius + path
-            wrong = found.error(errors, shift.ravel(), s.wavelength).reshape(k.shape)
-            # Even light has no fringes: nothing is wrong with it but what rounding is.
-            return np.where(k > 0, np.minimum(wrong + 2 * share, 2.0), 0.0)
+    transfer: (frequencies, nodes). wrong: (weights, nodes). power: of the frequencies."""
+    return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
-        best = min(best, math.fsum(one.changed(gain) for one in colours(s)))
-    return _MARGIN * seconds(s) * best
+
+def _transfers(s: Situation, some: SomeFrequencies, nodes: Array) -> list[NDArray[np.complex128]]:
+    """(frequencies, nodes) of every light that may be, and with parts of the pattern apart by as
+    much as half of what it spans.
+
+    A PSF grows with λ, and so its transfer function shrinks; the pattern's phase and the lens'
+    aberrations go with 1/λ.
+    """
+    ky, kx = s.mount.turned_back(some.ky, some.kx)
+    grown = nodes / s.wavelength
+    far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in span(s)]
+    at = s.pattern.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
+    turns = [np.exp(1j * part * _path(s) * (1 / grown - 1)) for part in (0.0, 0.5, -0.5)]
+    return [one * turn for one in at for turn in turns]
+
+
+def _elsewhere(s: Situation) -> float:
+    """How much larger a change may be where other parts of the panel are lit: amplitudes add."""
+    return (1 + math.sqrt(lit_otherwise(s))) ** 2 if s.camera.separation else 1.0
 
 
 def _path(s: Situation) -> float:
-    """Radians that the shown phases span."""
-    return max(float(one.max() - one.min()) for one in s.pattern.phases)
+    """Radians that the phases of pattern and lens span."""
+    shown = max(float(one.max() - one.min()) for one in s.pattern.phases)
+    bent = max(float(one.max() - one.min()) for one in map(s.pattern.wave, s.pattern.distances))
+    return shown + bent

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -24,17 +24,30 @@ Array = NDArray[np.float64]
 
 
 class Gathering:
-    """The samples of a picture: the sensor with half a PSF around it, `finer` samples a pixel.
+    """The samples of a picture: the sensor with what may shine on it, `finer` samples a pixel.
+
+    around: pixels of the picture, (rows, columns), as many as the sensor's at least. drawn:
+    samples a pixel of pictures, before what is finer than the others is left out. check: is
+    called before every transform, and may raise.
 
     Spectra are on its rfft2 grid, complex64, with the origin in the corner. What a PSF carries
     around the plane's edges stays outside the sensor.
     """
 
-    def __init__(self, sensor: Sensor, window: int, finer: int, ledger: Ledger) -> None:
-        shape = tuple(scipy.fft.next_fast_len(n + window, real=True) for n in sensor.shape)
-        self.sensor, self.finer, self._ledger = sensor, finer, ledger
+    def __init__(
+        self,
+        sensor: Sensor,
+        around: tuple[int, int],
+        finer: int,
+        ledger: Ledger,
+        drawn: int = 1,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in around)
+        self.sensor, self.finer, self._ledger, self._check = sensor, finer, ledger, check
         self._pixels = (shape[0], shape[1])
         self.plane: Plane = sensor.window(self._pixels).finer(finer)
+        self._drawn = self.plane.finer(math.ceil(drawn / finer))
 
     @property
     def operations(self) -> float:
@@ -42,6 +55,7 @@ class Gathering:
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
+        self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def dark(self, count: int) -> list[torch.Tensor]:
@@ -53,8 +67,13 @@ class Gathering:
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
         """Of a picture, moved by (y, x) metres on the object."""
-        self._count(effect)
-        return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
+        if picture.exact or self._drawn == self.plane:
+            self._count(effect)
+            return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
+        rows, columns = self._drawn.shape
+        self._ledger.add(effect, transform_operations(rows, columns), 8 * rows * columns)
+        spectrum = picture.spectrum(self._drawn, magnification, shift).to(torch.complex64)
+        return _lowest(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
         """The picture of a spectrum, (rows, columns) of the plane."""
@@ -100,6 +119,18 @@ class Gathering:
         light = folded(spectrum, self._pixels, self.finer)
         self._ledger.add("picture", transform_operations(*self._pixels), 4 * light.numel())
         return centred_crop(origin_to_centre(light), self.sensor.shape)
+
+
+def _lowest(
+    spectrum: torch.Tensor, shape: tuple[int, int], wanted: tuple[int, int]
+) -> torch.Tensor:
+    """The rfft2 of a picture of `wanted` samples that has what these resolve of one of more, and
+    nothing that is finer."""
+    rows, columns = wanted
+    half = (rows + 1) // 2
+    kept = torch.cat([spectrum[:half], spectrum[shape[0] - (rows - half) :]])
+    samples = shape[0] * shape[1] / (rows * columns)
+    return (kept[:, : columns // 2 + 1] / samples).contiguous()
 
 
 def folded(spectrum: torch.Tensor, shape: tuple[int, int], factor: int) -> torch.Tensor:

@@ -19,6 +19,7 @@ from optics.stop.shadow import share_through
 from simulator.caching import ByteCache
 from simulator.formation.panels import Fields, fields_of, modulator_at
 from simulator.formation.rays import RayOperator
+from simulator.formation.windows import psf_window
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
@@ -66,15 +67,16 @@ class Kernels:
         if not s.mount.aligned:
             camera = replace(camera, lens=s.mount.lens(camera.lens))
         self.camera: Camera = camera
-        window = (recipe.window, recipe.window)
-        self.plane = camera.sensor.window(window).finer(recipe.finer)
+        sensor, finer = camera.sensor, recipe.finer
+        self.plane = sensor.window(psf_window(s, recipe.window)).finer(finer)
+        self._around_orders = sensor.window((recipe.window, recipe.window)).finer(finer)
 
     @property
     def causes(self) -> tuple[object, ...]:
         """What all PSFs follow from besides the point, and what is on the panel."""
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
-        axes = (r.window, r.finer, r.dispersion, beats, r.wave)
+        axes = (self.plane.shape, r.window, r.finer, r.dispersion, beats, r.wave)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
@@ -91,7 +93,7 @@ class Kernels:
 
     def central(self, wavelength: float) -> Order | None:
         """The order that stays in the middle, where the window holds more than that."""
-        period, side = self.period(wavelength), self.plane.shape[0] * self.plane.pitch[0]
+        period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
         return (0, 0) if wide and self._recipe.wave else None
 
@@ -125,12 +127,13 @@ class Kernels:
     ) -> torch.Tensor:
         mount, operator = self._s.mount, self._operator(point, order or (0, 0))
         modulator = modulator_at(self.camera.panel, point.wavelength)
-        light = self._light(operator, modulator, self._counted(seen, modulator, effect))
+        parts = self._counted(seen, modulator, effect, self._window(order).shape)
+        light = self._light(operator, modulator, parts)
         if order is not None:
             light = light * self._cell(operator.pixels, point.wavelength, order).to(light)
         light = light * self._evened(point)
         if not mount.aligned:
-            light = mount.turned(light, self.plane)
+            light = mount.turned(light, self._window(order))
         return light
 
     def _light(
@@ -150,9 +153,13 @@ class Kernels:
         axis = share_through(self.camera, point.distance, (0.0, 0.0))
         return axis / here if here else 0.0
 
+    def _window(self, order: Order | None) -> Plane:
+        """Other orders than the middle one are far from any image: all of theirs counts."""
+        return self._around_orders if order and any(order) else self.plane
+
     def _operator(self, point: Point, order: Order) -> PSFOperator | RayOperator:
         """Unmodulated light is the modulator's."""
-        plane = self.plane
+        plane = self._window(order)
         if not self._s.mount.aligned:
             plane = self._s.mount.plane(plane)
         plane = replace(plane, centre=self._aside(point.wavelength, order))
@@ -175,13 +182,19 @@ class Kernels:
             ),
         )
 
-    def _counted(self, seen: Mixture | Procession, modulator: Modulator, effect: str) -> Fields:
+    def _counted(
+        self,
+        seen: Mixture | Procession,
+        modulator: Modulator,
+        effect: str,
+        shape: tuple[int, int],
+    ) -> Fields:
         """The fields of a cell, with a check and an entry for each: they are made in between."""
         count = psf_operations if self._recipe.wave else ray_operations
-        samples, panel = max(self.plane.shape), self.camera.panel
+        panel = self.camera.panel
         self._check()
         for part in self._fields(seen, modulator):
-            self._ledger.add(effect, count(panel, samples), 4 * samples**2)
+            self._ledger.add(effect, count(panel, *shape), 4 * math.prod(shape))
             yield part
             self._check()
 

@@ -50,17 +50,24 @@ class Straight:
         where = self._objects.where(layer, cell)
         if not layer.parts or where is None:
             return total
+        for index, one in enumerate(layer.parts):
+            evenly = self._objects.evenly(one.picture)
+            for spectrum, seen in zip(total, weights[:, index].sum(1), strict=True):
+                spectrum[0, 0] += float(seen) * evenly
         shining = [self._objects.shining(part.picture, layer, where) for part in layer.parts]
-        flat = weights.reshape(-1, weights.shape[2])
+        uneven = [index for index, spectra in enumerate(shining) if spectra]
+        if not uneven:
+            return total
+        flat = weights[:, uneven].reshape(-1, weights.shape[2])
         for at, place in enumerate(self._objects.places):
             psfs = [
                 self._spreading.psf(number, node, place, cell, count)
                 for node in range(weights.shape[2])
             ]
             transfers = iter(self._gathering.transfers(psfs, flat, "picture"))
-            for channel in total:
-                for spectra in shining:
-                    channel += next(transfers) * spectra[at]
+            for spectrum in total:
+                for index in uneven:
+                    spectrum += next(transfers) * shining[index][at]
         return total
 
     def front(self, number: int, node: int, cell: Cell, count: int) -> list[torch.Tensor]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
+from optics.light.bands import Band
 from optics.pupil import open_area
 from optics.sensor import Mosaic
 from simulator.recipe import Recipe
@@ -53,26 +54,32 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
     of its electrons, however few nodes there are. Without any light there are no nodes.
     """
     curves = efficiencies(s, recipe)
+    spectra = [part.spectrum for part in parts]
     nodes: list[Wavelength] = []
-    weights: list[Array] = []
-    low, high = s.band.support
-    low, high = seen_range(parts, curves, low, high)
-    if low < high:
-        x, w = fine_points(parts, curves, low, high)
-        of = density(parts, curves, x) * (w * s.band.transmission(x))
-        found, each = interpolating(x, of, recipe.wavelengths)
-        nodes += [Wavelength(float(one)) for one in found]
-        weights.append(each)
-    if recipe.leak and s.band.leak:
-        low, high = seen_range(parts, curves, *s.band.leak_range)
-        if low < high:
-            x, w = fine_points(parts, curves, low, high)
-            of = density(parts, curves, x) * (w * s.band.leak)
-            found, each = interpolating(x, of, recipe.leak)
-            nodes += [Wavelength(float(one), leak=True) for one in found]
+    weights: list[Array] = [np.zeros((len(curves), len(parts), 0))]
+    for leak, count in ((False, recipe.wavelengths), (True, recipe.leak)):
+        if count:
+            found, each = interpolating(
+                *electrons_by_wavelength(spectra, curves, s.band, leak), count
+            )
+            nodes += [Wavelength(float(one), leak) for one in found]
             weights.append(each)
-    empty = np.zeros((len(curves), len(parts), 0))
-    return Wavelengths(tuple(nodes), np.concatenate([empty, *weights], axis=2))
+    return Wavelengths(tuple(nodes), np.concatenate(weights, axis=2))
+
+
+def electrons_by_wavelength(
+    spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
+) -> tuple[Array, Array]:
+    """Of what a filter passes within its band, or leaks beside it: points in metres that
+    integrate everything, and each one's share of the integral, electrons per joule of white
+    light, (curves, spectra, points). No points where nothing shines or is seen."""
+    ends = band.leak_range if leak else band.support
+    low, high = _seen_range(spectra, curves, *ends)
+    if low >= high or (leak and not band.leak):
+        return np.zeros(0), np.zeros((len(curves), len(spectra), 0))
+    x, w = _fine_points([*spectra, *curves], low, high)
+    passed = band.leak if leak else band.transmission(x)
+    return x, _density(spectra, curves, x) * (w * passed)
 
 
 def efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
@@ -96,22 +103,20 @@ def mean_curve(colour: Mosaic) -> Spectrum:
     return Spectrum(tuple(nodes), tuple(total))
 
 
-def seen_range(
-    parts: Sequence[Part], curves: Sequence[Spectrum], low: float, high: float
+def _seen_range(
+    spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
     """The part of a range in which anything shines and is seen."""
-    if not parts:
+    if not spectra:
         return low, low
-    low = max(low, min(p.spectrum.low for p in parts), min(c.low for c in curves))
-    return low, min(high, max(p.spectrum.high for p in parts), max(c.high for c in curves))
+    low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
+    return low, min(high, max(one.high for one in spectra), max(one.high for one in curves))
 
 
-def fine_points(
-    parts: Sequence[Part], curves: Sequence[Spectrum], low: float, high: float
-) -> tuple[Array, Array]:
+def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
     """Points and weights that integrate everything: Gauss-Legendre between the kinks."""
     kinks = {low, high}
-    for one in [p.spectrum for p in parts] + list(curves):
+    for one in every:
         kinks.update(x for x in one.wavelengths if low < x < high)
     steps = max(1, math.ceil(1 / _LONGEST_PIECE))
     kinks.update(np.linspace(low, high, steps + 1).tolist())
@@ -124,11 +129,11 @@ def fine_points(
     return x.ravel(), (half * weight).ravel()
 
 
-def density(parts: Sequence[Part], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Electrons per metre of wavelength and joule of white light, (channels, parts, x)."""
+def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
+    """Electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
     photons = x / (PLANCK * SPEED_OF_LIGHT)
-    sent = np.stack([part.spectrum.at(x) for part in parts])
-    return np.stack([curve.at(x) for curve in curves])[:, None] * (sent * photons)
+    sent = np.stack([one.at(x) for one in spectra])
+    return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
 def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:

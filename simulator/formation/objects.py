@@ -14,7 +14,7 @@ from simulator.formation.nodes import place_weights, places
 from simulator.formation.time import Cell
 from simulator.formation.vignetting import vignetting
 from simulator.recipe import Recipe
-from simulator.scene.drawable import Drawable
+from simulator.scene.drawable import Drawable, Even
 from simulator.scene.target import Layer
 
 if TYPE_CHECKING:
@@ -66,10 +66,23 @@ class Objects:
             shift = (shift[0] + off[0] / scale, shift[1] + off[1] / scale)
         return Where(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
+    def beside(self, picture: Drawable, layer: Layer, cell: Cell, off: Place) -> bool:
+        """Whether nothing of a picture that is moved so far is on the plane: then it needn't be
+        drawn."""
+        scale = self._s.camera.magnification(layer.distance)
+        ends = picture.extent(scale, cell.shift)
+        plane = self._plane
+        halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+        return any(
+            abs(away) - end - abs(path) * scale > half
+            for away, end, path, half in zip(off, ends, cell.path, halves, strict=True)
+        )
+
     def bare(self, picture: Drawable, where: Where, effect: str) -> torch.Tensor:
         """The spectrum of a picture, and of the path that it takes."""
         return self._cache.get(
-            ("object", picture, where, self._plane), lambda: self._bare(picture, where, effect)
+            ("object", picture, where, self._plane, self._recipe.drawn),
+            lambda: self._bare(picture, where, effect),
         )
 
     def _bare(self, picture: Drawable, where: Where, effect: str) -> torch.Tensor:
@@ -80,15 +93,36 @@ class Objects:
     def shining(
         self, picture: Drawable, layer: Layer, where: Where, off: Place = (0.0, 0.0)
     ) -> list[torch.Tensor]:
-        """Of what shines, vignetting in it, for each place; off: as it was moved besides."""
+        """Of what shines, vignetting in it, for each place; off: as it was moved besides.
+
+        Of endless even light, by how much vignetting makes it less than even, if at all: see
+        even().
+        """
+        if self.even(picture) and not self._recipe.vignetting:
+            return []
         bare = self.bare(picture, where, "picture")
         if not self._recipe.vignetting and len(self.places) == 1:
             return [bare]
         causes = (
             "shining", self._kernels.camera, self._s.mount, picture, where, off, self._plane,
-            len(self.places), self._recipe.vignetting, layer.distance,
+            len(self.places), self._recipe.vignetting, layer.distance, self._recipe.drawn,
         )  # fmt: skip
-        return self._cache.get(causes, lambda: self._weighed(bare, self._attenuation(layer, off)))
+        even = self.even(picture)
+        return self._cache.get(
+            causes, lambda: self._weighed(bare, self._attenuation(layer, off), even)
+        )
+
+    def even(self, picture: Drawable) -> bool:
+        """Whether a picture is endless and even, and nothing stands before it: then it is even
+        however it is blurred, and whatever goes aside."""
+        return isinstance(picture, Even) and not self._recipe.occlusion
+
+    def evenly(self, picture: Drawable) -> float:
+        """The spectrum's entry at frequency 0 of such a picture, blurred; 0 of any other."""
+        rows, columns = self._plane.shape
+        if not isinstance(picture, Even) or not self.even(picture):
+            return 0.0
+        return picture.value * rows * columns
 
     def hiding(self, cover: Drawable, where: Where) -> list[torch.Tensor]:
         """Of what covers, for each place."""
@@ -109,11 +143,13 @@ class Objects:
         away = type(plane)(plane.shape, plane.pitch, centre)
         return vignetting(camera, mount, away, layer.distance)
 
-    def _weighed(self, bare: torch.Tensor, attenuation: torch.Tensor | None) -> list[torch.Tensor]:
+    def _weighed(
+        self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
+    ) -> list[torch.Tensor]:
         effect = "vignetting" if len(self.places) == 1 else "field position"
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:
-            light = light * attenuation
+            light = light * (attenuation - 1 if even else attenuation)
         if len(self.places) == 1:
             return [self._gathering.transformed(light, effect)]
         down, along = (

@@ -52,6 +52,8 @@ class Aside:
             if where is None:
                 continue
             for part, one in enumerate(layer.parts):
+                if self._objects.beside(one.picture, layer, cell, off):
+                    continue
                 shining = self._objects.shining(one.picture, layer, where, off)
                 light = self._sent(number, node, order, cell, shining)
                 if light is None:

@@ -16,6 +16,7 @@ from simulator.formation.objects import Objects
 from simulator.formation.orders import Aside
 from simulator.formation.spreading import Spreading
 from simulator.formation.time import Cell, cells
+from simulator.formation.windows import picture_shape
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
 
@@ -75,7 +76,10 @@ class _Rendering:
         check: Callable[[], None],
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
-        self._gathering = Gathering(s.camera.sensor, recipe.window, recipe.finer, ledger)
+        around = picture_shape(s, recipe.window, recipe.orders if recipe.wave else 0)
+        self._gathering = Gathering(
+            s.camera.sensor, around, recipe.finer, ledger, recipe.drawn, check
+        )
         kernels = Kernels(s, recipe, cache, ledger, check)
         objects = Objects(s, recipe, self._gathering, kernels, cache)
         spreading = Spreading(s, recipe, kernels, objects)

@@ -182,8 +182,10 @@ class _Reference:
         return np.clip(_convolved(self._sharp(layer, layer.cover, time), psf), 0, 1)
 
     def _sharp(self, layer: Layer, picture: Drawable, time: float) -> Array:
-        """A picture on samples, as its spectrum has it."""
+        """A picture on samples, as its spectrum has it; it is in its place as the exposure
+        begins."""
         vy, vx = self._target.velocity
+        time -= self._s.moment
         scale = self._s.camera.magnification(layer.distance)
         spectrum = picture.spectrum(self._plane, scale, (vy * time, vx * time))
         light = np.fft.irfft2(spectrum.numpy().astype(np.complex128), self._plane.shape)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.sensor.shutter import row_starts
 from simulator.recipe import Recipe
 from simulator.shown import Mixture, Procession, Span
 
@@ -46,7 +47,9 @@ def cells(s: Situation, recipe: Recipe) -> list[Cell]:
     """Of an exposure. Raises ValueError for one that isn't positive and finite."""
     if not 0 < s.exposure < math.inf:
         raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
-    starts = _row_starts(s, recipe)
+    starts = row_starts(s.camera.sensor, s.moment, rolling=recipe.rolling).numpy()
+    if starts[0] == starts[-1]:
+        starts = starts[:1]
     crystal = recipe.crystal and s.shown.moves
     found = []
     for begin, end in _cuts(s, recipe, starts):
@@ -59,13 +62,6 @@ def cells(s: Situation, recipe: Recipe) -> list[Cell]:
         follow = pieces.following if crystal else pieces.standing
         found += [Cell(seen, shift, path, weight) for seen, weight in follow()]
     return found
-
-
-def _row_starts(s: Situation, recipe: Recipe) -> Array:
-    sensor = s.camera.sensor
-    if not recipe.rolling or sensor.shutter == "global":
-        return np.array([s.moment])
-    return np.asarray(s.moment + sensor.line_time * np.arange(sensor.shape[0]), dtype=np.float64)
 
 
 def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
@@ -85,9 +81,9 @@ def _moved(
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
     if recipe.motion == 1:
-        middle = s.moment + s.exposure / 2
+        middle = s.exposure / 2
         return (vy * middle, vx * middle), (0.0, 0.0)
-    middle, seconds = (begin + end) / 2, end - begin
+    middle, seconds = (begin + end) / 2 - s.moment, end - begin
     return (vy * middle, vx * middle), (vy * seconds, vx * seconds)
 
 

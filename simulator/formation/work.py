@@ -18,14 +18,14 @@ def transform_operations(rows: int, columns: int) -> float:
     return 2.5 * samples * math.log2(max(samples, 2))
 
 
-def psf_operations(panel: Panel, samples: int) -> float:
-    """Of one PSF on `samples` x `samples`: chirped transforms of the panel, along both axes."""
+def psf_operations(panel: Panel, down: int, across: int) -> float:
+    """Of one PSF on `down` x `across` samples: chirped transforms of the panel, along both axes."""
     rows, columns = panel.shape
-    along = rows * (columns + samples) * math.log2(columns + samples)
-    down = samples * (rows + samples) * math.log2(rows + samples)
-    return 3 * 5 * (along + down) + _PIXEL * rows * columns
+    along = rows * (columns + across) * math.log2(columns + across)
+    upright = across * (rows + down) * math.log2(rows + down)
+    return 3 * 5 * (along + upright) + _PIXEL * rows * columns
 
 
-def ray_operations(panel: Panel, samples: int) -> float:
+def ray_operations(panel: Panel, down: int, across: int) -> float:
     """Of one geometric blur."""
-    return (_RAY + _PIXEL) * panel.shape[0] * panel.shape[1] + samples * samples
+    return (_RAY + _PIXEL) * panel.shape[0] * panel.shape[1] + down * across

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -102,7 +103,9 @@ class _Bench:
                     f"the plan has {name!r} at its finest, or not at all; audit one of "
                     f"{', '.join(self.below) or 'none'}"
                 )
-        around = self._planned if others == "as planned" else self._finest
+        around = dict(self._planned if others == "as planned" else self._finest)
+        # What bounds count on is there, but for its own.
+        around |= {name: self._finest[name] for name, one in self._effects.items() if one.last}
         low = {name: self._planned[name] for name in names}
         high = {name: self._finest[name] for name in names}
         coarse, fine = self._sound({**around, **low}, {**around, **high}, names)
@@ -118,11 +121,7 @@ class _Bench:
             _norm(best_mean - mean),
             _norm(best_variance - variance),
             _norm(best_variance.sqrt() - variance.sqrt()),
-            Bound(
-                _ARITHMETIC * _norm(mean),
-                _ARITHMETIC * _norm(variance),
-                _ARITHMETIC * _norm(variance.sqrt()),
-            ),
+            _arithmetic(mean, variance),
         )
 
     def _sound(
@@ -155,6 +154,15 @@ class _Bench:
             mean, variance = self._render(recipe_of(tuple(self._effects.values()), self._s, levels))
             self._kept[key] = mean.to(torch.float64), variance.to(torch.float64)
         return self._kept[key]
+
+
+def _arithmetic(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
+    """What transforms leave of rounding: as much in the dark as in the light, where it counts for
+    the most of σ."""
+    most = _ARITHMETIC * _norm(mean) + _ARITHMETIC * _norm(variance)
+    least = math.sqrt(float(variance.min()))
+    dark = most / (2 * least) if least else math.sqrt(most * math.sqrt(mean.numel()))
+    return Bound(_ARITHMETIC * _norm(mean), _ARITHMETIC * _norm(variance), dark)
 
 
 def _norm(change: torch.Tensor) -> float:

@@ -19,7 +19,8 @@ class Effect(ABC):
     name: in words, as in files. kind: an axis of the image-formation integral, which is sampled,
     or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
     the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
-    must not be off if this one isn't.
+    must not be off if this one isn't. last: whether the others' bounds count on it: changes add up
+    in whatever order they are made, and this one is thought to be made last.
 
     An effect decides by numbers from the situation alone: it never renders anything.
     """
@@ -30,6 +31,7 @@ class Effect(ABC):
     source: ClassVar[str]
     levels: ClassVar[tuple[str, ...]] = ("off", "on")
     requires: ClassVar[tuple[str, ...]] = ()
+    last: ClassVar[bool] = False
 
     @abstractmethod
     def caused(self, s: Situation) -> bool:

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import Plane, centred_crop
+from optics.sensor.shutter import row_starts
+from simulator.effects.keeping import kept
 from simulator.effects.spectra import measure
 from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
@@ -33,29 +36,31 @@ def floor(s: Situation) -> Floor:
     Of the mean: the largest of three. A pixel has the light of the darkest place that its own
     light may come from, at least. The light that surely stays on the sensor is least of all seen
     if it is even (Cauchy-Schwarz); and by frequency no less is left of the sharp picture than
-    the least of its transfer function lets through. All that attenuates counts, and clipping at
-    its worst. Noise: shot noise of that light, dark current and read noise, where nothing clips.
+    the least of its transfer function lets through. All that attenuates counts. Noise: shot noise
+    of that light, dark current and read noise. Of wells that are full, what they would hold if
+    they were deeper: a picture that is burnt has the errors of one that isn't.
     """
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
     dark = sensor.dark_current * s.exposure
-    attenuated = _MARGIN * _attenuation(s)
     total, norm = 0.0, 0.0
     if not s.picture.dark:
-        seconds = s.exposure * _lamp(s) * attenuated
-        spread = [(seconds * one, area) for one, area in _staying(s)]
-        total = max((one for one, _ in spread), default=0.0)
-        norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
-        norm = max(norm, seconds * _by_frequency(s), seconds * _surrounded(s))
-    mean = math.hypot(norm, dark * math.sqrt(pixels))
-    clipped = _clipped(s)
+        seconds = s.exposure * _lamp(s)
+        total, norm = (seconds * one for one in kept(s, "floor", lambda: _lit(s)))
     noise = dark + sensor.read_noise**2
-    left = 1 - _burnt(s) / pixels
-    lit = norm if clipped == 1 else 0.0
-    lit_total = total if clipped == 1 else 0.0
-    variance = math.hypot(lit, noise * math.sqrt(pixels * left))
-    sigma = math.sqrt(lit_total + noise * pixels * left)
-    return Floor(mean * clipped, variance, sigma)
+    return Floor(
+        math.hypot(norm, dark * math.sqrt(pixels)),
+        math.hypot(norm, noise * math.sqrt(pixels)),
+        math.sqrt(total + noise * pixels),
+    )
+
+
+def _lit(s: Situation) -> tuple[float, float]:
+    """Sum and norm of the picture's light at least, electrons per second."""
+    attenuated, spread = _MARGIN * _attenuation(s), _staying(s)
+    total = max((one for one, _ in spread), default=0.0)
+    norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
+    return attenuated * total, attenuated * max(norm, _by_frequency(s), _surrounded(s))
 
 
 def _attenuation(s: Situation) -> float:
@@ -92,9 +97,7 @@ def _lamp(s: Situation) -> float:
     lamp = s.target.lamp
     if lamp is None or lamp.constant:
         return 1.0
-    sensor = s.camera.sensor
-    late = sensor.line_time if sensor.shutter == "rolling" else 0.0
-    begins = s.moment + late * np.arange(sensor.shape[0])
+    begins = row_starts(s.camera.sensor, s.moment).numpy()
     return float(lamp.mean(begins, begins + s.exposure).min())
 
 
@@ -113,12 +116,7 @@ def _inner(s: Situation, half: float) -> torch.Tensor:
 
 def _reach(s: Situation, share: float) -> float:
     """Metres, with what a moving object adds."""
-    scale = max(s.camera.magnification(d) for d in s.picture.distances)
-    sensor = s.camera.sensor
-    late = sensor.line_time * sensor.shape[0] if sensor.shutter == "rolling" else 0.0
-    speed = math.hypot(*s.target.velocity)
-    moved = speed * (s.exposure + late) * scale
-    return s.pattern.reach(share) * s.band.support[1] / s.wavelength + moved
+    return s.pattern.reach(share) * s.band.support[1] / s.wavelength + s.moved
 
 
 def _staying(s: Situation) -> list[tuple[float, float]]:
@@ -149,10 +147,10 @@ def _surrounded(s: Situation) -> float:
         if edge > MARGIN or any(layer.cover is not None for layer in s.target.layers):
             continue
         side = 2 * edge + 1
-        least = -picture[None, None]
-        for kernel, around in (((side, 1), (edge, 0)), ((1, side), (0, edge))):
-            least = torch.nn.functional.max_pool2d(least, kernel, 1, around)
-        frame = centred_crop(-least[0, 0], (rows, columns))
+        least = picture.numpy()
+        for axis in (0, 1):
+            least = minimum_filter1d(least, side, axis, mode="constant")
+        frame = centred_crop(torch.from_numpy(least), (rows, columns))
         kept = max(1 - share - s.pattern.order_light, 0.0)
         best = max(best, kept * float(frame.double().norm()))
     return best
@@ -175,25 +173,3 @@ def _by_frequency(s: Situation) -> float:
         # What falls beyond the frame isn't seen.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
-
-
-def _clipped(s: Situation) -> float:
-    """By how much clipping shrinks the mean's norm, at the worst."""
-    most = s.picture.brightest * s.exposure * 2 + s.camera.sensor.dark_current * s.exposure
-    well = _well(s)
-    return 1.0 if most + 7 * math.sqrt(most) <= well else min(1.0, well / most)
-
-
-def _well(s: Situation) -> float:
-    sensor = s.camera.sensor
-    return min(sensor.full_well, (2**sensor.bits - 1 - sensor.black_level) * sensor.gain)
-
-
-def _burnt(s: Situation) -> float:
-    """Pixels that may be clipped, at most: each takes three quarters of a well of light."""
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    if _clipped(s) == 1:
-        return 0.0
-    total = float(s.picture.picture.clamp(min=0).double().sum()) * s.exposure * 2
-    return min(total / (0.75 * _well(s)), float(pixels))

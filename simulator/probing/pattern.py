@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Hashable
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,13 +14,15 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera, Panel
 from optics.edge import as_number
-from optics.fourier import fft
-from optics.plane import centred_pad, origin_to_centre, origin_to_corner
+from optics.fourier import NonuniformTransform
+from optics.plane import Plane
 from optics.pupil import lens_distance, pupil_amplitude
 from optics.slm import Modulator
 from optics.slm.dispersion import max_phase
 from optics.zernike import zernike
 from simulator.formation.panels import modulator_at
+from simulator.probing.far_field import FarField
+from simulator.probing.transfer import Transfer, rings
 from simulator.shown import Shown
 
 Array = NDArray[np.float64]
@@ -26,47 +30,31 @@ Array = NDArray[np.float64]
 _MOST_PICTURES = 4
 """Of a video, that are looked at: evenly among them."""
 
-_BINS = 96
-"""By which a transfer function is known."""
+_SERIES = 1e-6
+"""Error of transfer functions between the samples of their grid, of all light."""
+
+_AS_FAR = 1e-3
+"""Share of the light by which one PSF is wider than another, to count besides it."""
+
+_LINES = 128
+"""Lines of a panel along each axis by which the turns of its rays are told."""
 
 
-@dataclass(frozen=True, eq=False)
-class Transfer:
-    """H by cycles per metre on the sensor: the mean square of |H| over directions, its least, and
-    the most that |1 - H| is up to a bin.
-
-    low, high: of each bin; above the last there is nothing.
-    """
-
-    low: Array
-    high: Array
-    mean_square: Array
-    least: Array
-    lost: Array
-
-    def lost_at(self, frequency: Array) -> Array:
-        """|1 - H| at most up to a frequency; 2 beyond what is known."""
-        index = np.searchsorted(self.high, frequency)
-        return np.append(self.lost, 2.0)[index]
-
-    def least_between(self, low: Array, high: Array) -> Array:
-        return _least(self, self.least, low, high)
-
-    def mean_square_between(self, low: Array, high: Array) -> Array:
-        return _least(self, self.mean_square, low, high)
-
-
-def _least(of: Transfer, values: Array, low: Array, high: Array) -> Array:
-    """The least value of the bins that a range meets, and of those beside it; 0 where it goes
-    beyond the last."""
-    found = np.zeros(len(low))
-    for k, (a, b) in enumerate(zip(low, high, strict=True)):
-        if b > of.high[-1]:
-            continue
-        first = max(int(np.searchsorted(of.high, a)) - 1, 0)
-        last = int(np.searchsorted(of.low, b, side="right")) if b > 0 else 0
-        found[k] = values[first : last + 1].min()
-    return found
+def ideal(panel: Panel) -> Panel:
+    """The panel without any of its effects."""
+    return replace(
+        panel,
+        response=None,
+        response_time=0.0,
+        coupling=0.0,
+        flicker=0.0,
+        jitter=0.0,
+        front_reflection=0.0,
+        gap_reflection=0.0,
+        flatness=None,
+        illumination=None,
+        unmodulated=0.0,
+    )
 
 
 class PatternProbe:
@@ -84,6 +72,8 @@ class PatternProbe:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.shown, self.wavelength = camera, shown, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
+        self.kept: dict[Hashable, Any] = {}
+        """What somebody has found out by it, by its other causes."""
 
     @property
     def panel(self) -> Panel:
@@ -116,25 +106,27 @@ class PatternProbe:
         return [self.modulator.modulation(one.to(torch.float32)) for one in self.phases]
 
     @cached_property
-    def field(self) -> torch.Tensor:
-        """What leaves the panel for the first of the pictures, complex64."""
-        return self.fields[0]
+    def _ideal_fields(self) -> list[torch.Tensor]:
+        """The same of an ideal panel, where that is another one."""
+        bare = replace(ideal(self.panel), unmodulated=self.panel.unmodulated)
+        if bare == self.panel:
+            return []
+        modulator = modulator_at(bare, self.wavelength)
+        phases = [torch.as_tensor(modulator.phase(grey)) for grey in self.greys]
+        return [modulator.modulation(one.to(torch.float32)) for one in phases]
 
-    @cached_property
+    @property
     def opened(self) -> torch.Tensor:
         """Share of each pixel that the stop, or its shadow from the middle distance, leaves open,
         (rows, columns) float64."""
-        camera = replace(self.camera, separation=0.0)
-        spread = 1 + as_number(self.camera.separation) / self.distances[0]
-        lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
-        return pupil_amplitude(replace(camera, lens=lens))
+        return _opened(self.camera, self.distances[0])
 
     @cached_property
     def power(self) -> float:
         """Light that leaves the open pixels of the dimmest picture, over that of even ones of
         amplitude 1: a phase that is blurred within pixels sends less."""
-        weight = self.opened**2
-        light = [(field.abs().double() ** 2 * weight).sum() for field in self.fields]
+        weight = self.opened.to(torch.float32).square()
+        light = [((f.real.square() + f.imag.square()) * weight).sum() for f in self.fields]
         return float(min(light) / weight.sum()) if bool(weight.any()) else 0.0
 
     @property
@@ -144,117 +136,93 @@ class PatternProbe:
 
     def wave(self, distance: float) -> torch.Tensor:
         """Radians that the lens leaves on the panel's light of a point, (rows, columns)."""
-        camera, lens = self.camera, self.camera.lens
-        spread = 1 + as_number(camera.separation) / distance
-        vergence = 1 / lens_distance(camera, distance) - 1 / lens.focus_distance
-        y, x = self.panel.plane.mesh()
-        bent = spread * lens.image_distance / as_number(camera.lever) * vergence
-        path = bent / 2 * (y**2 + x**2)
-        radius = as_number(lens.stop_diameter) / 2 / spread
-        for n, m, strength in lens.aberrations:
-            path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
-        return torch.where(self.opened > 0, 2 * math.pi / self.wavelength * path, 0.0)
+        return 2 * math.pi / self.wavelength * _path(self.camera, distance, self.distances[0])
+
+    def _far(self, field: torch.Tensor, lens: torch.Tensor) -> FarField:
+        return FarField(lens * field, math.sqrt(self.panel.fill_factor))
 
     @cached_property
-    def lights(self) -> list[torch.Tensor]:
-        """Far fields over one period of the panel's orders, the origin in the middle, each with
-        a sum of 1: of every picture, and of light that ignores it, at every distance."""
-        straight = torch.ones(self.panel.shape, dtype=torch.complex64)
-        found = []
-        for distance in self.distances:
-            wave = self.wave(distance)
-            lens = torch.polar(self.opened, wave).to(torch.complex64)
-            found += [_far(lens * field) for field in (*self.fields, straight)]
-        return found
+    def _shown(self) -> list[list[FarField]]:
+        """Of every picture, at each distance."""
+        lenses = [self._lens(distance) for distance in self.distances]
+        return [[self._far(field, lens) for field in self.fields] for lens in lenses]
+
+    def _lens(self, distance: float) -> torch.Tensor:
+        return _lens(self.camera, self.wavelength, distance, self.distances[0])
 
     @cached_property
-    def _envelopes(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """What one pixel makes of a period's light in the middle order, along each axis."""
-        side = math.sqrt(self.panel.fill_factor)
-        axes = []
-        for n in self.lights[0].shape:
-            place = (torch.arange(n, dtype=torch.float64) - n // 2) / n
-            axes.append((side * torch.sinc(side * place) ** 2).to(torch.float32))
-        return axes[0], axes[1]
+    def _straight(self) -> list[FarField]:
+        """Of light that ignores the picture, at each distance."""
+        nearest = self.distances[0]
+        return [_straight(self.camera, self.wavelength, d, nearest) for d in self.distances]
 
-    def _central(self, light: torch.Tensor) -> torch.Tensor:
-        down, along = self._envelopes
-        return light * down[:, None] * along
+    @cached_property
+    def _possible(self) -> list[FarField]:
+        """Of whatever may fall on the sensor: with all of the panel's effects, with none of them,
+        and what ignores the picture."""
+        fields, distances = self._ideal_fields, self.distances
+        bare = [self._far(field, self._lens(d)) for d in distances for field in fields]
+        return [*(one for there in self._shown for one in there), *bare, *self._straight]
 
     @cached_property
     def order_light(self) -> float:
         """Share of the light that the panel's pixels send beside the middle order, at most."""
-        least = min(float(self._central(light).double().sum()) for light in self.lights)
-        return max(0.0, 1 - least)
+        return self.beyond_orders(0)
+
+    @cached_property
+    def middle(self) -> float:
+        """Share of the light in the middle order, at most."""
+        return max(one.share(0) for one in self._possible)
 
     def beyond_orders(self, most: int) -> float:
         """Share of the light in orders beyond the first `most` on each side, at most."""
-        if most == 0:
-            return self.order_light
-        side, found = math.sqrt(self.panel.fill_factor), []
-        for light in self.lights:
-            shares = []
-            for n in light.shape:
-                place = (torch.arange(n, dtype=torch.float64) - n // 2) / n
-                orders = torch.arange(-most, most + 1, dtype=torch.float64)
-                shares.append((side * torch.sinc(side * (place[:, None] + orders)) ** 2).sum(1))
-            held = (light.double() * shares[0][:, None] * shares[1]).sum()
-            found.append(float(held))
-        return max(0.0, 1 - min(found))
+        return max(0.0, 1 - min(one.share(most) for one in self._possible))
 
     @cached_property
     def mean_turn(self) -> float:
         """Metres from a point's image to where a ray lands, in the mean: of any picture or light
-        that ignores it, at any distance."""
-        opened, lever = self.opened, as_number(self.camera.lever) * self.wavelength
+        that ignores it, at any distance. Looked at along some lines of the panel."""
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
-        for distance in self.distances:
-            wave = self.wave(distance)
-            for field in (*self.fields, straight):
-                turns = []
-                for axis in (0, 1):
-                    n = field.shape[axis] - 1
-                    step = torch.angle(field.narrow(axis, 1, n) * field.narrow(axis, 0, n).conj())
-                    step = step.double() + wave.diff(dim=axis)
-                    both = opened.narrow(axis, 1, n) * opened.narrow(axis, 0, n)
-                    turns.append(float((step.abs() * both).sum() / both.sum().clamp(min=1e-9)))
+        waves = [self.wave(distance) for distance in self.distances]
+        for field in (*self.fields, straight):
+            for wave in waves:
+                turns = [self._mean_step(field, wave, axis) for axis in (0, 1)]
                 worst = max(worst, math.hypot(*turns) * 1.5)
+        lever = as_number(self.camera.lever) * self.wavelength
         return worst / (2 * math.pi * self.panel.pitch) * lever
+
+    def _mean_step(self, field: torch.Tensor, wave: torch.Tensor, axis: int) -> float:
+        """Radians from one pixel to the next along an axis."""
+        every = max(1, field.shape[1 - axis] // _LINES)
+        field, wave, opened = (
+            one[:, ::every] if axis == 0 else one[::every] for one in (field, wave, self.opened)
+        )
+        n = field.shape[axis] - 1
+        step = torch.angle(field.narrow(axis, 1, n) * field.narrow(axis, 0, n).conj())
+        both = opened.narrow(axis, 1, n) * opened.narrow(axis, 0, n)
+        turn = (step.double() + wave.diff(dim=axis)).abs()
+        return float((turn * both).sum() / both.sum().clamp(min=1e-9))
 
     @cached_property
     def _within(self) -> Array:
-        """Least share of the middle order's light within squares around the axis, by half their
-        side: k + 1/2 samples of a far field, whose shorter axis counts."""
-        curves = [self._growing(self._central(light)) for light in self.lights]
-        spread = 1 - self._scattered_beyond(len(curves[0]))
-        return np.minimum(np.min(curves, axis=0), spread)
+        """Least share of the middle order's light within squares around the axis: see FarField."""
+        curve = np.min([one.within for one in self._possible], axis=0)
+        half = np.linspace(0, 1, len(curve))
+        # Jitter spreads its share evenly over the period.
+        return np.asarray(np.minimum(curve, 1 - self.modulator.scattered * (1 - half**2)))
 
-    def _growing(self, light: torch.Tensor) -> Array:
-        rows, columns = light.shape
-        # Both axes span one period: half sides are told in shares of it.
-        y = (torch.arange(rows) - rows // 2).abs() / rows
-        x = (torch.arange(columns) - columns // 2).abs() / columns
-        away = torch.maximum(y[:, None], x[None, :])
-        steps = min(rows, columns) // 2
-        index = (away * 2 * steps).ceil().to(torch.int64).clamp(max=steps)
-        sums = torch.bincount(index.flatten(), light.double().flatten(), minlength=steps + 1)
-        total = sums.cumsum(0)
-        return (total / total[-1]).numpy()
-
-    def _scattered_beyond(self, count: int) -> Array:
-        """What jitter spreads evenly over the period and leaves beyond each square."""
-        share = self.modulator.scattered
-        half = np.linspace(0, 1, count)
-        return share * (1 - half**2)
+    def _index(self, half_side: float) -> int:
+        """Of the largest square that surely is no larger: a sample's light may lie anywhere
+        within it."""
+        steps = len(self._within) - 1
+        return math.floor(half_side / (self.period / 2) * steps - 0.5)
 
     def beyond(self, half_side: float) -> float:
         """Share of the middle order's light beyond a square of so many metres to each side, at
         most: of any picture, at any distance, or of light that ignores the pattern."""
-        steps = len(self._within) - 1
-        # A sample's light may lie anywhere within it.
-        index = math.floor(half_side / (self.period / 2) * steps - 0.5)
-        if index >= steps - 1:
+        index = self._index(half_side)
+        if index >= len(self._within) - 2:
             return 0.0
         return 1.0 if index < 0 else float(max(0.0, 1 - self._within[index]))
 
@@ -271,75 +239,116 @@ class PatternProbe:
     def peak(self) -> float:
         """Largest share of the light that a square metre of the sensor gets, of any picture at
         any distance, or of light that ignores the pattern."""
-        return max(self._peak(light) for light in self.lights)
+        return max(one.peak for one in self._possible) / self.period**2
 
     @cached_property
-    def peak_shown(self) -> float:
-        """The same of the pictures alone."""
-        each = len(self.fields) + 1
-        return max(self._peak(one) for k, one in enumerate(self.lights) if (k + 1) % each)
+    def energy(self) -> float:
+        """Integral over the sensor of the squared density of a point's light, 1/m², at most."""
+        return max(one.energy for one in self._possible) / self.period**2
 
-    def _peak(self, light: torch.Tensor) -> float:
-        rows, columns = light.shape
-        # Samples may miss the top of a fringe, half a sample away: sinc(1/4)^-4 of it.
-        return 1.6 * float(light.max()) * self.panel.fill_factor * rows * columns / self.period**2
+    def energy_beyond(self, half_side: float) -> float:
+        """The same of the middle order's light beyond a square of so many metres to each side."""
+        index = self._index(half_side)
+        if index < 0:
+            return self.energy
+        curves = [one.beyond_energy for one in self._possible]
+        even = self.modulator.scattered
+        found = max(float(one[min(index, len(one) - 1)]) for one in curves)
+        return (math.sqrt(found) + even) ** 2 / self.period**2
 
     @cached_property
     def transfer(self) -> Transfer:
-        """Least of all pictures and distances, with what ignores the pattern in it."""
-        each = len(self.fields) + 1
-        share = self.modulator.unmodulated
-        shown = []
-        for k in range(0, len(self.lights), each):
-            straight = self.lights[k + each - 1]
+        """Of all pictures and distances."""
+        shape = (2 * self.panel.shape[0], 2 * self.panel.shape[1])
+        bins = rings(shape)
+        held, share = 1 - self.modulator.scattered, self.modulator.unmodulated
+        mixed = []
+        for there, straight in zip(self._shown, self._straight, strict=True):
             # Of a video, the mean.
-            mean = torch.stack(self.lights[k : k + each - 1]).mean(0)
-            shown.append((1 - share) * (1 - self.modulator.scattered) * mean + share * straight)
-        found = [self._transfer(self._central(light)) for light in shown]
+            mean = sum(one.transfer for one in there) / len(there)
+            power = _power((1 - share) * held * mean + share * straight.transfer)
+            mixed.append((bins.mean(power), bins.least(power)))
+        possible = [one.transfer for one in self._possible]
+        most = np.max([bins.most(_power(one)) for one in possible], axis=0)
+        lost = np.max([bins.most(_power(1 - one)) for one in possible], axis=0)
+        edges = bins.edges / self.period
         return Transfer(
-            found[0].low,
-            found[0].high,
-            np.min([one.mean_square for one in found], axis=0),
-            np.min([one.least for one in found], axis=0),
-            np.max([self._transfer(self._central(one)).lost for one in self.lights], axis=0),
+            edges[:-1],
+            edges[1:],
+            np.min([mean for mean, _ in mixed], axis=0),
+            np.sqrt(np.min([least for _, least in mixed], axis=0)),
+            np.sqrt(most),
+            np.maximum.accumulate(np.sqrt(lost)),
         )
 
-    def _transfer(self, light: torch.Tensor) -> Transfer:
-        rows, columns = light.shape
-        spectrum = _spectrum(light)
-        squared = spectrum.abs().double() ** 2
-        # Frequencies step by one over the period on both axes.
-        fy = torch.fft.fftfreq(rows, 1 / rows, dtype=torch.float64)
-        fx = torch.fft.fftfreq(columns, 1 / columns, dtype=torch.float64)
-        radius = torch.hypot(fy[:, None], fx[None, :]) / self.period
-        highest = 0.5 * min(rows, columns) / self.period
-        edges = torch.from_numpy(np.geomspace(0.999 / self.period, highest, _BINS + 1))
-        index = torch.bucketize(radius, edges)
-        kept = index <= _BINS
-        index, squared = index[kept], squared[kept]
-        away = (1 - spectrum[kept]).abs().double()
-        count = torch.bincount(index, minlength=_BINS + 1).clamp(min=1)
-        mean = torch.bincount(index, squared, minlength=_BINS + 1) / count
-        least = torch.full((_BINS + 1,), math.inf, dtype=torch.float64)
-        least.scatter_reduce_(0, index, squared, "amin")
-        filled = torch.isfinite(least)
-        low = np.concatenate([[0.0], edges[:-1].numpy()])
-        high = np.concatenate([[0.0], edges[1:].numpy()])
-        on = filled.numpy()
-        most = torch.zeros(_BINS + 1, dtype=torch.float64)
-        lost = np.maximum.accumulate(most.scatter_reduce(0, index, away, "amax").numpy()[on])
-        return Transfer(low[on], high[on], mean.numpy()[on], least.sqrt().numpy()[on], lost)
+    def transfers_at(
+        self, ky: Array, kx: Array, half: tuple[float, float]
+    ) -> list[NDArray[np.complex128]]:
+        """The same at any frequencies, cycles per metre, of the middle order's light up to so
+        many metres from the axis: of every picture at each distance, and of light that ignores
+        them where it is spread as far as theirs. 0 beyond what the panel resolves."""
+        shown = [one for there in self._shown for one in there]
+        least = np.min([one.within for one in shown], axis=0) - _AS_FAR
+        far = [one for one in self._straight if (one.within < least).any()]
+        return [_transfer_at(one.central, self.period, ky, kx, half) for one in (*shown, *far)]
 
 
-def _far(field: torch.Tensor) -> torch.Tensor:
-    """Light of a field at twice its Nyquist rate, the origin in the middle, summing up to 1."""
-    rows, columns = (2 * n for n in field.shape)
-    padded = centred_pad(field, (rows, columns))
-    light = fft(fft(padded, columns, -1), rows, -2).abs() ** 2
-    return origin_to_centre(light / light.double().sum().to(torch.float32))
+def _transfer_at(
+    light: NDArray[np.float32], period: float, ky: Array, kx: Array, half: tuple[float, float]
+) -> NDArray[np.complex128]:
+    pitch = period / light.shape[0], period / light.shape[1]
+    kept = [
+        math.ceil(min(far / step + 1, n // 2))
+        for far, step, n in zip(half, pitch, light.shape, strict=True)
+    ]
+    cut = np.fft.fftshift(light)
+    y, x = (n // 2 for n in light.shape)
+    cut = cut[y - kept[0] : y + kept[0], x - kept[1] : x + kept[1]]
+    known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
+    found = np.zeros(known.shape, dtype=np.complex128)
+    series = NonuniformTransform(
+        torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(cut.shape, pitch), 1.0,
+        _SERIES,
+    )  # fmt: skip
+    found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
+    return found
 
 
-def _spectrum(light: torch.Tensor) -> torch.Tensor:
-    rows, columns = light.shape
-    around = origin_to_corner(light).to(torch.complex64)
-    return fft(fft(around, columns, -1), rows, -2)
+def _power(transfer: NDArray[np.complex64]) -> NDArray[np.float32]:
+    return np.asarray(transfer.real**2 + transfer.imag**2)
+
+
+@lru_cache(maxsize=8)
+def _opened(camera: Camera, nearest: float) -> torch.Tensor:
+    spread = 1 + as_number(camera.separation) / nearest
+    lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
+    return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
+
+
+@lru_cache(maxsize=8)
+def _path(camera: Camera, distance: float, nearest: float) -> torch.Tensor:
+    """Metres by which the lens' light of a point is late, (rows, columns) of the panel."""
+    lens = camera.lens
+    spread = 1 + as_number(camera.separation) / distance
+    vergence = 1 / lens_distance(camera, distance) - 1 / lens.focus_distance
+    y, x = camera.panel.plane.mesh()
+    bent = spread * lens.image_distance / as_number(camera.lever) * vergence
+    path = bent / 2 * (y**2 + x**2)
+    radius = as_number(lens.stop_diameter) / 2 / spread
+    for n, m, strength in lens.aberrations:
+        path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
+    return torch.where(_opened(camera, nearest) > 0, path, 0.0)
+
+
+@lru_cache(maxsize=8)
+def _lens(camera: Camera, wavelength: float, distance: float, nearest: float) -> torch.Tensor:
+    """What lens and stop make of even light, complex64."""
+    turn = 2 * math.pi / wavelength * _path(camera, distance, nearest)
+    return torch.polar(_opened(camera, nearest), turn).to(torch.complex64)
+
+
+@lru_cache(maxsize=4)
+def _straight(camera: Camera, wavelength: float, distance: float, nearest: float) -> FarField:
+    """Of light that ignores what is on the panel."""
+    lens = _lens(camera, wavelength, distance, nearest)
+    return FarField(lens, math.sqrt(camera.panel.fill_factor))

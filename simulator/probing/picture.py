@@ -12,9 +12,11 @@ import torch
 from optics.camera import Camera
 from optics.formation import spectrum_of_samples
 from optics.light.bands import Band
+from optics.light.spectrum import Spectrum
 from optics.plane import Plane
 from simulator.probing.radial import Gain, RadialProfile
 from simulator.probing.rates import electron_rates
+from simulator.probing.some_frequencies import SomeFrequencies
 from simulator.scene.disc import Disc
 from simulator.scene.merging import merged
 from simulator.scene.target import Layer, Target
@@ -92,6 +94,35 @@ class PictureProbe:
         return seen
 
     @cached_property
+    def extent(self) -> tuple[float, float]:
+        """How far from the axis anything shines, (y, x) metres on the sensor."""
+        sides = [(0.0, 0.0)]
+        for layer, rates in zip(self.target.layers, self.rates, strict=True):
+            scale = self._scale(layer)
+            pictures = [p.picture for p, rate in zip(layer.parts, rates, strict=True) if rate]
+            sides += [one.extent(scale, self.shift) for one in pictures]
+        return max(y for y, _ in sides), max(x for _, x in sides)
+
+    @cached_property
+    def dim(self) -> float:
+        """Electrons per second below which a tenth of the frame's pixels have."""
+        inside = self.picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        # Of many pixels, some tell.
+        every = max(1, math.isqrt(inside.numel() // 65536))
+        return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
+
+    def over(self, level: float) -> tuple[float, float]:
+        """What the sharp picture has above a level of electrons per second: the sum over frame and
+        margin, and that of the squares."""
+        rest = (self.picture - level).clamp(min=0)
+        return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
+
+    @cached_property
+    def whole(self) -> float:
+        """Electrons per second on the frame and its margin."""
+        return float(self.picture.double().sum())
+
+    @cached_property
     def total(self) -> float:
         """Electrons per second on the frame."""
         rows, columns = self.camera.sensor.shape
@@ -101,7 +132,7 @@ class PictureProbe:
     @cached_property
     def brightest(self) -> float:
         """Electrons per second of a pixel, at most, however blurred."""
-        return self.brightest_behind(0) + self._beside
+        return self.brightest_behind(0) + self.beside
 
     def brightest_behind(self, first: int) -> float:
         """The same of the layers from a number on: 0 is the nearest.
@@ -130,7 +161,7 @@ class PictureProbe:
             apart = self.power.norm
         else:
             apart = sum(float(light.double().norm()) for light in self.lights)
-        return min(apart + self._beside, self._full)
+        return min(apart + self.beside, self._full)
 
     @property
     def _full(self) -> float:
@@ -150,6 +181,32 @@ class PictureProbe:
         return tuple(self._profile(light) for light in self.lights)
 
     @cached_property
+    def colours(self) -> list[tuple[list[int], torch.Tensor]]:
+        """For each different spectrum, the numbers of the parts that have it, through all layers,
+        and |spectrum|² by frequency of what shines with it, hidden or not, (electrons per
+        second)², on the rfft2 grid of the plane."""
+        numbers: dict[Spectrum, list[int]] = {}
+        lights: dict[Spectrum, torch.Tensor] = {}
+        parts = [(layer, part) for layer in self.target.layers for part in layer.parts]
+        rates = [rate for of_layer in self.rates for rate in of_layer]
+        for number, ((layer, part), rate) in enumerate(zip(parts, rates, strict=True)):
+            numbers.setdefault(part.spectrum, []).append(number)
+            if rate:
+                light = rate * part.picture.light(self.plane, self._scale(layer), self.shift)
+                known = lights.get(part.spectrum)
+                lights[part.spectrum] = light if known is None else known + light
+        return [
+            (numbers[spectrum], spectrum_of_samples(light).abs().square())
+            for spectrum, light in lights.items()
+        ]
+
+    @cached_property
+    def some_frequencies(self) -> SomeFrequencies:
+        """By which all of its light is told apart."""
+        squared = torch.stack([squared for _, squared in self.colours]).sum(0)
+        return SomeFrequencies.of(squared, self.plane)
+
+    @cached_property
     def cover_powers(self) -> tuple[RadialProfile | None, ...]:
         """Of what each layer hides; no unit."""
         return tuple(None if one is None else self._profile(one) for one in self.covers)
@@ -161,7 +218,7 @@ class PictureProbe:
         From C = F + (1 - a) C', a layer's light F and cover a before all that is behind:
         |ΔC| is no more than |ΔF|, and |Δa| times the brightest C', and |ΔC'|.
         """
-        total = 2 * self._beside
+        total = 2 * self.beside
         for number, gain in enumerate(gains):
             total += self.powers[number].changed(gain)
             hidden = self.cover_powers[number]
@@ -185,7 +242,7 @@ class PictureProbe:
         return steps * self.camera.sensor.pitch
 
     @cached_property
-    def _beside(self) -> float:
+    def beside(self) -> float:
         """Electrons per second of stars that aren't on the plane, and whose blur may be: all that
         they send counts, for one pixel may get it."""
         total = 0.0

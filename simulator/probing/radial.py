@@ -25,27 +25,30 @@ class RadialProfile:
 
     low, high: cycles per metre, of each bin; the first holds frequency 0 alone. power: sum over
     a bin, scaled so that all of them add up to the sum of the picture's squares over its samples.
-    least: the same if all of a bin had the least that any of its directions has.
+    least: the same if all of a bin had the least that any of its directions has. count: of a
+    bin's frequencies, over that of samples.
     """
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     power: NDArray[np.float64]
     least: NDArray[np.float64]
+    count: NDArray[np.float64]
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
         """spectrum: on the plane's rfft2 grid."""
-        index, low, high, count = _bins(plane)
+        index, low, high, count = bins(plane)
         # Columns between the first and the last stand for their mirror images, too.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
-        weighed = squared * _weights(plane)
+        weighed = squared * weights(plane)
         samples = plane.shape[0] * plane.shape[1]
         power = torch.bincount(index.flatten(), weighed.flatten(), minlength=len(low))
         least = torch.full((len(low),), math.inf, dtype=torch.float64)
         least.scatter_reduce_(0, index.flatten(), squared.flatten(), "amin")
         least = torch.where(torch.isfinite(least), least, torch.zeros_like(least)) * count
-        return RadialProfile(low, high, power.numpy() / samples, least.numpy() / samples)
+        shares = count.numpy() / samples
+        return RadialProfile(low, high, power.numpy() / samples, least.numpy() / samples, shares)
 
     @property
     def norm(self) -> float:
@@ -58,19 +61,25 @@ class RadialProfile:
         gain: not negative, of cycles per metre; where it varies within a bin, the largest of it
         at nine frequencies counts.
         """
+        return math.sqrt(float((self._largest(gain) ** 2 * self.power).sum()))
+
+    def highest(self, gain: Gain) -> float:
+        """The most that any sample is of the picture filtered so: all frequencies in phase."""
+        return float((self._largest(gain) * np.sqrt(self.count * self.power)).sum())
+
+    def _largest(self, gain: Gain) -> NDArray[np.float64]:
         steps = np.linspace(0, 1, 9)[:, None]
-        at = self.low + steps * (self.high - self.low)
-        return math.sqrt(float((gain(at).max(axis=0) ** 2 * self.power).sum()))
+        return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
     def plus(self, other: RadialProfile) -> RadialProfile:
         """Of two pictures whose light doesn't overlap in frequency, or as if it didn't."""
         return RadialProfile(
-            self.low, self.high, self.power + other.power, self.least + other.least
+            self.low, self.high, self.power + other.power, self.least + other.least, self.count
         )
 
 
 @lru_cache(maxsize=4)
-def _bins(
+def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
     """The bin of each entry of a plane's rfft2 grid, the bins' edges, and entries in each."""
@@ -81,12 +90,12 @@ def _bins(
     largest = math.hypot(*(0.5 / p for p in plane.pitch))
     edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), BINS + 1)
     index = torch.bucketize(radius, torch.from_numpy(edges))
-    count = torch.bincount(index.flatten(), _weights(plane).expand_as(radius).flatten(),
+    count = torch.bincount(index.flatten(), weights(plane).expand_as(radius).flatten(),
                            minlength=BINS + 1)  # fmt: skip
     return index, np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]]), count
 
 
-def _weights(plane: Plane) -> torch.Tensor:
+def weights(plane: Plane) -> torch.Tensor:
     """How many entries of the whole spectrum each of a half one's columns stands for."""
     columns = plane.shape[1]
     weights = torch.full((1, columns // 2 + 1), 2.0, dtype=torch.float64)

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-
-from optics.camera import Camera
-from optics.formation import spectrum_of_samples
-from optics.plane import Plane
 from simulator.scene.target import Layer, Target
 
 
@@ -22,6 +17,3 @@ class Dark(Target):
     @property
     def layers(self) -> tuple[Layer, ...]:
         return (Layer(self.distance, ()),)
-
-    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
-        return spectrum_of_samples(torch.zeros(plane.shape, dtype=torch.float64))

@@ -22,6 +22,7 @@ _CORNERS = 360
 class Disc(Drawable):
     """Even light in a circle. diameter, offset (y, x): metres on the object."""
 
+    exact = True
     diameter: float
     offset: tuple[float, float] = (0.0, 0.0)
 
@@ -29,6 +30,10 @@ class Disc(Drawable):
         require_positive("diameter", self.diameter, "m")
         if not all(math.isfinite(part) for part in self.offset):
             raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
+
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        size, y, x = self._placed(magnification, shift)
+        return abs(y) + size / 2, abs(x) + size / 2
 
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
         size, y, x = self._placed(magnification, shift)

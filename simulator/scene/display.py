@@ -48,6 +48,13 @@ class Windows(Drawable):
     rows: tuple[float, float]
     columns: tuple[float, float]
 
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        y, x = (
+            (n * self.pitch / 2 + abs(part)) * magnification
+            for n, part in zip(self.image.shape, shift, strict=True)
+        )
+        return y, x
+
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
         side = self.pitch * magnification
         if side == 0:

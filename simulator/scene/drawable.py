@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 
@@ -22,6 +24,18 @@ class Drawable(ABC):
     magnification: metres on the sensor for a metre on the object. 1 is white: all of the light
     of its part of a target.
     """
+
+    exact: ClassVar[bool] = False
+    """Whether its spectrum is that of the picture itself: nothing finer folds into it."""
+
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        """How far from the axis it shines, (y, x) metres on the sensor, at most."""
+        return math.inf, math.inf
+
+    def falls(self, magnification: float, frequency: float) -> int:
+        """With which power of the frequency its spectrum falls, from one on, in cycles per metre
+        on the sensor: 1 where it has sharp edges."""
+        return 1
 
     @abstractmethod
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
@@ -47,6 +61,7 @@ class Drawable(ABC):
 class Even(Drawable):
     """The same everywhere, without an end."""
 
+    exact = True
     value: float = 1.0
 
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:

@@ -5,11 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import torch
-
-from optics.camera import Camera
-from optics.formation import spectrum_of_samples
-from optics.plane import Plane
 from simulator.scene.drawable import Even
 from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
 
@@ -33,7 +28,3 @@ class Flat(Target):
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         return (Layer(self.distance, (Part(self.lit(), Even()),)),)
-
-    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
-        """Of samples that are all one: white everywhere."""
-        return spectrum_of_samples(torch.ones(plane.shape, dtype=torch.float64))

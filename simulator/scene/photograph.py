@@ -6,10 +6,7 @@ from dataclasses import dataclass, field
 
 import torch
 
-from optics.camera import Camera
-from optics.formation import spectrum_of_samples
 from optics.light.spectrum import Spectrum
-from optics.plane import Plane, centred_crop, centred_pad
 from simulator.scene.colours import Basis, primaries
 from simulator.scene.framed import Framed, require_image
 
@@ -39,25 +36,6 @@ class Photograph(Framed):
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
         return tuple(zip(self.basis, colours, strict=True))
-
-    def reflectance(self, wavelength: float) -> torch.Tensor:
-        """The picture at a wavelength."""
-        shares = [float(one.at(wavelength)) for one in self.basis]
-        return (self.image * torch.tensor(shares, dtype=self.image.dtype)).sum(-1)
-
-    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
-        picture = self.reflectance(wavelength)
-        sensor = camera.sensor
-        scale = self.cover * max(
-            n * sensor.pitch / (size * pitch)
-            for n, size, pitch in zip(sensor.shape, picture.shape, plane.pitch, strict=True)
-        )
-        size = (round(picture.shape[0] * scale), round(picture.shape[1] * scale))
-        shown = torch.nn.functional.interpolate(
-            picture[None, None].to(torch.float64), size, mode="bicubic", antialias=scale < 1
-        )[0, 0].clamp(0, 1)
-        cropped = centred_crop(shown, (min(size[0], plane.shape[0]), min(size[1], plane.shape[1])))
-        return spectrum_of_samples(centred_pad(cropped, plane.shape))
 
 
 def require_colours(image: torch.Tensor) -> None:

@@ -38,6 +38,20 @@ class Picture(Drawable):
         if not all(math.isfinite(part) for part in self.offset):
             raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
 
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        y, x = (self._half(axis, magnification, shift) for axis in (0, 1))
+        return y, x
+
+    def falls(self, magnification: float, frequency: float) -> int:
+        """Linear between its pixels, it falls with the square beyond what they resolve."""
+        side = self.side if self.on_sensor else self.side * magnification
+        return 2 if side * frequency >= 0.35 else 1
+
+    def _half(self, axis: int, magnification: float, shift: Shift) -> float:
+        side = self.side if self.on_sensor else self.side * magnification
+        aside = abs(self.offset[axis] + shift[axis]) * magnification
+        return aside + (self.image.shape[axis] + 1) * side / 2
+
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
         side = self.side if self.on_sensor else self.side * magnification
         if side == 0:

@@ -38,6 +38,13 @@ class Polygons(Drawable):
             if len(polygon) < 3 or not np.isfinite(polygon).all():
                 raise ValueError("a polygon has fewer than 3 corners, or one that isn't finite")
 
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        if self.ground:
+            return super().extent(magnification, shift)
+        places = np.concatenate([np.asarray(polygon) for polygon in self.corners]) + shift
+        y, x = (np.abs(places) * magnification).max(axis=0).tolist()
+        return y, x
+
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
         origin = [s * magnification for s in shift]
         placed = [np.asarray(polygon) * magnification + origin for polygon in self.corners]

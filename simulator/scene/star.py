@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import torch
-
-from optics.camera import Camera
-from optics.plane import Plane
 from simulator.scene.disc import Disc
 from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
 
@@ -35,8 +31,3 @@ class Star(Target):
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         return (Layer(self.distance, (Part(self.lit(), Disc(self.diameter, self.offset)),)),)
-
-    def spectrum(self, plane: Plane, camera: Camera, wavelength: float) -> torch.Tensor:
-        """Of its geometric image: a disc whose samples count one where it covers them."""
-        disc = Disc(self.diameter, self.offset)
-        return disc.spectrum(plane, camera.magnification(self.distance)).to(torch.complex128)

@@ -63,9 +63,9 @@ class Target(_Stands):
     """Something that stands before the camera, in its light.
 
     light: the lamp's spectrum, relative; None is the same at all wavelengths. lamp: how it
-    changes with time; None doesn't. velocity: (y, x) m/s across the axis, upright as the picture.
-    polarised: radians, of the plane in which all of its light swings, from x towards y; None is
-    unpolarised. name: what people call it.
+    changes with time; None doesn't. velocity: (y, x) m/s across the axis, upright as the picture;
+    an exposure begins with all in its place. polarised: radians, of the plane in which all of its
+    light swings, from x towards y; None is unpolarised. name: what people call it.
     """
 
     light: Spectrum | None = None

@@ -97,8 +97,39 @@ def folder_of(path: Path) -> set[str]:
             SCENE,
             'title = "Small scene"',
             'title = ""\neffects = { fog = true }',
-            ["fog", "shot noise"],
+            ["scene.toml", "'effects'", "fog", "shot noise"],
         ),
+        (
+            SCENE,
+            'title = "Small scene"',
+            'title = ""\neffects = { "shot noise" = "some" }',
+            ["scene.toml", "'effects'", "'shot noise'", "'some'", "Gaussian", "Poisson"],
+        ),
+        (
+            SCENE,
+            'title = "Small scene"',
+            'title = ""\neffects = { "panel orders" = true, diffraction = false }',
+            ["scene.toml", "'effects'", "'panel orders'", "requires 'diffraction'"],
+        ),
+        (
+            BENCH,
+            'driver = "simulated-filter"',
+            'driver = "simulated-filter"\noptions = { shape = "square" }',
+            ["devices.filter.options", "'square'", "gaussian, lyot, interference"],
+        ),
+        (
+            BENCH,
+            'driver = "simulated-filter"',
+            'driver = "simulated-filter"\noptions = { leak = 2.0 }',
+            ["devices.filter.options", "leak is 2", "a share from 0"],
+        ),
+        (
+            BENCH,
+            "quantum_efficiency = 0.62",
+            'quantum_efficiency = { file = "nothing.csv" }',
+            ["nothing.csv", "cannot be read"],
+        ),
+        (BENCH, "[sensor]", '[sensor]\nfile = "none-such"', ["none-such", "flir-oryx-123s6m-like"]),
     ],
 )
 def test_a_wrong_file_is_named_with_key_value_and_remedy(

@@ -203,3 +203,33 @@ def test_a_benchs_calibration_counts_in_its_camera(tmp_path):
     # What was measured counts more than what follows from the polarisation.
     text = BARE.replace("name =", 'calibration = "calibration.json"\nname =') + POLARISED
     assert read_camera(written(tmp_path, text)).panel.unmodulated == pytest.approx(0.12)
+
+
+SENSOR = CAMERA[CAMERA.index("[sensor]") :]
+
+
+def test_a_sensor_may_be_one_that_comes_with_labapp(tmp_path):
+    """Keys beside the file's name count more than what it says."""
+    own = '[sensor]\nfile = "flir-oryx-123s6m-like"\nwidth = 96\nheight = 64\nprnu_percent = 0.5\n'
+    file = read(tmp_path, CAMERA.replace(SENSOR, own))
+    sensor = file.build_camera().sensor
+    assert (sensor.shape, sensor.prnu, sensor.full_well) == ((64, 96), 0.005, 10500.0)
+    assert sensor.model == "FLIR Oryx ORX-10G-123S6M-like"
+    again = CameraFile.model_validate(json.loads(json.dumps(file.model_dump(mode="json"))))
+    assert again.build_camera() == file.build_camera()
+
+
+def test_a_sensors_curves_are_in_what_a_record_keeps(tmp_path):
+    (tmp_path / "mine.csv").write_text("nm,share\n400,0.2\n500,0.6\n700,0.4\n")
+    text = CAMERA.replace("quantum_efficiency = 0.62", 'quantum_efficiency = { file = "mine.csv" }')
+    file = read(tmp_path, text)
+    (tmp_path / "mine.csv").unlink()
+    again = CameraFile.model_validate(json.loads(json.dumps(file.model_dump(mode="json"))))
+    curve = again.build_camera().sensor.spectral_efficiency
+    assert curve.at([450e-9, 600e-9]) == pytest.approx([0.4, 0.5])
+
+
+def test_a_colour_sensor_has_its_filters(tmp_path):
+    own = '[sensor]\nfile = "dvc-4000c-like"\nwidth = 96\nheight = 64\n'
+    colour = read(tmp_path, CAMERA.replace(SENSOR, own)).build_camera().sensor.colour
+    assert colour.pattern == ("RG", "GB")

@@ -95,7 +95,7 @@ def test_pictures_make_a_design_better_on_a_bench_that_nobody_has_described(
     small.scene.write_text(bright + TRUTH)
     first, path = design("ring", "radius_um=70", "width_um=8"), tmp_path / "better.h5"
     asked = ("refine", first, *small.arguments(), "--exposures-ms", "30,250", "--json")
-    code, out, err = labapp(*asked, "--pictures", 6, "--out", path)
+    code, out, err = labapp(*asked, "--pictures", 8, "--out", path)
     assert code == 0, err
     assert "no registration is in force" in err
     data = json.loads(out)

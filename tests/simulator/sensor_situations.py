@@ -7,6 +7,7 @@ import torch
 
 from optics.camera import Camera, Sensor
 from optics.plane import Plane
+from optics.sensor.shutter import span
 from simulator.probing.radial import RadialProfile
 
 
@@ -40,18 +41,34 @@ def picture(rng: np.random.Generator, most: float) -> torch.Tensor:
     return torch.from_numpy(light)
 
 
-def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -> SimpleNamespace:
+class Known(SimpleNamespace):
+    """What a test says of a situation; as a real one, it is equal to nothing but itself."""
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+
+def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -> Known:
     """light: electrons per second on each pixel, as sharp as it is."""
     plane = Plane(tuple(light.shape), (one.pitch, one.pitch))
     probe = SimpleNamespace(
         l2=float(light.square().sum().sqrt()),
         brightest=float(light.max()),
         total=float(light.sum()),
+        whole=float(light.sum()),
+        beside=0.0,
+        over=lambda level: tuple(
+            float(((light - level).clamp(min=0) ** power).sum()) for power in (1, 2)
+        ),
+        dim=float(light.min()),
+        # Of two distances no PSF is known: any blur may be.
+        distances=(1.0, 2.0),
         dark=not bool(light.any()),
         power=RadialProfile.of(torch.fft.rfft2(light), plane),
     )
-    return SimpleNamespace(**{
+    return Known(**{
         "camera": Camera(sensor=one), "picture": probe, "exposure": exposure, "moment": 0.0,
+        "lasts": span(one, exposure),
         "target": SimpleNamespace(lamp=None, moves=False, layers=()),
         "shown": SimpleNamespace(moves=False),
     } | more)  # fmt: skip

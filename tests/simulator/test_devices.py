@@ -7,7 +7,6 @@ import pytest
 import torch
 from virtual_bench import CAMERA, NEUTRAL, ring_pattern, world
 
-import simulator.devices.camera
 from drivers.errors import DeviceError
 from drivers.interfaces import (
     SLM,
@@ -198,6 +197,58 @@ def test_the_filter_refuses_what_it_cannot_pass(wavelength, surroundings):
         pytest.raises(DeviceError, match=r"tune to .* nm: out of range, 430 to 700 nm. Choose a"),
     ):
         tuned.set_wavelength(wavelength)
+
+
+def passed(surroundings, wavelengths) -> np.ndarray:
+    return surroundings.world.band.passes(np.asarray(wavelengths))
+
+
+def test_a_filter_has_the_shape_and_the_leak_that_it_is_given(surroundings):
+    """At the centre, at half of the width to each side, and far from it, by the definitions."""
+    for shape in ("gaussian", "lyot", "interference"):
+        options = {"bandwidth_nm": 10.0, "shape": shape, "leak": 1e-3}
+        with SimulatedFilter(surroundings, **options, leak_range_nm=(500.0, 700.0)) as tuned:
+            tuned.set_wavelength(600e-9)
+            seen = passed(surroundings, [600e-9, 595e-9, 605e-9, 690e-9, 710e-9])
+            assert tuned.bandwidth == pytest.approx(10e-9)
+        # A lyot filter's half maxima aren't quite as far from its centre on both sides.
+        assert seen[:3] == pytest.approx([1.001, 0.501, 0.501], abs=0.01)
+        assert seen[3] == pytest.approx(1e-3, abs=2e-3 if shape == "lyot" else 1e-9)
+        assert seen[4] <= (2e-3 if shape == "lyot" else 1e-9)
+    SimulatedFilter(surroundings)
+    assert passed(surroundings, [450e-9, 700e-9]).max() < 1e-12
+
+
+def test_a_wheel_has_the_shape_and_the_leak_that_it_is_given(surroundings):
+    options = {"slots_nm": [(532, 20), (633, 10)], "shape": "interference", "leak": 1e-4}
+    with SimulatedWheel(surroundings, **options) as wheel:
+        # A super-Gaussian of the sixth order at a quarter of its width: 2^-(1/2)⁶.
+        assert passed(surroundings, [537e-9, 633e-9]) == pytest.approx(
+            [2 ** -(0.5**6) + 1e-4, 1e-4], rel=1e-6
+        )
+        wheel.set_slot(2)
+        assert passed(surroundings, [532e-9, 633e-9]) == pytest.approx([1e-4, 1.0001], rel=1e-6)
+
+
+@pytest.mark.parametrize("device", [SimulatedFilter, SimulatedWheel])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"shape": "square"}, "shape is 'square'; choose gaussian, lyot, interference"),
+        ({"leak": -0.1}, "leak is -0.1; give a share from 0 to below 1"),
+        ({"leak": 1.0}, "leak is 1; give a share"),
+        ({"leak_range_nm": (700, 400)}, r"leak_range_nm is \(700, 400\); give the shorter"),
+        ({"leak_range_nm": (0, 400)}, "leak_range_nm is .*; give the shorter"),
+    ],
+)
+def test_a_band_that_is_none_is_refused(device, options, words, surroundings):
+    with pytest.raises(ValueError, match=words):
+        device(surroundings, **options)
+
+
+def test_a_lyot_filter_as_wide_as_its_wavelength_is_refused(surroundings):
+    with pytest.raises(ValueError, match=r"a lyot filter's is a quarter of its centre"):
+        SimulatedFilter(surroundings, (420.0, 720.0), 150.0, shape="lyot")
 
 
 SLOTS = ((450, 10), (532, 20), (632.8, 3), (550, 40), (600, 10))
@@ -424,25 +475,59 @@ def test_stages_that_are_off_are_not_called(monkeypatch):
         raise AssertionError("a stage that is off was called")
 
     monkeypatch.setattr(torch, "poisson", refuse)
-    monkeypatch.setattr(torch, "randn", refuse)
-    off = dict.fromkeys(("shot noise", "read noise", "dark current"), False)
-    w = world(forced=off)
+    monkeypatch.setattr(torch.Tensor, "normal_", refuse)
+    w = world(forced={"shot noise": "off", "read noise": False, "dark current": False})
     w.target = "star"
     quiet = photograph(Surroundings(w.clock, w))
     assert np.array_equal(quiet, photograph(Surroundings(w.clock, w), seed=(9, 9, 9)))
 
 
-def test_forced_stages_reach_the_sensor(monkeypatch):
-    heard = {}
+@pytest.mark.parametrize("effect", ["shot noise", "read noise"])
+def test_forced_noises_reach_the_frames(effect):
+    """The variance of a pixel is what is left of shot noise, read noise and rounding."""
+    off = dict.fromkeys(("shot noise", "read noise", "dark current"), False)
+    w = world(forced={**off, effect: True})
+    w.target = "card"
+    frames = [
+        photograph(Surroundings(w.clock, w), seed=(1, 2, n), exposure=0.5).astype(float)
+        for n in range(60)
+    ]
+    electrons = w.light(0.5)[0].numpy() * 0.5
+    expected = {"shot noise": electrons.mean(), "read noise": CAMERA.sensor.read_noise**2}[effect]
+    found = np.var(frames, axis=0, ddof=1).mean() * CAMERA.sensor.gain**2
+    assert found == pytest.approx(expected + CAMERA.sensor.gain**2 / 12, rel=0.03)
 
-    def listen(*args, **flags):
-        heard.update(flags)
-        return torch.zeros(40, 45, dtype=torch.int32)
 
-    monkeypatch.setattr(simulator.devices.camera, "expose", listen)
-    w = world(forced={"shot noise": False, "read noise": True, "dark current": True})
-    photograph(Surroundings(w.clock, w))
-    assert heard == {"shot_noise": False, "read_noise": True, "dark_current": True}
+def test_a_frame_follows_from_its_number_whatever_was_taken_before():
+    """Other frames, other settings, or nothing at all; what is kept in between changes nothing."""
+
+    def taken(frames):
+        w = world()
+        with SimulatedCamera(Surroundings(w.clock, w)) as camera:
+            for number, target, exposure in frames:
+                w.begin(7, 1, number)
+                w.target = target
+                camera.set_exposure(exposure)
+                image = camera.capture(never).image
+        return image
+
+    last = (5, "star", 0.02)
+    alone = taken([last])
+    assert alone.dtype == np.uint16
+    kept = [(n, "star", 0.02) for n in range(3)]
+    others = [(0, "card", 0.02), (1, "near star", 0.01), (2, "star", 0.01), (3, "dark", 0.5)]
+    for before in (kept, others, [*kept, *others], [last]):
+        assert np.array_equal(taken([*before, last]), alone)
+    assert not np.array_equal(taken([(6, "star", 0.02)]), alone)
+
+
+def test_unchanged_frames_only_draw_noise(surroundings):
+    w = surroundings.world
+    photograph(surroundings, seed=(1, 2, 3))
+    once = w.imaging.ledger.operations
+    for n in range(4, 7):
+        photograph(surroundings, seed=(1, 2, n))
+    assert w.imaging.ledger.operations == once
 
 
 def test_a_world_that_cannot_be_computed_is_a_device_error(surroundings):

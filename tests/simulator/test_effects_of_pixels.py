@@ -114,7 +114,9 @@ def test_filters_differ_from_the_mean_pixel_by_no_more_than_is_told(seed):
     s = situation(torch.from_numpy(light), BAYER, 1.0, band=band)
     s.camera = camera
     s.target = SimpleNamespace(
-        lamp=None, moves=False, layers=(SimpleNamespace(distance=2.0, parts=tuple(parts)),)
+        lamp=None,
+        moves=False,
+        layers=(SimpleNamespace(distance=2.0, parts=tuple(parts), cover=None),),
     )
     channel = BAYER.colour.channel_map((12, 12)).numpy()
     filtered = sum(
@@ -179,7 +181,7 @@ def test_they_say_what_they_are(effect):
     s.band = BAND
     s.camera = replace(s.camera, sensor=replace(s.camera.sensor, colour=BAYER.colour))
     part = SimpleNamespace(spectrum=Spectrum.even(1.0))
-    s.target.layers = (SimpleNamespace(distance=2.0, parts=(part,)),)
+    s.target.layers = (SimpleNamespace(distance=2.0, parts=(part,), cover=None),)
     assert effect.caused(s)
     assert effect.why(s)
     assert effect.work(s, {effect.name: 0}) == 0

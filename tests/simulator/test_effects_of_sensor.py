@@ -18,7 +18,7 @@ from optics.sensor import moments
 from simulator.effects.clipping import Clipping
 from simulator.effects.dark_current import DarkCurrent
 from simulator.effects.fixed_pattern import FixedPattern
-from simulator.effects.on_pixels import through_sensor
+from simulator.effects.on_pixels import near_limit, through_sensor
 from simulator.effects.quantisation import Quantisation
 from simulator.effects.read_noise import ReadNoise
 from simulator.effects.shot_noise import ShotNoise
@@ -40,10 +40,13 @@ def read(light, one, exposure, recipe):
 
 def around(rng, effect, s):
     """A recipe of the other effects, each on or off by chance; but no plan does without shot
-    noise, for its shape is another altogether."""
+    noise, for its shape is another altogether, and what is left out last is there. Of wells that
+    may be full, changes count as they are before anything is clipped."""
     recipe = BARE
     for other in EFFECTS:
-        chance = 1.0 if isinstance(other, ShotNoise) else 0.7
+        if isinstance(other, Clipping) and near_limit(s):
+            continue
+        chance = 1.0 if isinstance(other, ShotNoise) or other.last else 0.7
         if other is not effect and other.caused(s) and rng.random() < chance:
             recipe = other.apply(recipe, s, int(rng.integers(1, len(other.levels))))
     return recipe

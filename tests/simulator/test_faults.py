@@ -226,14 +226,14 @@ def test_a_killed_camera_leaves_chance_alone(monkeypatch):
     surroundings = bench()
     camera, w = SimulatedCamera(surroundings).__enter__(), surroundings.world
     monkeypatch.setattr(w, "chance", lambda: pytest.fail("a random number was drawn"))
-    light = w.light
+    stream = w.stream
 
     def killing(exposure, check):
-        result = light(exposure, check)
+        result = stream(exposure, check)
         camera.kill()
         return result
 
-    monkeypatch.setattr(w, "light", killing)
+    monkeypatch.setattr(w, "stream", killing)
     with pytest.raises(DeviceError, match="capture: the device was killed"):
         camera.capture(never)
 
@@ -241,14 +241,14 @@ def test_a_killed_camera_leaves_chance_alone(monkeypatch):
 def test_a_killed_camera_stops_computing(monkeypatch):
     surroundings = bench()
     camera, w = SimulatedCamera(surroundings).__enter__(), surroundings.world
-    formed = w.light
+    formed = w.stream
 
     def killing(exposure, check):
         camera.kill()
         check()
         return formed(exposure, check)
 
-    monkeypatch.setattr(w, "light", killing)
+    monkeypatch.setattr(w, "stream", killing)
     with pytest.raises(DeviceError, match="capture: the device was killed"):
         camera.capture(never)
 

@@ -197,7 +197,7 @@ def test_a_moving_objects_parts_follow_each_other():
     found = cells(s, BARE.having(motion=4))
     assert [float(c.weight[0]) for c in found] == pytest.approx([0.0025] * 4)
     assert [c.shift[0] for c in found] == pytest.approx(
-        [0.1 * (0.5 + (k + 0.5) * 0.0025) for k in range(4)]
+        [0.1 * (k + 0.5) * 0.0025 for k in range(4)]
     )
     assert found[0].path == pytest.approx((0.1 * 0.0025, -0.2 * 0.0025))
 

@@ -8,7 +8,6 @@ import pytest
 import torch
 from judges import relative
 from optical_situations import colour_curve, pattern, situation
-from virtual_bench import SCENE, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
@@ -18,6 +17,7 @@ from optics.slm import Map, Response
 from simulator.caching import ByteCache
 from simulator.formation.picture import expected
 from simulator.formation.reference import Finest, reference
+from simulator.formation.windows import picture_shape, psf_window
 from simulator.ledger import Ledger
 from simulator.mount import Mount
 from simulator.recipe import Recipe
@@ -76,6 +76,28 @@ def test_a_photograph_in_a_lamps_light_through_a_mosaic():
     image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
     s = taken(Photograph(image, 0.9, 1e9, cover=0.8, light=halogen()), camera)
     assert error(s, FULL.having(mosaic=True)) <= 1e-5
+
+
+def test_windows_are_no_larger_than_light_can_go():
+    """And the picture is the same as by loops over everything."""
+    image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
+    # Its orders are too far apart to meet the sensor.
+    panel = replace(PANEL, pitch=12e-6)
+    camera = replace(CAMERA, panel=panel, sensor=replace(CAMERA.sensor, shape=(10, 22)))
+    s = taken(Photograph(image, 1.1, 1e9, cover=0.5), camera)
+    recipe = FULL.having(panel=panel, orders=0, window=128)
+    rows, columns = psf_window(s, recipe.window)
+    assert rows < columns < 128
+    assert picture_shape(s, recipe.window, 0) < (10 + 128, 22 + 128)
+    assert picture_shape(s, recipe.window, 1) >= (10 + 128, 22 + 128)
+    # But for what rings beside a picture that is drawn by samples.
+    assert error(s, recipe, replace(FINEST, orders=0)) <= 5e-5
+
+
+def test_endless_light_has_whole_windows():
+    s = taken(Flat(1.0, 1e9))
+    assert psf_window(s, 64) == (64, 64)
+    assert picture_shape(s, 64, 0) >= (14 + 64, 16 + 64)
 
 
 def test_light_beside_the_band_also_beyond_the_panels_table():
@@ -186,30 +208,6 @@ def test_an_even_field_is_the_camera_equation():
     electrons = watts * 550e-9 / (PLANCK * SPEED_OF_LIGHT) * 0.62 * 0.02
     assert float(light.mean()) == pytest.approx(electrons, rel=0.01)
     assert float(light.mean()) < electrons * 1.001
-
-
-@pytest.mark.parametrize("target", ["star", "near star", "card"])
-@pytest.mark.parametrize("ring", [False, True])
-def test_it_is_the_light_of_the_world_before_it(target, ring):
-    """Whose band has the area of a rectangle, and whose window is narrower than an order."""
-    camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, pitch=20e-6))
-    grey = ring_pattern(120e-6, camera) if ring else np.zeros(camera.panel.shape, np.uint8)
-    before = world(camera, tol=1e-4, forced={"filter bandwidth": True})
-    light = light_of(before, grey, target=target)
-    s = situation(
-        SCENE.targets[target],
-        camera,
-        Band(550e-9, 7e-9),
-        Shown.of(grey[None], math.inf),
-        exposure=1.0,
-        numerics=1e-5,
-    )
-    recipe = Recipe(
-        camera.panel, 256, 2, wave=True, wavelengths=5, dispersion=True, pixel_aperture=True
-    )
-    now = expected(s, recipe, ByteCache(), Ledger()).double().numpy()
-    area = math.sqrt(math.pi / math.log(2)) / 2
-    assert relative(now / area, light) <= 1e-3
 
 
 def test_nothing_is_dark():

@@ -6,106 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from judges import relative
-from optical_situations import situation
-from ray_tracer import Thing, ray_traced
 
-from optics.camera import Camera, Lens, Panel, Sensor
-from optics.light import Band, Spectrum
+from labapp.figures.depth import CAMERA, GEOMETRIC, PANEL, PLACES, ray_error
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from simulator.caching import ByteCache
-from simulator.formation.picture import expected
 from simulator.formation.rays import RayOperator
-from simulator.ledger import Ledger
-from simulator.recipe import Recipe
-from simulator.scene.polygons import Polygons, rectangle
-from simulator.scene.sheets import Sheet, Sheets
-
-PANEL = Panel(shape=(48, 64), pitch=100e-6, fill_factor=1.0, unmodulated=0.0)
-CAMERA = Camera(PANEL, Lens(0.05, 5.0, 1.0), Sensor(shape=(64, 72), pitch=6e-6))
-"""Its panel is smaller than its stop."""
 
 
-def inside(centre, size):
-    (cy, cx), (height, width) = centre, size
-
-    def map_(y, x):
-        return ((np.abs(y - cy) <= height / 2) & (np.abs(x - cx) <= width / 2)).astype(float)
-
-    return map_
-
-
-def scene(distances):
-    """A square before a bar before a wall with two windows; things and the same as a target.
-
-    No edge of one lies along another's: where two do, both blurred, their blurs aren't
-    independent, and a product of them is wrong by up to 15 % of the light along that line.
-    """
-    near, middle, far = distances
-    mid = (far / 0.0526) * 6e-6  # a pixel on the wall, metres
-    small = 6e-6 * near / 0.0526
-    square = ((2 * small, -8 * small), (26 * small, 22 * small))
-    bar = 6e-6 * middle / 0.0526
-    stripe = ((0.0, 20 * bar), (400 * bar, 12 * bar))
-    windows = [
-        ((-24 * mid, 13 * mid), (12 * mid, 46 * mid)),
-        ((2 * mid, -18 * mid), (12 * mid, 24 * mid)),
-    ]
-    things = [
-        Thing(near, lambda y, x: 0.9 * inside(*square)(y, x), inside(*square)),
-        Thing(middle, lambda y, x: 0.6 * inside(*stripe)(y, x), inside(*stripe)),
-        Thing(
-            far, lambda y, x: 0.2 + sum(0.7 * inside(*w)(y, x) for w in windows), lambda y, x: 0 * y
-        ),
-    ]
-    front, between = (
-        Polygons((rectangle(*square),), (1.0,)),
-        Polygons((rectangle(*stripe),), (1.0,)),
-    )
-    wall = Polygons(tuple(rectangle(*w) for w in windows), (0.9, 0.9), 0.2)
-    grey = [Spectrum.even(share) for share in (0.9, 0.6)]
-    target = Sheets(
-        (
-            Sheet(near, ((grey[0], front),), front),
-            Sheet(middle, ((grey[1], between),), between),
-            Sheet(far, ((None, wall),)),
-        ),
-        1e9,
-    )
-    return things, target
-
-
-RAYS = Recipe(PANEL, 64, 3, occlusion=True, depths=9, pixel_aperture=True)
-
-
-def compared(distances, recipe, rays):
-    things, target = scene(distances)
-    s = situation(target, CAMERA, Band(550e-9, 5e-9), numerics=1e-4)
-    light = expected(s, recipe, ByteCache(), Ledger()).double().numpy()
-    white = Sheets((Sheet(1.0, ((None, Polygons((rectangle((0, 0), (1, 1)),), (1.0,))),)),), 1e9)
-    full = expected(situation(white, CAMERA, Band(550e-9, 5e-9)), recipe, ByteCache(), Ledger())
-    middle = float(full[32, 36])
-    return relative(light / middle, ray_traced(things, CAMERA, rays, seed=1))
-
-
-@pytest.mark.parametrize(
-    "distances",
-    [(1.0, 1.2, 1.5), (0.8, 0.9, 1.0), (0.85, 1.0, 1.2), (0.8, 1.2, 1.3)],
-    ids=["near in focus", "far in focus", "middle in focus", "none in focus"],
-)
+@pytest.mark.parametrize("distances", PLACES.values(), ids=PLACES)
 def test_defocus_and_occlusion_are_those_of_rays(distances):
     """Four strata in a pixel with 256 rays each: 5e6 rays."""
-    assert compared(distances, RAYS, 16) <= 0.02
+    assert ray_error(distances, GEOMETRIC, 16) <= 0.02
 
 
 def test_without_occlusion_near_things_are_as_if_transparent():
-    assert compared((0.8, 0.9, 1.0), RAYS.having(occlusion=False), 8) > 0.1
+    assert ray_error((0.8, 0.9, 1.0), GEOMETRIC.having(occlusion=False), 8) > 0.1
 
 
 def test_waves_make_nearly_the_same_of_so_much_blur():
-    recipe = RAYS.having(wave=True, dispersion=True, window=96)
-    assert compared((0.8, 0.9, 1.0), recipe, 12) <= 0.03
+    recipe = GEOMETRIC.having(wave=True, dispersion=True, window=96)
+    assert ray_error((0.8, 0.9, 1.0), recipe, 12) <= 0.03
 
 
 def test_rays_carry_the_light_of_waves():

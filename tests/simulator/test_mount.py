@@ -220,7 +220,8 @@ def test_a_star_moved_by_whole_pixels_is_the_same_picture_moved():
     offset = (5 * 14e-6 * 2.0 / z, -4 * 14e-6 * 2.0 / z)
     scene = Scene({"here": Star(20e-6, 2.0, 2e12), "there": Star(20e-6, 2.0, 2e12, offset)})
     here, there = (light_of(world(CAMERA, scene), target=name) for name in scene.targets)
-    assert relative(there[10:35, 5:35], here[5:30, 9:39]) <= 1e-5
+    # Each has a plan of its own: both keep within the default tolerance.
+    assert relative(there[10:35, 5:35], here[5:30, 9:39]) <= 1e-3
 
 
 @pytest.mark.parametrize("metres", [0.5, -0.5, 30.0])

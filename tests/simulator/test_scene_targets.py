@@ -75,7 +75,10 @@ def test_without_a_lamp_every_wavelength_is_alike():
 def test_a_photograph_is_as_its_reflectance_at_every_wavelength():
     photo = Photograph(IMAGE, 2.0, 2.0)
     for wavelength in (430e-9, 500e-9, 575e-9, 650e-9):
-        grey = Photograph(photo.reflectance(wavelength)[..., None].expand(-1, -1, 3), 2.0, 2.0)
+        # Linear between what red, green and blue stand for.
+        shares = [np.interp(wavelength * 1e9, (450, 540, 610), line) for line in np.eye(3)]
+        reflected = IMAGE @ torch.tensor(shares[::-1], dtype=IMAGE.dtype)
+        grey = Photograph(reflected[..., None].expand(-1, -1, 3), 2.0, 2.0)
         assert seen(photo, wavelength) == pytest.approx(seen(grey, 540e-9), abs=1e-6)
 
 

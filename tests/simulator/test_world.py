@@ -18,24 +18,24 @@ from virtual_bench import (
     world,
 )
 
-import optics.formation
 import optics.slm
 import optics.slm.modulator
-import simulator.deciding
-import simulator.effects
-import simulator.effects.panel
+import simulator.formation.gathering
+import simulator.formation.kernels
 import simulator.motion
 import simulator.mount
-import simulator.rendering
-import simulator.world
 from optics.slm import grey_to_phase
+from simulator.effects.registry import EFFECTS
 from simulator.scene import Dark, Photograph, Scene, Star
 from simulator.shown import shares_of_time
 
 WAVELENGTH = 550e-9
 
+BAND = 7e-9 * 0.5 * math.sqrt(math.pi / math.log(2))
+"""The integral over a Gaussian band of 7 nm at half maximum: 6.4 % more than its width."""
 
-def electrons_by_hand(radiance: float, area: float, camera=WIDE_OPEN, band=7e-9) -> float:
+
+def electrons_by_hand(radiance: float, area: float, camera=WIDE_OPEN, band=BAND) -> float:
     """Electrons per second that `area` of sensor collects from a diffuse source, written out."""
     panel = 48 * 40e-6 * 64 * 40e-6
     z = 1 / (1 / 0.125 - 1 / 2.0)
@@ -51,9 +51,10 @@ def window_share(half_y: float, half_x: float, camera=WIDE_OPEN) -> float:
 
 
 def test_a_uniform_card_gives_the_rate_of_the_camera_equation():
-    """Half of white, times the share of the light within the rendered PSF of 256 pixels."""
+    """Half of white, times the share of the light in the orders of the panel's pixels up to the
+    second, which are all that are rendered."""
     light = light_of(world(WIDE_OPEN), target="card")
-    reach = 128 * 14e-6
+    reach = 2.5 * WAVELENGTH * WIDE_OPEN.lens.image_distance / WIDE_OPEN.panel.pitch
     expected = electrons_by_hand(0.5 * 1e7, (14e-6) ** 2) * window_share(reach, reach)
     assert light.mean() == pytest.approx(expected, rel=0.01)
     assert light.std() <= 1e-3 * light.mean()
@@ -113,7 +114,8 @@ def test_the_description_of_the_camera_changes_the_light():
     for lens in (replace(CAMERA.lens, f_number=80.0), replace(CAMERA.lens, focus_distance=1.5)):
         assert relative(light_of(world(replace(CAMERA, lens=lens), tol=0.1)), light) > 0.02
     darker = replace(CAMERA, transmission=0.3)
-    assert relative(light_of(world(darker)), light / 2) <= 1e-6
+    # Of less light a plan may leave out more.
+    assert relative(light_of(world(darker)), light / 2) <= 1e-3
 
 
 def test_nothing_is_replayed():
@@ -170,13 +172,14 @@ def test_the_band_is_sampled_as_finely_as_the_tolerance_asks(bandwidth, radius, 
     w.bandwidth = bandwidth
     light = light_of(w, grey)
     one = world(tol=tol, forced={"filter bandwidth": False})
-    one.bandwidth = bandwidth
+    # Narrow, for a wide band's mean photon is longer than its centre: by 0.5 nm if it has 40 nm.
+    one.bandwidth = 0.1e-9
     x = np.linspace(-4, 4, 41)
     weights = np.exp(-(x**2) / 2)
     sigma = bandwidth / (2 * math.sqrt(2 * math.log(2)))
     wavelengths = WAVELENGTH + sigma * x
-    # The rate of photons is the centre's; only the shape is averaged.
-    shapes = [light_of(one, grey, v) * WAVELENGTH / v for v in wavelengths]
+    # Each has all of the band's photons, at its own wavelength: longer waves have more of them.
+    shapes = [light_of(one, grey, v) * bandwidth / one.bandwidth for v in wavelengths]
     truth = np.tensordot(weights / weights.sum(), shapes, 1)
     assert relative(light, truth) <= tol
 
@@ -193,19 +196,19 @@ class Counted:
 
 
 def test_effects_that_are_off_are_not_computed(monkeypatch):
-    aperture = Counted(optics.formation.pixel_transfer)
-    operators = Counted(simulator.rendering.PSFOperator)
-    monkeypatch.setattr(optics.formation, "pixel_transfer", aperture)
-    monkeypatch.setattr(simulator.rendering, "PSFOperator", operators)
-    off = {"filter bandwidth": False, "pixel aperture": False, "unmodulated light": False}
+    aperture = Counted(simulator.formation.gathering.pixel_transfer)
+    operators = Counted(simulator.formation.kernels.PSFOperator)
+    monkeypatch.setattr(simulator.formation.gathering, "pixel_transfer", aperture)
+    monkeypatch.setattr(simulator.formation.kernels, "PSFOperator", operators)
+    off = {"filter bandwidth": "1", "pixel aperture": False, "panel orders": False}
     w = world(forced=off)
     light_of(w, ring_pattern(200e-6))
     assert (aperture.calls, operators.calls) == (0, 1)
-    on = world(forced=dict.fromkeys(off, True))
+    on = world(forced={"filter bandwidth": "3", "pixel aperture": True, "panel orders": False})
     light_of(on, ring_pattern(200e-6))
-    nodes = on.effect_plan(on.grey, WAVELENGTH)["filter bandwidth"].nodes
-    assert aperture.calls == 1
-    assert operators.calls == 1 + nodes
+    assert aperture.calls >= 1
+    assert operators.calls == 1 + 3
+    assert "pixel aperture" not in w.imaging.ledger.entered
 
 
 def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
@@ -220,36 +223,39 @@ def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
     monkeypatch.setattr(optics.slm.Map, "on", never)
     monkeypatch.setattr(optics.slm.Response, "at", never)
     monkeypatch.setattr(simulator.motion, "first_start", never)
-    monkeypatch.setattr(simulator.deciding, "crystal_size", never)
-    looks = [never] * len(simulator.effects.panel.PANEL_EFFECTS)
-    for effect, size in zip(simulator.effects.panel.PANEL_EFFECTS, looks, strict=True):
-        monkeypatch.setitem(effect.__dict__, "size", size)
-    for name in ("field", "sharpness", "linear_phase"):
-        monkeypatch.setattr(simulator.effects.Pattern, name, property(never))
+    there = {"illumination", "front reflection", "panel response", "neighbour coupling",
+             "flicker", "jitter", "gap light", "flatness", "liquid-crystal response"}  # fmt: skip
+    absent = [effect for effect in EFFECTS if effect.name in there]
+    assert len(absent) == len(there)
+    for effect in absent:
+        for name in ("bound", "estimate", "work", "apply"):
+            monkeypatch.setattr(type(effect), name, never)
     monkeypatch.setattr(simulator.mount.Mount, "turned", never)
     w = world()
     light_of(w, ring_pattern(80e-6))
     video_of(w, STILLS, 2 * FRAME)
 
 
-def test_the_same_state_is_computed_once(monkeypatch):
-    images = Counted(simulator.world.form_image)
-    monkeypatch.setattr(simulator.world, "form_image", images)
+def test_the_same_state_is_computed_once():
     w = world()
-    for _ in range(3):
-        light_of(w)
-    assert images.calls == 1
+    light_of(w)
+    once = w.imaging.ledger.operations
+    for exposure in (0.01, 0.01, 0.011):
+        light_of(w, exposure=exposure)
+    assert w.imaging.ledger.operations == once
     light_of(w, ring_pattern(90e-6))
-    assert images.calls == 2
+    assert w.imaging.ledger.operations > once
 
 
 def test_each_effect_moves_the_light_when_it_is_forced():
     grey = ring_pattern(200e-6)
-    w = world(forced=dict.fromkeys(("filter bandwidth", "pixel aperture", "unmodulated light"), 1))
+    w = world(
+        forced=dict.fromkeys(("filter bandwidth", "pixel aperture", "unmodulated light"), True)
+    )
     w.bandwidth = 30e-9
     full = light_of(w, grey)
     for effect in ("filter bandwidth", "pixel aperture", "unmodulated light"):
-        without = world(forced={**w.forced, effect: False})
+        without = world(forced={**w.imaging.forced, effect: False})
         without.bandwidth = 30e-9
         assert relative(light_of(without, grey), full) > 0.005
 
@@ -263,6 +269,26 @@ def test_a_tolerance_that_is_none_is_refused(tol):
 def test_an_unknown_effect_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match=r"effect 'fog' is unknown; choose among .*shot noise"):
         light_of(world(forced={"fog": True}))
+
+
+@pytest.mark.parametrize(("effect", "level"), [("shot noise", "some"), ("filter bandwidth", "4")])
+def test_an_unknown_level_is_refused_with_the_known_ones(effect, level):
+    with pytest.raises(
+        ValueError, match=rf"effect '{effect}' has no level '{level}'; choose among"
+    ):
+        world(forced={effect: level})
+
+
+def test_an_effect_that_needs_one_that_is_forced_off_is_refused():
+    words = "'panel orders' is forced on, and requires 'diffraction', which is forced off"
+    with pytest.raises(ValueError, match=words):
+        world(forced={"panel orders": True, "diffraction": False})
+
+
+@pytest.mark.parametrize("exposure", [0.0, -0.01, math.inf, math.nan])
+def test_an_exposure_that_is_none_is_refused(exposure):
+    with pytest.raises(ValueError, match=r"exposure is .* s; it must be positive and finite"):
+        world().light(exposure)
 
 
 def test_a_wavelength_that_the_panel_does_not_know_is_refused():
@@ -301,10 +327,19 @@ def test_defocus_loses_no_light():
     assert blurred.mean() == pytest.approx(sharp.mean(), rel=0.02)
 
 
-def test_a_target_blurred_beyond_what_can_be_rendered_is_refused():
-    scene = Scene({"star": Star(1e-4, 0.005, 1.0)})
-    with pytest.raises(ValueError, match=r"blurred over \d+ pixels and 1024 can be rendered"):
-        light_of(world(scene=scene))
+def test_a_star_blurred_over_far_more_than_the_frame_is_even():
+    """The panel's shadow is 475 x 357 pixels; its light, less what the panel's pixels send into
+    orders whose shadows, 131 pixels apart, don't meet the frame: beyond the first."""
+    distance, z = 0.05, CAMERA.lens.image_distance
+    light = light_of(world(scene=Scene({"star": Star(1e-4, distance, 1e11)})))
+    shadow = (1 / distance - 1 / CAMERA.lens.focus_distance) * z
+    area = 48 * 40e-6 * 64 * 40e-6 * shadow**2
+    image = math.pi / 4 * (1e-4 * z / distance) ** 2
+    side = math.sqrt(CAMERA.panel.fill_factor)
+    met = (side**2 * (1 + 2 * np.sinc(side) ** 2)) ** 2 / side**2
+    expected = electrons_by_hand(1e11, image) * (14e-6) ** 2 / area * met
+    assert light.mean() == pytest.approx(expected, rel=0.01)
+    assert light.std() <= 0.02 * light.mean()
 
 
 # Videos.
@@ -329,10 +364,10 @@ def mean_of(weights, **options):
     return np.tensordot(np.asarray(weights) / np.sum(weights), lights, 1)
 
 
-@pytest.mark.parametrize("exposure", [0.0, 1e-4, 0.7 * FRAME, 3 * FRAME, 10.0])
+@pytest.mark.parametrize("exposure", [1e-4, 0.7 * FRAME, 3 * FRAME, 10.0])
 def test_a_video_of_equal_frames_is_a_still(exposure):
     w, grey = world(), ring_pattern(80e-6)
-    still = light_of(world(), grey)
+    still = light_of(world(), grey, exposure=exposure)
     assert np.array_equal(video_of(w, [grey] * 3, exposure, moment=0.01), still)
 
 
@@ -341,14 +376,15 @@ def test_a_video_of_equal_frames_is_a_still(exposure):
 def test_a_video_over_whole_periods_is_the_mean_of_its_frames(periods, target):
     seen = video_of(world(), STILLS, periods * 3 * FRAME, moment=0.4 * FRAME, target=target)
     lights = [light_of(world(), grey, target=target) for grey in STILLS]
-    assert relative(seen, np.mean(lights, axis=0)) <= 1e-4
+    # A video's plan may be finer than a still's, by what the tolerance leaves out.
+    assert relative(seen, np.mean(lights, axis=0)) <= 1e-3
     if target == "star":
         assert min(relative(light, seen) for light in lights) > 0.05
 
 
 def test_a_frame_that_comes_twice_counts_twice():
     seen = video_of(world(), [STILLS[0], STILLS[1], STILLS[0]], 3 * FRAME)
-    assert relative(seen, mean_of([2, 1, 0])) <= 1e-4
+    assert relative(seen, mean_of([2, 1, 0])) <= 1e-3
 
 
 @pytest.mark.parametrize(
@@ -366,7 +402,7 @@ def test_a_frame_that_comes_twice_counts_twice():
 def test_a_cut_period_weighs_frames_by_the_time_that_they_are_seen(start, length, weights):
     """In units of a frame: what is on the panel from `start` on, counted by hand."""
     seen = video_of(world(), STILLS, length * FRAME, moment=start * FRAME)
-    assert relative(seen, mean_of(weights)) <= 1e-4
+    assert relative(seen, mean_of(weights)) <= 1e-3
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
@@ -381,14 +417,16 @@ def test_shares_of_time_are_those_of_a_slow_sum(n, length, rng):
         assert sum(shares) == pytest.approx(1, abs=1e-12)
 
 
-def test_the_order_of_frames_is_irrelevant_over_whole_periods(monkeypatch):
-    images = Counted(simulator.world.form_image)
-    monkeypatch.setattr(simulator.world, "form_image", images)
+def test_the_order_of_frames_is_irrelevant_over_whole_periods():
     w = world()
     one = video_of(w, STILLS, 3 * FRAME)
-    other = video_of(w, STILLS[::-1], 6 * FRAME)
+    once = w.imaging.ledger.operations
+    other = video_of(w, STILLS[::-1], 3 * FRAME)
     assert np.array_equal(one, other)
-    assert images.calls == 1
+    assert w.imaging.ledger.operations == once
+    # Exact but for the rounding of a mean over twice the time.
+    assert relative(video_of(w, STILLS, 6 * FRAME), one) <= 1e-6
+    assert w.imaging.ledger.operations == once
 
 
 def test_the_order_of_frames_counts_within_a_period():
@@ -396,21 +434,20 @@ def test_the_order_of_frames_counts_within_a_period():
     assert relative(one, other) > 0.05
 
 
-def test_an_exposure_in_whole_microseconds_counts_as_whole_periods(monkeypatch):
+def test_an_exposure_in_whole_microseconds_counts_as_whole_periods():
     """A camera can't be set to 1/60 s; the light must not depend on when it begins."""
-    images = Counted(simulator.world.form_image)
-    monkeypatch.setattr(simulator.world, "form_image", images)
     w = world()
     exposure = round(2 * FRAME * 1e6) * 1e-6
     assert exposure != 2 * FRAME
     frames = STILLS[:2]
     first = video_of(w, frames, exposure)
+    once = w.imaging.ledger.operations
     for moment in (0.3 * FRAME, 1.7 * FRAME):
         assert np.array_equal(video_of(w, frames, exposure, moment), first)
-    assert images.calls == 1
+    assert w.imaging.ledger.operations == once
     # A hundredth of a frame more is seen.
     video_of(w, frames, 2.01 * FRAME)
-    assert images.calls == 2
+    assert w.imaging.ledger.operations > once
 
 
 def test_a_short_look_at_a_long_video_sees_one_frame():
@@ -422,15 +459,12 @@ def test_a_short_look_at_a_long_video_sees_one_frame():
 
 
 def test_frames_that_are_not_seen_are_not_computed(monkeypatch):
-    fields = Counted(optics.slm.Modulator.modulation)
-    monkeypatch.setattr(optics.slm.Modulator, "modulation", lambda *args: fields(*args))
-    w = world(forced={"filter bandwidth": False})
+    """A plan looks at all of them; what is rendered is what is seen."""
+    settled = Counted(simulator.motion._settled)
+    monkeypatch.setattr(simulator.motion, "_settled", settled)
+    w = world(forced={"filter bandwidth": "1", "panel orders": False})
     video_of(w, STILLS, FRAME)
-    assert fields.calls == 1
-
-
-def test_the_light_of_no_time_is_that_of_whole_periods():
-    assert np.array_equal(video_of(world(), STILLS, 0.0), video_of(world(), STILLS, 3 * FRAME))
+    assert settled.calls == 1
 
 
 def test_a_video_that_was_seen_does_not_linger():
@@ -442,19 +476,21 @@ def test_a_video_that_was_seen_does_not_linger():
 
 
 def test_a_video_calls_for_what_its_widest_frame_calls_for():
-    """The plan is the same whichever part of the video is seen."""
+    """The plan is the same whichever way round it is shown, and whichever part is seen."""
     w = world()
     w.bandwidth = 20e-9
     wide = ring_pattern(200e-6)
-    plans = [w.effect_plan(grey, WAVELENGTH) for grey in (NEUTRAL, wide)]
-    assert plans[0] != plans[1]
+    still, ring = (w.effect_plan(grey, WAVELENGTH, target="star") for grey in (NEUTRAL, wide))
+    assert still.levels != ring.levels
     for video in (np.stack([NEUTRAL, wide]), np.stack([wide, NEUTRAL])):
-        assert w.effect_plan(video, WAVELENGTH) == plans[1]
+        plan = w.effect_plan(video, WAVELENGTH, target="star")
+        assert plan.level("filter bandwidth") >= ring.level("filter bandwidth")
         w.wavelength, w.target = WAVELENGTH, "star"
         w.play(video, FRAME)
-        for exposure in (0.0, 0.5 * FRAME, 2 * FRAME):
-            assert w.light(exposure)[1] == plans[1]
-    assert w.effect_plan(NEUTRAL[None], WAVELENGTH) == plans[0]
+        for moment in (0.0, 0.5 * FRAME, FRAME):
+            w.begin(1, 2, 3, moment=moment)
+            assert w.light()[1].levels == plan.levels
+    assert w.effect_plan(NEUTRAL[None], WAVELENGTH, target="star").levels == still.levels
 
 
 def test_light_belongs_to_the_settings_with_which_it_was_begun():

@@ -35,9 +35,11 @@ def world(camera: Camera = CAMERA, scene: Scene = SCENE, **options) -> World:
     return World(camera, scene, **options)
 
 
-def light_of(world: World, grey=NEUTRAL, wavelength=550e-9, target="star") -> np.ndarray:
+def light_of(
+    world: World, grey=NEUTRAL, wavelength=550e-9, target="star", exposure=0.01
+) -> np.ndarray:
     world.grey, world.wavelength, world.target = grey, wavelength, target
-    return world.light()[0].numpy().astype(np.float64)
+    return world.light(exposure)[0].numpy().astype(np.float64)
 
 
 def ring_pattern(radius: float, camera: Camera = CAMERA) -> np.ndarray:

@@ -121,9 +121,9 @@ class Person:
 class Bench:
     """A window with its engine, the last frame that came, and how the queue stands."""
 
-    def __init__(self, folder: Path, faults: Path | None = None) -> None:
+    def __init__(self, folder: Path, **files: Path | None) -> None:
         self.folder = folder
-        self.connection = Connection(faults=faults)
+        self.connection = Connection(**files)
         self.window = MainWindow(self.connection, Remembered(folder / "window.ini"))
         self.window.run.folder.setText(str(folder / "runs"))
         self.frames = 0
@@ -205,7 +205,7 @@ def own_bench(dark_theme: None, tmp_path: Path, qtbot: Any) -> Iterator[Callable
     def open_(faults: str = "") -> Bench:
         file = tmp_path / "faults.toml"
         file.write_text(f"version = 1\n{faults}")
-        opened.append(Bench(tmp_path, file if faults else None))
+        opened.append(Bench(tmp_path, faults=file if faults else None))
         bench = opened[0]
         qtbot.waitUntil(bench.window.actions_["acquire"].isEnabled, timeout=60_000)
         return bench

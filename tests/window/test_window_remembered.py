@@ -34,6 +34,17 @@ def test_fields_come_back(opened, tmp_path):
     assert second.size() == first.size()
 
 
+def test_what_was_in_front_is_in_front_again(opened, tmp_path, qtbot):
+    first = opened(tmp_path / "window.ini")
+    first.actions_["why"].trigger()
+    qtbot.waitUntil(lambda: not first.effects.visibleRegion().isEmpty())
+    first.close()
+    second = opened(tmp_path / "window.ini")
+    qtbot.waitUntil(lambda: not second.effects.visibleRegion().isEmpty())
+    assert second.queue.visibleRegion().isEmpty()
+    qtbot.waitUntil(second.actions_["why"].isChecked)
+
+
 @pytest.mark.parametrize(
     "text",
     ["\x00\xff not settings", "[General]\nwavelength_nm=nan\nstar_count=many\nlayout=7\n"],

@@ -6,6 +6,7 @@ from drivers.interfaces import Frame
 from labapp.acquisition.steps import Shot
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.engine.channel import Channel
+from labapp.window.engine.effects import Effects
 from labapp.window.engine.pace import Pace
 from labapp.window.engine.person import Person
 from labapp.window.engine.run import Run
@@ -17,8 +18,11 @@ from optics.progress import Cancelled, Progress
 class Acquisition:
     """Takes the frames of one run at a time; pause and cancel come from other threads."""
 
-    def __init__(self, channel: Channel, top: Benchtop, pace: Pace, person: Person) -> None:
+    def __init__(
+        self, channel: Channel, top: Benchtop, pace: Pace, person: Person, effects: Effects
+    ) -> None:
         self._channel, self._top, self._pace, self._person = channel, top, pace, person
+        self._effects = effects
 
     def take(self, run: Run) -> RunEnded:
         """How the run ended; UserError, DeviceError or OSError if it couldn't begin."""
@@ -68,4 +72,5 @@ class Acquisition:
             exposure=frame.exposure,
             number=frame.number,
         )
+        self._effects.tell(seen)
         self._channel.send_frame(seen)

@@ -11,6 +11,7 @@ from labapp.window.engine.acquisition import Acquisition
 from labapp.window.engine.background import Background, Computed
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.engine.channel import Channel
+from labapp.window.engine.effects import Effects
 from labapp.window.engine.failures import failure
 from labapp.window.engine.herald import Herald
 from labapp.window.engine.jobs import Jobs
@@ -69,7 +70,8 @@ class Engine:
         self._jobs = Jobs(channel)
         self._pace = Pace(channel)
         self._background = Background(bench.description, channel, self._jobs, self._top)
-        self._acquisition = Acquisition(channel, self._top, self._pace, self._person)
+        self._effects = Effects(bench, channel)
+        self._acquisition = Acquisition(channel, self._top, self._pace, self._person, self._effects)
         self._live = self._live_again = False
         self._obey: dict[type, Callable[[Any], None]] = {
             SetLive: self._set_live,
@@ -148,7 +150,9 @@ class Engine:
     def _take_frame(self) -> None:
         self._pace.begin()
         try:
-            self._channel.send_frame(self._top.frame(lambda: self._channel.closed))
+            frame = self._top.frame(lambda: self._channel.closed)
+            self._effects.tell(frame)
+            self._channel.send_frame(frame)
         except Exception as error:
             self._live = False
             self._complain(error)

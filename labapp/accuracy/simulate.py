@@ -1,0 +1,132 @@
+"""`labapp accuracy simulate`: what a tolerance costs, and whether it is kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from labapp.console import out, table, watched
+from labapp.figures import machine
+from labapp.files.writing import require_writable, write_whole
+from labapp.simulating.asked import AskedPicture, stage, stage_of
+from labapp.simulating.everything import Deviation, Rendered, by_plan, with_everything
+from labapp.simulating.quick import quick_setup
+from optics.progress import Progress
+from optics.threads import single_threaded
+from simulator.situation import Situation
+
+TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
+
+
+@dataclass(frozen=True)
+class SimulationRow:
+    """One picture. tol: None for everything on. told: the error that its plan told, at most.
+
+    work: operations that were counted. cpu_s, deciding_s: processor time of the whole, and of
+    the plan alone. mean, variance, sigma: relative L2 errors against everything on. left_out:
+    effects that are off or coarser, of `caused`.
+    """
+
+    tol: float | None
+    told: float
+    mean: float
+    variance: float
+    sigma: float
+    work: float
+    cpu_s: float
+    deciding_s: float
+    left_out: int
+    caused: int
+
+    @property
+    def kept(self) -> bool:
+        return self.tol is None or max(self.mean, self.variance, self.sigma) <= self.tol
+
+
+@single_threaded
+def accuracy_simulate(asked: AskedPicture, *, data: Path | None, force: bool) -> None:
+    """Take one picture by five tolerances and with everything on, and print the table.
+
+    Without a bench, the bundled one with few pixels. Ends with exit code 1 if a tolerance isn't
+    kept.
+    """
+    if data is not None:
+        require_writable(data, force=force)
+    with watched() as progress:
+        s = _situation(asked, progress.part(0.0, 0.1))
+        found = rows(s, progress.part(0.1, 1.0))
+    _print(s, found)
+    if data is not None:
+        told = {"machine": machine(), "rows": [asdict(row) for row in found]}
+        write_whole(data, json.dumps(told, indent=2).encode())
+        out.print(f"wrote {data}")
+    if not all(row.kept for row in found):
+        raise SystemExit(1)
+
+
+def _situation(asked: AskedPicture, progress: Progress) -> Situation:
+    if asked.bench is not None:
+        with stage(asked, progress) as staged:
+            return staged.situation
+    with stage_of(quick_setup(asked.scene), asked, progress) as staged:
+        return staged.situation
+
+
+def rows(s: Situation, progress: Progress) -> list[SimulationRow]:
+    """By tolerance, the largest first, and everything on as the last."""
+    share = 1 / (len(TOLERANCES) + 1)
+    progress.report(0.0, "everything on")
+    truth = with_everything(s, progress.check)
+    found = []
+    for number, tol in enumerate(TOLERANCES):
+        progress.report((number + 1) * share, f"tolerance {tol:g}")
+        found.append(_row(by_plan(s, tol, check=progress.check), truth, tol))
+    caused = found[0].caused if found else 0
+    whole = SimulationRow(None, 0, 0, 0, 0, truth.operations, truth.cpu, 0, 0, caused)
+    return [*found, whole]
+
+
+def _row(one: Rendered, truth: Rendered, tol: float) -> SimulationRow:
+    plan, error = one.plan, Deviation.of(one.picture, truth.picture)
+    assert plan is not None
+    below = sum(line.level != line.levels[-1] for line in plan.decisions)
+    return SimulationRow(
+        tol, plan.error, error.mean, error.variance, error.sigma, one.operations, one.cpu,
+        one.deciding, below, len(plan.decisions),
+    )  # fmt: skip
+
+
+def _print(s: Situation, found: list[SimulationRow]) -> None:
+    cells = [
+        [
+            "all on" if row.tol is None else f"{row.tol:g}",
+            *(_number(value) for value in (row.told, row.mean, row.variance, row.sigma)),
+            f"{row.left_out}/{row.caused}",
+            f"{row.work:.0e}",
+            f"{1e3 * row.cpu_s:.0f}",
+            f"{1e3 * row.deciding_s:.0f}",
+            "" if row.kept else "[red]beyond[/red]",
+        ]
+        for row in found
+    ]
+    rows_, columns = s.camera.sensor.shape
+    heading = (
+        f"{s.target.name} at {s.wavelength * 1e9:g} nm, {s.exposure * 1e3:.3g} ms, "
+        f"{columns} x {rows_} pixels"
+    )
+    names = [
+        "tol ", "told ", "mean ", "var. ", "σ ", "less ", "work ", "CPU ms ", "plan ", "",
+    ]  # fmt: skip
+    table(heading, names, cells)
+    out.print(
+        "told: the error that the plan allows for, at most. mean, var., σ: relative L2 errors "
+        "against everything on at its finest. less: effects that are off, or coarser than their "
+        "finest. work: operations, counted. CPU ms: one thread, plan included.",
+        style="dim",
+    )
+    out.print(machine(), style="dim")
+
+
+def _number(value: float) -> str:
+    return f"{value:.0e}" if value else "0"

@@ -1,0 +1,91 @@
+"""Pictures by plans against the one with everything on: what each costs, and how near it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import torch
+
+from simulator.caching import Cache
+from simulator.effects.on_pixels import deep
+from simulator.effects.registry import EFFECTS
+from simulator.imaging import Imaging, Picture
+from simulator.planning import EffectPlan
+from simulator.planning.plan import EFFECTS_SHARE, recipe_of
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+
+FINE = 1e-5
+"""Relative error of arithmetic and sampling in the picture that the others are compared with."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Relative L2 errors of mean picture, variance map and map of standard deviations."""
+
+    mean: float
+    variance: float
+    sigma: float
+
+    @staticmethod
+    def of(picture: Picture, truth: Picture) -> Deviation:
+        return Deviation(
+            _relative(picture.mean, truth.mean),
+            _relative(picture.variance, truth.variance),
+            _relative(picture.variance.sqrt(), truth.variance.sqrt()),
+        )
+
+    @property
+    def worst(self) -> float:
+        return max(self.mean, self.variance, self.sigma)
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture, and what it took: operations that were counted, seconds of processor time, and
+    of that what went into deciding."""
+
+    picture: Picture
+    operations: float
+    cpu: float
+    deciding: float
+    plan: EffectPlan | None = None
+
+
+def by_plan(
+    s: Situation, tol: float, forced: Mapping[str, str | bool] | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Rendered:  # fmt: skip
+    """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
+    # As if nobody had asked anything about it yet.
+    imaging = Imaging(tol, forced, patterns=Cache(1))
+    own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
+    began = time.process_time()
+    plan = imaging.plan(own)
+    decided = time.process_time()
+    picture = imaging.picture(own, deep(own, plan.recipe), check)
+    ended = time.process_time()
+    operations = imaging.ledger.operations
+    return Rendered(picture, operations, ended - began, decided - began, plan)
+
+
+def with_everything(s: Situation, check: Callable[[], None] = lambda: None) -> Rendered:
+    """With every effect at its finest, and nothing decided; of full wells, before they clip."""
+    imaging, own = Imaging(0.0), replace(s, numerics=FINE)
+    recipe = deep(own, finest_recipe(own))
+    began = time.process_time()
+    picture = imaging.picture(own, recipe, check)
+    return Rendered(picture, imaging.ledger.operations, time.process_time() - began, 0.0)
+
+
+def finest_recipe(s: Situation, without: tuple[str, ...] = ()) -> Recipe:
+    """Of all effects that a situation causes, but for some."""
+    there = [one for one in EFFECTS if one.caused(s) and one.name not in without]
+    return recipe_of(there, s, {one.name: one.finest(s) for one in there})
+
+
+def _relative(value: torch.Tensor, truth: torch.Tensor) -> float:
+    change, whole = (float(torch.linalg.vector_norm(one)) for one in (value - truth, truth))
+    return change / whole if whole else float(change > 0)

@@ -1,0 +1,82 @@
+"""What the simulator does for the pictures that the window sees, told when it changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from typing import TYPE_CHECKING
+
+from labapp.bench import Bench
+from labapp.window.engine.channel import Channel
+from labapp.window.messages import EffectsTold, EffectTold, LiveFrame
+
+if TYPE_CHECKING:
+    from simulator.planning import Decision, EffectPlan
+
+
+class Effects:
+    """Tells the plans of a simulated camera's pictures; of a real one there is none to tell."""
+
+    def __init__(self, bench: Bench, channel: Channel) -> None:
+        self._channel = channel
+        self._world = bench.world if "camera" in bench.simulated else None
+        self._told: Hashable = None
+
+    def tell(self, frame: LiveFrame) -> None:
+        """Send the plan of a picture, if it is of another setting than the one before.
+
+        Call it before the bench is moved again: the plan is that of the bench as it stands.
+        """
+        if self._world is None:
+            return
+        s = self._world.situation(frame.exposure)
+        # Not the time: what moves would be told with every frame, and nobody could read it.
+        setting = (frame.target, frame.pattern, s.shown.names, s.band, frame.exposure)
+        if setting == self._told:
+            return
+        try:
+            plan = self._world.imaging.plan(s)
+        except ValueError:
+            # A picture that can't be planned can't be taken either, and whoever takes it says so.
+            return
+        self._told = setting
+        self._channel.send(told(plan, frame))
+
+
+def told(plan: EffectPlan, frame: LiveFrame) -> EffectsTold:
+    """A plan, and the picture that it is for, in words and numbers."""
+    return EffectsTold(
+        target=frame.target,
+        pattern=frame.pattern,
+        wavelength=frame.wavelength,
+        exposure=frame.exposure,
+        effects=tuple(_told(decision) for decision in plan.decisions),
+        tol=plan.tol,
+        error=_limit(plan.error),
+        work=plan.work / plan.most_work if plan.most_work else 1.0,
+    )
+
+
+def _told(decision: Decision) -> EffectTold:
+    return EffectTold(
+        name=decision.effect,
+        level=_level(decision),
+        on=decision.on,
+        forced=decision.forced,
+        at_most=_limit(decision.relative),
+        about=decision.estimate,
+        why=decision.why,
+        physics=decision.physics,
+        source=decision.source,
+        how=decision.bound.how,
+    )
+
+
+def _level(decision: Decision) -> str:
+    """Of an axis, how much of how much there could be."""
+    sampled = decision.kind == "axis" and len(decision.levels) > 1 and decision.level != "off"
+    return f"{decision.level} of {decision.levels[-1]}" if sampled else decision.level
+
+
+def _limit(share: float) -> float | None:
+    return share if math.isfinite(share) else None

@@ -1,0 +1,143 @@
+"""How little a blurred picture's light may be spread, and how far it may go: what many bounds
+need to know of the PSF, whichever effects are on.
+
+Waves are what is meant: that the rays of the same wavefront are told apart counts on its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.edge import as_number
+from optics.plane import Plane
+from optics.pupil import open_area
+from optics.stop.shadow import share_through
+from simulator.formation.vignetting import vignetting
+from simulator.formation.windows import span
+from simulator.scene.drawable import Even
+
+if TYPE_CHECKING:
+    from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+
+_MARGIN = 1.3
+"""Audited: a pattern may be brighter at another wavelength of the band, or with some of the
+panel's effects and not others, than with all or with none."""
+
+_FADING = 4.0
+"""Sensor pixels over which the middle order fades into the next."""
+
+_OCTAVE = 1.1
+"""Frequencies that are looked at around one, for the same reason."""
+
+
+def known(s: Situation) -> bool:
+    """Whether all light has PSFs that are like those which are looked at: of one distance."""
+    hides = any(layer.cover is not None for layer in s.target.layers)
+    return len(set(s.picture.distances)) == 1 and not hides
+
+
+@lru_cache(maxsize=64)
+def densest(s: Situation) -> float:
+    """Share of a point's light on a pixel, at most. 1 where the PSF isn't known."""
+    if not known(s):
+        return 1.0
+    density = s.pattern.peak * _brighter(s)
+    if s.camera.separation:
+        # Other places light other parts of the panel: amplitudes add.
+        lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.lever)) ** 2
+        density = (math.sqrt(density) + lit_otherwise(s) * math.sqrt(lit)) ** 2
+    return min(density * s.camera.sensor.pitch**2, 1.0)
+
+
+@lru_cache(maxsize=64)
+def energy(s: Situation, beyond: float = 0.0) -> float:
+    """Sum over pixels of the squared shares of a point's light that they get, at most; of what
+    falls beyond a square of so many metres to each side, if that is given."""
+    if not known(s):
+        return 1.0
+    found = s.pattern.energy_beyond(beyond) if beyond else s.pattern.energy
+    found *= _brighter(s)
+    if s.camera.separation:
+        lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.lever)) ** 2
+        found = (math.sqrt(found) + lit_otherwise(s) * math.sqrt(lit)) ** 2
+    return min(found * s.camera.sensor.pitch**2, 1.0)
+
+
+def straight(s: Situation) -> float:
+    """Share of a point's light that doesn't leave for orders which never come near, at most."""
+    if orders_near(s) or all_even(s):
+        return 1.0
+    return min(1.05 * s.pattern.middle, 1.0)
+
+
+def orders_near(s: Situation) -> bool:
+    """Whether any pixel lies half a period from any light's image, where the first one begins."""
+    shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
+    period = s.pattern.period * shortest / s.wavelength
+    return max(span(s)) + _FADING * s.camera.sensor.pitch > period / 2
+
+
+def _brighter(s: Situation) -> float:
+    """Than at the middle of the band, at its short end."""
+    return _MARGIN * s.band.centre**2 / s.band.support[0] ** 2
+
+
+def contrast(s: Situation, frequency: Array) -> Array:
+    """|H| at most, of any PSF that may be, at cycles per metre on the sensor."""
+    if not known(s):
+        return np.ones_like(frequency)
+    spread = _OCTAVE * s.band.support[1] / s.band.support[0]
+    most = _MARGIN * s.pattern.transfer.most_at(frequency.ravel(), spread)
+    if s.camera.separation:
+        differs = lit_otherwise(s)
+        most = most + 2 * math.sqrt(differs) + differs
+    return np.minimum(most, 1.0).reshape(frequency.shape)
+
+
+def lit_otherwise(s: Situation) -> float:
+    """Area of the panel that is lit from the axis or from a corner, and not from both, over what
+    is lit from the axis: a shadow that moves by v changes v times its width on either side."""
+    sensor, lens = s.camera.sensor, s.camera.lens
+    corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
+    moved = as_number(s.camera.separation) * corner / lens.image_distance
+    distance = min(s.picture.distances)
+    lit = open_area(s.camera) * share_through(s.camera, distance, (0.0, 0.0))
+    width = min(as_number(lens.stop_diameter), max(s.camera.panel.shape) * s.camera.panel.pitch)
+    return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0
+
+
+@lru_cache(maxsize=8)
+def unequal(s: Situation) -> float:
+    """Share of a point's light that is lost or gained off the axis, on a few places of the frame
+    and its margin, corners among them."""
+    rows, columns = s.picture.plane.shape
+    camera = s.camera
+    if not s.mount.aligned:
+        camera = replace(camera, lens=s.mount.lens(camera.lens))
+    pitch = camera.sensor.pitch
+    plane = Plane((9, 9), (rows * pitch / 8, columns * pitch / 8))
+    distances = sorted(set(s.picture.distances))
+    maps = [vignetting(camera, s.mount, plane, d) for d in {distances[0], distances[-1]}]
+    return float((torch.stack(maps) - 1).abs().max())
+
+
+def all_even(s: Situation) -> bool:
+    """Whether all light is endless and even, and nothing stands before it."""
+    parts = [part.picture for layer in s.target.layers for part in layer.parts]
+    hides = any(layer.cover is not None for layer in s.target.layers)
+    return bool(parts) and all(isinstance(one, Even) for one in parts) and not hides
+
+
+def uneven(s: Situation) -> float:
+    """How much of the light a change of the PSF can change at all: endless even light stays so,
+    but for what vignetting makes of it."""
+    return min(unequal(s), 1.0) if all_even(s) else 1.0

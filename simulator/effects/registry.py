@@ -1,0 +1,60 @@
+"""All effects, in the order in which light meets them."""
+
+from __future__ import annotations
+
+from simulator.effects.clipping import Clipping
+from simulator.effects.crystal import CrystalResponse
+from simulator.effects.dark_current import DarkCurrent
+from simulator.effects.depths import DepthLayers
+from simulator.effects.diffraction import Diffraction
+from simulator.effects.dispersion import PanelDispersion
+from simulator.effects.fixed_pattern import FixedPattern
+from simulator.effects.interference import Interference
+from simulator.effects.lamp import LampFlicker
+from simulator.effects.leak import Leak
+from simulator.effects.mosaic import ColourFilters
+from simulator.effects.moving import Motion
+from simulator.effects.occlusion import Occlusion
+from simulator.effects.orders import PanelOrders
+from simulator.effects.panel_effects import PANEL_EFFECTS
+from simulator.effects.pixel_aperture import PixelAperture
+from simulator.effects.places import FieldPosition
+from simulator.effects.quantisation import Quantisation
+from simulator.effects.reach import Reach
+from simulator.effects.read_noise import ReadNoise
+from simulator.effects.rolling import RollingShutter
+from simulator.effects.sampling import Sampling
+from simulator.effects.shot_noise import ShotNoise
+from simulator.effects.unmodulated import UnmodulatedLight
+from simulator.effects.vignetting import Vignetting
+from simulator.effects.wavelengths import Bandwidth
+from simulator.planning import Effect
+
+EFFECTS: tuple[Effect, ...] = (
+    LampFlicker(),
+    Motion(),
+    DepthLayers(),
+    Occlusion(),
+    Bandwidth(),
+    Leak(),
+    Interference(),
+    PanelDispersion(),
+    *PANEL_EFFECTS,
+    CrystalResponse(),
+    UnmodulatedLight(),
+    PanelOrders(),
+    FieldPosition(),
+    Vignetting(),
+    Diffraction(),
+    Reach(),
+    Sampling(),
+    PixelAperture(),
+    ColourFilters(),
+    RollingShutter(),
+    DarkCurrent(),
+    FixedPattern(),
+    ShotNoise(),
+    Clipping(),
+    ReadNoise(),
+    Quantisation(),
+)

@@ -1,0 +1,146 @@
+"""From a situation to its plan, and by the plan to its picture, with what is kept in between."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import asdict, dataclass, replace
+
+import torch
+
+from optics.sensor import moments
+from optics.slm import max_phase
+from simulator.caching import ByteCache, Cache
+from simulator.effects.registry import EFFECTS
+from simulator.formation import expected
+from simulator.ledger import Ledger
+from simulator.planning import EffectPlan
+from simulator.planning.forcing import forced_level, settled
+from simulator.planning.plan import planned
+from simulator.probing.floor import floor
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+from simulator.streaming import Stream
+
+MEMORY = 2 << 30
+"""Bytes of light, spectra and kernels that are kept because they may be asked for again."""
+
+
+_PATTERNS = Cache(3)
+"""What is known of patterns, whoever asks: it follows from camera, pattern and wavelength alone."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a sensor makes of light, without any chance, (rows, columns).
+
+    electrons: that the light frees on each pixel over the exposure, in the mean. mean, variance:
+    of each pixel's number less its black level, in electrons and electrons².
+    """
+
+    electrons: torch.Tensor
+    mean: torch.Tensor
+    variance: torch.Tensor
+
+
+class Imaging:
+    """Plans and pictures of situations.
+
+    tol: relative error of mean picture and noise that effects may be left out for. forced:
+    effects that are on or off, or at a level, whatever they change. memory: bytes to keep.
+    patterns: where what is known of them is kept; by default with that of all others.
+    Raises ValueError for a tol that is negative or not finite.
+    """
+
+    def __init__(
+        self,
+        tol: float = 1e-2,
+        forced: Mapping[str, str | bool] | None = None,
+        memory: int = MEMORY,
+        patterns: Cache | None = None,
+    ) -> None:
+        if not 0 <= tol < math.inf:
+            raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
+        self.tol, self.forced = tol, dict(forced or {})
+        self.ledger = Ledger()
+        self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
+        self._pictures, self._patterns = Cache(4), patterns or _PATTERNS
+
+    def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
+        """Have effects on, off or at a level from now on, whatever they change.
+
+        Raises ValueError for an effect that doesn't exist, a level that it hasn't, or one that
+        is on and requires one that is off. Nothing is planned for that.
+        """
+        levels = {name: forced_level(EFFECTS, s, name, wanted) for name, wanted in forced.items()}
+        settled(EFFECTS, levels)
+        self.forced = dict(forced)
+
+    def plan(self, s: Situation) -> EffectPlan:
+        """What a picture calls for; ValueError for a filter where the panel isn't known."""
+        max_phase(s.camera.panel, s.wavelength)
+        # Whoever has changed the two wants another plan.
+        tol, forced = self.tol, dict(self.forced)
+        return self._plans.get(
+            (tol, tuple(sorted(forced.items())), causes(s)),
+            lambda: self._planned(s, tol, forced),
+        )
+
+    def _planned(self, s: Situation, tol: float, forced: Mapping[str, str | bool]) -> EffectPlan:
+        self._look(s)
+        return planned(EFFECTS, s, floor(s), tol, forced)
+
+    def _look(self, s: Situation) -> None:
+        """Let a situation know what is known already of its picture and its pattern, which
+        don't follow from the exposure."""
+        picture = self._pictures.get(
+            (s.target, s.camera, s.band, s.picture.shift), lambda: s.picture
+        )
+        s.__dict__["picture"] = picture
+        shown = (s.shown.names, s.shown.frame_time)
+        looked_at = (s.camera, shown, s.wavelength, picture.distances)
+        s.__dict__["pattern"] = self._patterns.get(looked_at, lambda: s.pattern)
+
+    def electrons(
+        self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
+    ) -> torch.Tensor:
+        """That light frees on each pixel over the exposure, in the mean, (rows, columns)."""
+        return expected(s, recipe, self._cache, self.ledger, check)
+
+    def picture(
+        self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
+    ) -> Picture:
+        """Mean and variance of every pixel."""
+        electrons = self.electrons(s, recipe, check)
+        mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
+        return Picture(electrons, mean, variance)
+
+    def stream(
+        self, s: Situation, plan: EffectPlan, check: Callable[[], None] = lambda: None
+    ) -> Stream:
+        """Frames of a picture; what they share is kept while nothing changes."""
+
+        def compute() -> Stream:
+            recipe = plan.recipe
+            electrons = self.electrons(s, recipe, check)
+            return Stream(electrons, s.exposure, s.camera.sensor, recipe)
+
+        return self._streams.get((causes(s), tuple(plan.levels.items())), compute)
+
+
+def causes(s: Situation) -> Hashable:
+    """All that a picture follows from; the time only where something changes with it."""
+    changes = s.shown.moves or s.target.lamp is not None
+    beats = complex(s.path.interference) if s.path else 0j
+    return (
+        s.camera,
+        s.mount,
+        s.target,
+        # Devices count in hundredths of a nanometre; the last digit is nobody's.
+        replace(s.band, centre=round(s.band.centre, 14)),
+        (s.shown.names, s.shown.frame_time),
+        s.moment if changes else 0.0,
+        s.exposure,
+        beats,
+        s.numerics,
+    )

@@ -1,0 +1,99 @@
+"""Scenes and benches by chance: every picture by a plan is within its tolerance of everything on.
+
+Twelve draws of the two hundred that `labapp figures --only effects` takes, from another seed.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import islice
+
+import numpy as np
+import pytest
+import torch
+
+from labapp.figures.effects import TOLERANCES, audited, swept
+from labapp.figures.random_pictures import Case, cases, random_situation
+from labapp.simulating.everything import Deviation
+from simulator.effects.registry import EFFECTS
+from simulator.imaging import Picture
+
+SEED, COUNT, MOST_WORK = 7, 12, 6e8
+
+
+@cache
+def drawn() -> list[Case]:
+    return list(islice(cases(SEED, MOST_WORK), COUNT))
+
+
+@pytest.mark.parametrize("number", range(COUNT))
+def test_a_plans_picture_is_within_its_tolerance_of_everything_on(number: int) -> None:
+    found = swept([drawn()[number]], TOLERANCES)
+    assert not found.wrong, "\n".join(found.wrong)
+
+
+@pytest.mark.parametrize("number", range(0, COUNT, 3))
+def test_no_bound_of_what_is_left_out_is_broken(number: int) -> None:
+    case = drawn()[number]
+    broken = [one for one in audited(case, 1e-1, 3, SEED) if one.broken]
+    assert not broken, case.words
+
+
+def test_the_same_seed_draws_the_same_picture() -> None:
+    first, second = (random_situation(np.random.default_rng([SEED, 3])) for _ in range(2))
+    assert first.camera.lens == second.camera.lens
+    assert first.camera.sensor == second.camera.sensor
+    assert first.band == second.band
+    assert first.shown.names == second.shown.names
+    assert first.exposure == second.exposure
+    assert first.target.radiance == second.target.radiance
+
+
+def test_draws_have_every_effect_somewhere_and_miss_nearly_every_one_elsewhere() -> None:
+    """Of 60 draws: what is always or never there would leave pairs untried."""
+    draws = [random_situation(np.random.default_rng([SEED, k])) for k in range(60)]
+    kinds = {type(s.target).__name__ for s in draws}
+    assert {"Star", "Flat", "Photograph", "Sheets", "Relief", "Display", "Cube"} <= kinds
+    data = {
+        "a video": [s.shown.moves for s in draws],
+        "motion": [s.target.moves for s in draws],
+        "a lamp": [s.target.lamp is not None for s in draws],
+        "a mosaic": [s.camera.sensor.colour is not None for s in draws],
+        "rolling": [s.camera.sensor.shutter == "rolling" for s in draws],
+        "a leak": [s.band.leak > 0 for s in draws],
+        "a turned panel": [not s.mount.aligned for s in draws],
+        "a path": [s.path is not None for s in draws],
+        "separation": [s.camera.separation > 0 for s in draws],
+        "aberrations": [bool(s.camera.lens.aberrations) for s in draws],
+        "coupling": [s.camera.panel.coupling > 0 for s in draws],
+        "flatness": [s.camera.panel.flatness is not None for s in draws],
+        "response": [s.camera.panel.response is not None for s in draws],
+        "a slow crystal": [s.camera.panel.response_time > 0 for s in draws],
+        "unmodulated": [s.camera.panel.unmodulated > 0 for s in draws],
+        "prnu": [s.camera.sensor.prnu > 0 for s in draws],
+    }
+    for name, there in data.items():
+        assert any(there), name
+        assert not all(there), name
+
+
+def test_every_effect_of_the_registry_is_caused_by_some_draw() -> None:
+    caused = set()
+    for k in range(60):
+        s = random_situation(np.random.default_rng([SEED, k]))
+        caused |= {one.name for one in EFFECTS if one.caused(s)}
+    assert caused == {one.name for one in EFFECTS}
+
+
+def test_a_deviation_is_relative_and_by_the_root_of_the_variance() -> None:
+    ones = torch.ones(4, 4)
+    truth = Picture(ones, 2 * ones, 4 * ones)
+    off = Picture(ones, 2.2 * ones, 9 * ones)
+    found = Deviation.of(off, truth)
+    assert found.mean == pytest.approx(0.1)
+    assert found.variance == pytest.approx(1.25)
+    assert found.sigma == pytest.approx(0.5)
+    assert found.worst == found.variance
+    dark = Picture(0 * ones, 0 * ones, 0 * ones)
+    assert Deviation.of(dark, dark).worst == 0
+    assert Deviation.of(truth, dark).worst == 1

@@ -1,0 +1,53 @@
+"""`labapp accuracy simulate`: five tolerances and everything on, in a table and as JSON."""
+
+import json
+from itertools import pairwise
+
+from tiny_bench import make_tiny
+
+from labapp.accuracy.simulate import TOLERANCES
+
+
+def test_each_tolerance_is_kept_and_the_last_row_is_everything(small, labapp):
+    make_tiny(small)
+    data = small.folder / "rows.json"
+    code, printed, complaint = labapp(
+        "accuracy", "simulate", small.scene, "--bench", small.bench, "--target", "star",
+        "--exposure-ms", "20", "--json", data,
+    )  # fmt: skip
+    assert code == 0, complaint
+    flat = " ".join(printed.split())
+    for words in ("star at 550 nm, 20 ms, 45 x 40 pixels", "told", "all on", "counted"):
+        assert words in flat
+    rows = json.loads(data.read_text())["rows"]
+    assert [row["tol"] for row in rows] == [*TOLERANCES, None]
+    for row in rows[:-1]:
+        assert max(row["mean"], row["variance"], row["sigma"]) <= row["tol"]
+        assert row["told"] <= row["tol"]
+    work = [row["work"] for row in rows]
+    assert all(first <= second * 1.001 for first, second in pairwise(work))
+    assert rows[-1]["left_out"] == rows[-1]["mean"] == 0
+    less = [row["left_out"] for row in rows]
+    assert less == sorted(less, reverse=True)
+
+
+def test_without_a_bench_a_small_one_is_taken(labapp):
+    code, printed, complaint = labapp("accuracy", "simulate", "--target", "dark")
+    assert code == 0, complaint
+    assert "64 x 43 pixels" in " ".join(printed.split())
+
+
+def test_what_cannot_be_asked_is_said_in_words(small, labapp):
+    make_tiny(small)
+    ask = ("accuracy", "simulate", small.scene, "--bench", small.bench)
+    code, _, complaint = labapp(*ask, "--target", "moon")
+    assert code == 1
+    assert "moon" in complaint
+    taken = small.folder / "rows.json"
+    taken.write_text("{}")
+    code, _, complaint = labapp(*ask, "--json", taken)
+    assert code == 1
+    assert "--force" in complaint
+    code, _, complaint = labapp("accuracy", "simulate", small.folder / "none.toml")
+    assert code == 1
+    assert "none.toml" in complaint
