@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -22,8 +23,9 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.streaming import Stream
 
-MEMORY = 2 << 30
-"""Bytes of light, spectra and kernels that are kept because they may be asked for again."""
+MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4)
+"""Bytes of light, spectra and kernels that are kept because they may be asked for again: a quarter
+of what the machine has. A picture of 5 megapixels with the panel's orders has 2.5 GB of them."""
 
 
 _PATTERNS = Cache(3)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from optics.camera import Panel
 from optics.sensor import Shot, Stages
-from optics.sensor.chain import FEW
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
@@ -33,8 +32,7 @@ class Recipe:
     Window: PSF's side in sensor pixels, and samples of the light in a pixel along each axis;
     `drawn`: of pictures before they are blurred, if that is more.
 
-    Sensor: in the order of the physics. `poisson_below`: electrons below which shot noise is
-    Poisson's where it is else normal.
+    Sensor: in the order of the physics.
     """
 
     panel: Panel
@@ -60,7 +58,6 @@ class Recipe:
     dark_current: bool = False
     fixed_pattern: bool = False
     shot: Shot = "none"
-    poisson_below: float = FEW
     clipping: bool = False
     read_noise: bool = False
     quantisation: bool = False
@@ -78,7 +75,6 @@ class Recipe:
             self.dark_current,
             self.fixed_pattern,
             self.shot,
-            self.poisson_below,
             self.clipping,
             self.read_noise,
             self.quantisation,

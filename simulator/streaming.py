@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 import numpy as np
 import torch
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from optics.camera import Sensor
 from optics.sensor import Stages
-from optics.sensor.chain import Collected, collected
+from optics.sensor.chain import FEW, Collected, collected
+from optics.sensor.drawing import electrons_of
 from optics.threads import single_threaded
 from simulator.recipe import Recipe
 
@@ -25,8 +27,13 @@ _SMOOTH = 0.5
 _SURELY = 7.0
 """Standard deviations from the full well at which a pixel surely is, or isn't, full."""
 
-_SURELY_NORMAL = 1e8
-"""Electrons from which nobody could tell Poisson's distribution from the normal one."""
+_BENT_ALONE = 100.0
+"""Electrons from which the third moment is enough of what noises together are beside a normal
+one: 6e-5 of their distribution is left."""
+
+_SURELY_SKEWED = 1e4
+"""Electrons from which nobody could tell Poisson's distribution from the normal one that is bent
+as it is: they are 1e-8 apart, and 1e-6 together with read noise."""
 
 
 class Stream:
@@ -111,18 +118,31 @@ class _Still:
 
 
 class _Normal:
-    """Pixels whose noises are one normal noise together: by mean and spread of their number."""
+    """Pixels whose noises are one normal noise together, bent as much as its third moment asks
+    for: by mean and spread of their number, and by what the noise's square adds to it."""
 
-    def __init__(self, number: torch.Tensor, spread: torch.Tensor) -> None:
+    def __init__(
+        self, number: torch.Tensor, spread: torch.Tensor, bend: torch.Tensor | None
+    ) -> None:
         self._number, self._spread = number.to(torch.float32), spread.to(torch.float32)
+        self._bend = None
+        if bend is not None:
+            self._bend = bend.to(torch.float32)
+            # A square has a mean of 1 and a variance of 2.
+            self._number = (number - bend).to(torch.float32)
+            self._spread = (spread.square() - 2 * bend.square()).sqrt().to(torch.float32)
 
     @property
     def bytes(self) -> int:
-        return self._number.nbytes + self._spread.nbytes
+        kept = (self._number, self._spread, self._bend)
+        return sum(one.nbytes for one in kept if one is not None)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
         noise = torch.empty_like(self._number).normal_(generator=generator)
-        return torch.addcmul(self._number, noise, self._spread, out=noise)
+        if self._bend is None:
+            return torch.addcmul(self._number, noise, self._spread, out=noise)
+        slope = torch.addcmul(self._spread, noise, self._bend)
+        return torch.addcmul(self._number, noise, slope, out=noise)
 
 
 class _Stepwise:
@@ -133,7 +153,7 @@ class _Stepwise:
     ) -> None:
         self._mean = mean.to(torch.float32)
         self._offset = None if offset is None else offset.to(torch.float32)
-        self._spread = (mean / (mean + 1 / 12).sqrt()).to(torch.float32)
+        self._shot: Literal["Gaussian", "skewed"] = _shot(stages)
         self._few = (mean < _poisson_below(stages)).nonzero().flatten()
         self._well = sensor.full_well if stages.clipping else math.inf
         self._read = sensor.read_noise if stages.read_noise else 0.0
@@ -141,7 +161,7 @@ class _Stepwise:
 
     @property
     def bytes(self) -> int:
-        kept = (self._mean, self._spread, self._few, self._offset)
+        kept = (self._mean, self._few, self._offset)
         return sum(one.nbytes for one in kept if one is not None)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
@@ -157,7 +177,7 @@ class _Stepwise:
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
-        held = torch.addcmul(self._mean, noise, self._spread, out=noise).round_().clamp_(min=0)
+        held = electrons_of(self._mean, noise, self._shot)
         if len(self._few):
             held[self._few] = torch.poisson(self._mean[self._few], generator=generator)
         return held
@@ -167,7 +187,12 @@ _Block = _Still | _Normal | _Stepwise
 
 
 def _poisson_below(stages: Stages) -> float:
-    return _SURELY_NORMAL if stages.shot == "Poisson" else stages.poisson_below
+    return _SURELY_SKEWED if stages.shot == "Poisson" else FEW
+
+
+def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
+    """What stands for Poisson's distribution where it does."""
+    return "Gaussian" if stages.shot == "Gaussian" else "skewed"
 
 
 def _block(
@@ -186,8 +211,12 @@ def _block(
         return _Stepwise(mean, offset, sensor, stages)
     shot = torch.where(full, 0.0, mean) if chancy else torch.zeros_like(mean)
     number = (held if offset is None else held + offset) / sensor.gain + sensor.black_level
-    spread = (shot + read**2).sqrt() / sensor.gain
-    return _Normal(number, spread) if bool(spread.any()) else _Still(number)
+    varied = shot + read**2
+    if not bool(varied.any()):
+        return _Still(number)
+    # The third moment is that of the electrons alone.
+    bend = shot / (6 * varied.clamp(min=1e-30)) / sensor.gain if _shot(stages) == "skewed" else None
+    return _Normal(number, varied.sqrt() / sensor.gain, bend)
 
 
 def _plain(
@@ -195,7 +224,7 @@ def _plain(
 ) -> torch.Tensor:
     """Where shot and read noise may be drawn as one: many electrons, of which nobody sees that
     they are whole, and surely no full well."""
-    many = mean >= _poisson_below(stages)
+    many = mean >= max(_poisson_below(stages), _BENT_ALONE)
     smooth = read >= _SMOOTH
     clear = (mean + reach < sensor.full_well) if stages.clipping else torch.ones_like(many)
     return many & clear & smooth

@@ -14,6 +14,7 @@ from typing import Any
 from labapp.cli.app import app
 from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
 from labapp.cli import plans, bench
+from labapp.memory import keep_freed_memory
 
 # isort: on
 
@@ -37,6 +38,7 @@ def main() -> None:
     """Run the command line; errors are one or two lines, and a traceback with --debug."""
     debug = "--debug" in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    keep_freed_memory()
     try:
         app(args=arguments, prog_name="labapp")
     except Exception as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -86,14 +86,22 @@ def _drawn_pairs(case: Case, plan: EffectPlan, count: int, seed: int) -> list[tu
     return [every[k] for k in chosen]
 
 
+def _told(drawn: Iterable[Case], count: int) -> Iterator[Case]:
+    """They take long: every twentieth says so."""
+    for number, case in enumerate(drawn):
+        if number and not number % 20:
+            say(f"{number} of {count} pictures")
+        yield case
+
+
 @single_threaded
 def effects_figures(folder: Path) -> list[Figure]:
     """Two hundred pictures; sixty of them, the quickest, are audited."""
-    found = swept(itertools.islice(cases(_SEED, _MOST_WORK), _COUNT))
+    found = swept(_told(itertools.islice(cases(_SEED, _MOST_WORK), _COUNT), _COUNT))
     for line in found.wrong:
         say(line)
     singles, doubles, broken = 0, 0, []
-    for case in itertools.islice(cases(_SEED + 1, _AUDITED_WORK), _AUDITED):
+    for case in _told(itertools.islice(cases(_SEED + 1, _AUDITED_WORK), _AUDITED), _AUDITED):
         for one in audited(case, _AUDITED_TOL, _PAIRS, _SEED):
             singles += len(one.effects) == 1
             doubles += len(one.effects) == 2

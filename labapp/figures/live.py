@@ -95,8 +95,8 @@ def _world(shape: tuple[int, int]) -> World:
     files = BenchFiles.default()
     data = read_file(bundled("bench.toml"), BenchFile).model_dump(mode="json")
     # A well that holds the electrons that are asked for.
-    changes = {"height": shape[0], "width": shape[1], "full_well_electrons": 1.5 * _ELECTRONS}
-    data["sensor"] |= changes | {"gain_electrons_per_dn": 4.0}
+    changes = {"height": shape[0], "width": shape[1], "full_well_electrons": 6 * _ELECTRONS}
+    data["sensor"] |= changes | {"gain_electrons_per_dn": 1.0, "bits": 16}
     camera = BenchFile.model_validate(data).build_camera()
     return World(camera, read_scene(files).build(), tol=_TOL)
 

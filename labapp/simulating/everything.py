@@ -14,7 +14,6 @@ from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, Picture
 from simulator.planning import EffectPlan
 from simulator.planning.plan import EFFECTS_SHARE, recipe_of
-from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 FINE = 1e-5
@@ -71,19 +70,25 @@ def by_plan(
     return Rendered(picture, operations, ended - began, decided - began, plan)
 
 
-def with_everything(s: Situation, check: Callable[[], None] = lambda: None) -> Rendered:
-    """With every effect at its finest, and nothing decided; of full wells, before they clip."""
+def with_everything(
+    s: Situation, check: Callable[[], None] = lambda: None,
+    finer: Mapping[str, int] | None = None,
+) -> Rendered:  # fmt: skip
+    """With every effect at its finest, and nothing decided; of full wells, before they clip.
+
+    finer: levels of some effects that are finer than this situation asks for.
+    """
     imaging, own = Imaging(0.0), replace(s, numerics=FINE)
-    recipe = deep(own, finest_recipe(own))
+    recipe = deep(own, recipe_of(EFFECTS, own, finest_levels(own, finer)))
     began = time.process_time()
     picture = imaging.picture(own, recipe, check)
     return Rendered(picture, imaging.ledger.operations, time.process_time() - began, 0.0)
 
 
-def finest_recipe(s: Situation, without: tuple[str, ...] = ()) -> Recipe:
-    """Of all effects that a situation causes, but for some."""
-    there = [one for one in EFFECTS if one.caused(s) and one.name not in without]
-    return recipe_of(there, s, {one.name: one.finest(s) for one in there})
+def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
+    """Of all effects that a situation causes, and of those that are asked for besides."""
+    levels = {one.name: one.finest(s) for one in EFFECTS if one.caused(s)}
+    return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}
 
 
 def _relative(value: torch.Tensor, truth: torch.Tensor) -> float:

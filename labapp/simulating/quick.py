@@ -1,7 +1,8 @@
-"""The bundled bench with few pixels, on which everything can be computed."""
+"""The bundled bench with few pixels: everything can be computed on it, slowly or at once."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from labapp.bench import BenchFiles, BenchSetup, read_scene
@@ -15,13 +16,25 @@ _CHANGES = {
     "sensor": {"width": 64, "height": 43, "pitch_um": 41.4},
 }
 
+_PART = {"sensor": {"width": 256, "height": 256}}
+
 
 def quick_setup(scene: Path | None) -> BenchSetup:
-    """Before a scene, the bundled photograph if None; UserError if it can't be read."""
+    """With few and large pixels, of sensor and panel, before a scene; the bundled photograph if
+    None. UserError if it can't be read."""
+    return _changed(scene, _CHANGES)
+
+
+def part_setup(scene: Path | None) -> BenchSetup:
+    """With a part of its sensor, 256 x 256 pixels."""
+    return _changed(scene, _PART)
+
+
+def _changed(scene: Path | None, changes: Mapping[str, Mapping[str, float]]) -> BenchSetup:
     files = BenchFiles.default(None, scene)
     data = read_file(files.bench, BenchFile).model_dump(mode="json")
-    for table, changes in _CHANGES.items():
-        data[table] |= changes
+    for table, entries in changes.items():
+        data[table] |= entries
     small = BenchFile.model_validate(data)
     return BenchSetup(small, read_scene(files), "the small bench", str(files.scene))
 

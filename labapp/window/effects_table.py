@@ -25,7 +25,7 @@ BAR = 2
 _LEAST = 1e-7
 """Relative change at the left end of a bar; the right end is the whole picture."""
 
-_WIDEST = ("neighbour coupling", "Poisson below 6000")
+_WIDEST = ("neighbour coupling", "skewed Gaussian")
 """The longest words that the first columns have to hold."""
 
 _MARGIN = 5

@@ -18,7 +18,8 @@ from optics.plane import Plane
 FINEST_NUFFT = 1e-14
 """The smallest relative error that finufft takes in double precision."""
 
-_FINER = 2.0
+_FINER, _FINER_OF_FEW = 2.0, 1.25
+_FINEST_OF_FEW = 1e-8
 _BYTES_A_POINT = 72
 """Positions, values before and after, and finufft's own order of the points."""
 
@@ -32,17 +33,28 @@ class NonuniformTransform(Transform):
 
     y, x: metres, one-dimensional and of the same length. image: where the field is
     wanted. scale: wavelength times distance, m². error: relative L2, of the light that
-    the whole plane receives. Fields are (..., points).
+    the whole plane receives, 1e-8 or more for few points: of those, far fewer than samples, each
+    is spread over more of a grid that is less fine. Fields are (..., points).
     """
 
     name = "non-uniform FFT"
     dtype = torch.complex128
 
     def __init__(
-        self, y: torch.Tensor, x: torch.Tensor, image: Plane, scale: float, error: float
+        self,
+        y: torch.Tensor,
+        x: torch.Tensor,
+        image: Plane,
+        scale: float,
+        error: float,
+        *,
+        few: bool = False,
     ) -> None:
+        if few and error < _FINEST_OF_FEW:
+            raise ValueError(f"error is {error:g}; for few points it is {_FINEST_OF_FEW:g} or more")
         self.image, self.scale, self.error = image, scale, max(error, FINEST_NUFFT)
         self._y, self._x = y, x
+        self._finer = _FINER_OF_FEW if few else _FINER
         self._angles = [
             (2 * math.pi * pitch / scale * p.numpy())
             for pitch, p in zip(image.pitch, (y, x), strict=True)
@@ -64,7 +76,8 @@ class NonuniformTransform(Transform):
                 isign=-1 if kind == 1 else 1,
                 dtype="complex128",
                 nthreads=torch.get_num_threads(),
-                upsampfac=_FINER,
+                upsampfac=self._finer,
+                showwarn=0,
             )
             plan.setpts(*self._angles)
             self._plans[kind] = plan

@@ -11,7 +11,7 @@ from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
 from optics.sensor.fixed_pattern import fixed_pattern, uneven
 
-Shot = Literal["none", "Gaussian", "Poisson"]
+Shot = Literal["none", "Gaussian", "skewed", "Poisson"]
 
 FEW = 10.0
 """Electrons below which Poisson's distribution is drawn from in any case: it costs as little
@@ -24,23 +24,21 @@ class Stages:
 
     In this order: dark current, fixed pattern (response, hot pixels; offsets after the well),
     shot noise, full well, read noise, converter. shot: "Gaussian" draws whole electrons from a
-    normal of the mean's variance, and pixels of fewer electrons than poisson_below from
-    Poisson's. clipping: of well and converter.
+    normal of the mean's variance, "skewed" from one that is bent as Poisson's distribution is
+    (see optics.sensor.drawing.electrons_of); both draw few electrons from Poisson's itself.
+    clipping: of well and converter.
     """
 
     dark_current: bool = True
     fixed_pattern: bool = True
     shot: Shot = "Poisson"
-    poisson_below: float = FEW
     clipping: bool = True
     read_noise: bool = True
     quantisation: bool = True
 
     def __post_init__(self) -> None:
-        if self.shot not in ("none", "Gaussian", "Poisson"):
-            raise ValueError(f"shot is {self.shot!r}; choose none, Gaussian or Poisson")
-        if not self.poisson_below >= FEW:
-            raise ValueError(f"poisson_below is {self.poisson_below:g}; give {FEW:g} or more")
+        if self.shot not in ("none", "Gaussian", "skewed", "Poisson"):
+            raise ValueError(f"shot is {self.shot!r}; choose none, Gaussian, skewed or Poisson")
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,6 @@ def moments(
     dark_current: bool = True,
     fixed_pattern: bool = True,
     shot: Shot = "Poisson",
-    poisson_below: float = FEW,
     clipping: bool = True,
     read_noise: bool = True,
     quantisation: bool = True,
@@ -36,16 +35,16 @@ def moments(
     all digital numbers, tabulated and interpolated: to 1e-4 of themselves. Raises ValueError
     for electrons that aren't finite, and an exposure that isn't positive.
     """
-    stages = Stages(
-        dark_current, fixed_pattern, shot, poisson_below, clipping, read_noise, quantisation
-    )
+    # What is skewed as Poisson's distribution is, is counted as that.
+    shot = "Poisson" if shot == "skewed" else shot
+    stages = Stages(dark_current, fixed_pattern, shot, clipping, read_noise, quantisation)
     held = collected(electrons, exposure, sensor, stages)
     if shot == "none":
         return _still(held, sensor, stages)
     if shot == "Poisson" and not clipping and not quantisation:
         noise = sensor.read_noise**2 if read_noise else 0.0
         return held.electrons + held.offset, held.electrons + noise
-    few = held.electrons < poisson_below
+    few = held.electrons < FEW
     if shot == "Poisson" or bool(few.all()):
         return _tabulated(held, sensor, replace(stages, shot="Poisson"))
     normal = _tabulated(held, sensor, stages)

@@ -11,7 +11,7 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from optics.camera import Sensor
-from optics.sensor.chain import FEW, Shot, Stages
+from optics.sensor.chain import Shot, Stages
 from optics.sensor.counting import Numbers, likelihoods, window
 from optics.sensor.reading import read_out
 
@@ -41,7 +41,7 @@ def pieces(sensor: Sensor, stages: Stages, most: float, step: float = 0.0) -> tu
     noise, and another one begins near the full well. Between them, mean and variance are those
     of plain shot noise. step: electrons of a step of offset; 0 where there is none.
     """
-    stages = replace(stages, dark_current=True, fixed_pattern=True, poisson_below=FEW)
+    stages = replace(stages, dark_current=True, fixed_pattern=True)
     low, high = _full(sensor, stages)
     if high <= _COUNTED:
         return (_table(sensor, stages, 0.0, _rounded_up(most, high), step),)

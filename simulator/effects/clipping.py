@@ -27,6 +27,7 @@ class Clipping(Effect):
     kind = "stage"
     physics = "a full well holds no more electrons, and the converter's numbers end"
     source = "EMVA 1288 release 4, section 2.3, saturation capacity"
+    each_frame = True
 
     def caused(self, s: Situation) -> bool:
         return True

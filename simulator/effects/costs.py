@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
-from simulator.effects.limits import all_even
+from simulator.effects.limits import all_even, orders_near
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 
@@ -97,7 +97,8 @@ def _counted(s: Situation, levels: Mapping[str, int]) -> _Counts:
     depths = min(DEPTHS[levels.get("depth layers", 0)], len(distances))
     places = PLACES[levels.get(PLACE, 0)] ** 2
     fields = (2 if levels.get(BEATS, 0) else 1) * _ripples(s, levels)
-    orders = (2 * ORDERS[levels.get(GRID, 0)] + 1) ** 2 - 1
+    # Those that don't meet the sensor aren't computed.
+    orders = (2 * ORDERS[levels.get(GRID, 0)] + 1) ** 2 - 1 if orders_near(s) else 0
     channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
     cells = max(1, len(s.shown.pictures))
     psfs = nodes * depths * places * fields * cells

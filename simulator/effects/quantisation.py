@@ -19,6 +19,7 @@ class Quantisation(Effect):
     kind = "stage"
     physics = "the converter rounds to whole numbers, half a step at most"
     source = "EMVA 1288 release 4, section 2.3; Widrow and Kollár, Quantization Noise"
+    each_frame = True
 
     def caused(self, s: Situation) -> bool:
         return True

@@ -29,6 +29,7 @@ class ReadNoise(Effect):
     last = True
     physics = "amplifier and converter add a normal noise, the same in light and darkness"
     source = "EMVA 1288 release 4, section 2.4, temporal dark noise"
+    each_frame = True
 
     def caused(self, s: Situation) -> bool:
         return s.camera.sensor.read_noise > 0

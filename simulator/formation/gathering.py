@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from optics.camera import Sensor
 from optics.formation import frequencies
 from optics.fourier import fft, irfft2, rfft2
-from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
+from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer
 from simulator.formation.work import transform_operations
 from simulator.ledger import Ledger
@@ -98,7 +98,8 @@ class Gathering:
         return [self._transfer(_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        return self.transformed(centred_pad(psf.to(torch.float32), self.plane.shape), effect)
+        self._count(effect)
+        return _transformed_part(psf.to(torch.float32), self.plane.shape)
 
     def smear(self, path: tuple[float, float]) -> torch.Tensor | None:
         """What a straight path on the sensor, (y, x) metres, makes of a spectrum; None if none."""
@@ -119,6 +120,20 @@ class Gathering:
         light = folded(spectrum, self._pixels, self.finer)
         self._ledger.add("picture", transform_operations(*self._pixels), 4 * light.numel())
         return centred_crop(origin_to_centre(light), self.sensor.shape)
+
+
+def _transformed_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """The rfft2 of a picture of some shape that is 0 but for a part around its origin, n // 2 of
+    both: rows without light aren't transformed."""
+    (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
+    lines = np.zeros((rows, shape[1]), dtype=np.float32)
+    lines[:, : columns - x] = part[:, x:]
+    lines[:, shape[1] - x :] = part[:, :x]
+    lit = scipy.fft.rfft(lines, axis=1)
+    whole = torch.zeros((shape[0], lit.shape[1]), dtype=torch.complex64)
+    whole[: rows - y] = torch.from_numpy(lit[y:])
+    whole[shape[0] - y :] = torch.from_numpy(lit[:y])
+    return fft(whole, shape[0], 0, overwrite=True)
 
 
 def _lowest(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from optics.accuracy import ToleranceError
 from optics.camera import Camera
 from optics.edge import as_number
 from optics.plane import Plane
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 _FADING = 4.0
 """Sensor pixels over which one order of the panel's pixels fades into the next."""
+
+_LOOSEST = 0.1
+"""Relative error of an order's PSF that is put up with where it gets hardly any light."""
 
 Order = tuple[int, int]
 """Of the panel's pixel grid, (y, x) in the panel's axes."""
@@ -125,12 +129,15 @@ class Kernels:
     def _computed(
         self, seen: Mixture | Procession, point: Point, effect: str, order: Order | None
     ) -> torch.Tensor:
-        mount, operator = self._s.mount, self._operator(point, order or (0, 0))
-        modulator = modulator_at(self.camera.panel, point.wavelength)
+        mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._counted(seen, modulator, effect, self._window(order).shape)
-        light = self._light(operator, modulator, parts)
+        if order and any(order):
+            light = self._beside(point, order, modulator, parts)
+        else:
+            light = self._light(self._operator(point, (0, 0)), modulator, parts)
         if order is not None:
-            light = light * self._cell(operator.pixels, point.wavelength, order).to(light)
+            plane = self._around(point, order)
+            light = light * self._cell(plane, point.wavelength, order).to(light)
         light = light * self._evened(point)
         if not mount.aligned:
             light = mount.turned(light, self._window(order))
@@ -145,6 +152,20 @@ class Kernels:
             return modulated_psf(operator, modulator, parts)
         return _interfering(operator, modulator, parts, complex(self._s.path.interference))
 
+    def _beside(
+        self, point: Point, order: Order, modulator: Modulator, parts: Fields
+    ) -> torch.Tensor:
+        """Of an order beside the middle one. Where next to nothing of the light goes, errors are
+        a share of next to nothing: it may be more of them than of the picture."""
+        kept, tol = list(parts), self._s.numerics
+        while True:
+            try:
+                return self._light(self._operator(point, order, tol), modulator, iter(kept))
+            except ToleranceError:
+                tol *= 10
+                if tol > _LOOSEST:
+                    raise
+
     def _evened(self, point: Point) -> float:
         """What a place's light has to be multiplied with to be as much as on the axis."""
         if not (self.camera.separation and any(point.place)):
@@ -157,17 +178,23 @@ class Kernels:
         """Other orders than the middle one are far from any image: all of theirs counts."""
         return self._around_orders if order and any(order) else self.plane
 
-    def _operator(self, point: Point, order: Order) -> PSFOperator | RayOperator:
-        """Unmodulated light is the modulator's."""
+    def _around(self, point: Point, order: Order) -> Plane:
+        """Samples in the panel's axes."""
         plane = self._window(order)
         if not self._s.mount.aligned:
             plane = self._s.mount.plane(plane)
-        plane = replace(plane, centre=self._aside(point.wavelength, order))
+        return replace(plane, centre=self._aside(point.wavelength, order))
+
+    def _operator(
+        self, point: Point, order: Order, tol: float | None = None
+    ) -> PSFOperator | RayOperator:
+        """Unmodulated light is the modulator's."""
+        plane, tol = self._around(point, order), tol or self._s.numerics
         place = self._s.mount.place(point.place)
         camera, recipe = self.camera, self._recipe
         if not recipe.wave:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)
-        causes = ("operator", camera, self._s.numerics, point, plane)
+        causes = ("operator", camera, tol, point, plane)
         return self._cache.get(
             causes,
             lambda: PSFOperator(
@@ -178,7 +205,7 @@ class Kernels:
                 field=place,
                 integrate=False,
                 unmodulated=0.0,
-                tol=self._s.numerics,
+                tol=tol,
             ),
         )
 

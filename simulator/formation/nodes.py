@@ -144,7 +144,7 @@ def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
     twice that. Fewer nodes than count where fewer points have any weight.
     Golub and Welsch (1969), from the three-term recursion that Lanczos' method finds.
     """
-    total = measures.reshape(-1, len(x)).sum(0)
+    total = measures.sum(tuple(range(measures.ndim - 1)))
     mass = total.sum()
     if not mass > 0:
         return np.zeros(0), np.zeros((*measures.shape[:-1], 0))

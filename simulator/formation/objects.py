@@ -100,17 +100,20 @@ class Objects:
         """
         if self.even(picture) and not self._recipe.vignetting:
             return []
-        bare = self.bare(picture, where, "picture")
         if not self._recipe.vignetting and len(self.places) == 1:
-            return [bare]
+            return [self.bare(picture, where, "picture")]
         causes = (
             "shining", self._kernels.camera, self._s.mount, picture, where, off, self._plane,
             len(self.places), self._recipe.vignetting, layer.distance, self._recipe.drawn,
         )  # fmt: skip
         even = self.even(picture)
-        return self._cache.get(
-            causes, lambda: self._weighed(bare, self._attenuation(layer, off), even)
-        )
+
+        def weighed() -> list[torch.Tensor]:
+            # Nobody will ask for the bare one again: it isn't kept beside this.
+            bare = self._bare(picture, where, "picture")
+            return self._weighed(bare, self._attenuation(layer, off), even)
+
+        return self._cache.get(causes, weighed)
 
     def even(self, picture: Drawable) -> bool:
         """Whether a picture is endless and even, and nothing stands before it: then it is even

@@ -20,7 +20,8 @@ class Effect(ABC):
     or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
     the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
     must not be off if this one isn't. last: whether the others' bounds count on it: changes add up
-    in whatever order they are made, and this one is thought to be made last.
+    in whatever order they are made, and this one is thought to be made last. each_frame: whether
+    it's done anew for each frame of a picture that stands.
 
     An effect decides by numbers from the situation alone: it never renders anything.
     """
@@ -32,6 +33,7 @@ class Effect(ABC):
     levels: ClassVar[tuple[str, ...]] = ("off", "on")
     requires: ClassVar[tuple[str, ...]] = ()
     last: ClassVar[bool] = False
+    each_frame: ClassVar[bool] = False
 
     @abstractmethod
     def caused(self, s: Situation) -> bool:

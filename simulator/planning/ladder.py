@@ -1,13 +1,15 @@
 """All plans for a situation, from everything at its finest to everything off, one inside the next.
 
 Which effect goes down next is decided without knowing any tolerance: the one that saves most work
-for what it may change. A tolerance says only how far down to go. So a larger one never adds work,
+for what it may change, but that cheaper ones go before a dear one. A tolerance says only how far
+down to go. So a larger one never adds work,
 a smaller one never removes an effect, and what all steps change at most is the sum of their
 bounds, whichever effects meet (each holds whatever the others are).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,22 +23,36 @@ if TYPE_CHECKING:
     from simulator.situation import Situation
 
 
+_FRAMES = 100
+"""Of a picture, that are thought to be taken: what each of them takes counts as often."""
+
+
+_PATIENCE = 0.5
+"""Of its own price, for which a step lets cheaper ones go first."""
+
+
 @dataclass(frozen=True)
 class Step:
     """One step down: an effect to a coarser level, what that changes at most beyond what it did
-    before, the same relative, and the operations that it saves."""
+    before, the same relative, and the operations that it saves, of a picture and of each of its
+    frames."""
 
     effect: str
     to: int
     bound: Bound
     price: float
     saved: float
+    often: int = 1
+
+    @property
+    def key(self) -> tuple[str, int]:
+        return self.effect, self.to
 
     @property
     def rank(self) -> tuple[bool, float, float]:
         """Free steps come first, then those that save most for their price, then the cheapest."""
-        free = self.price == 0
-        return free, self.saved if free else self.saved / self.price, -self.price
+        free, saved = self.price == 0, self.saved * self.often
+        return free, saved if free else saved / self.price, -self.price
 
 
 class Ladder:
@@ -100,26 +116,28 @@ class Ladder:
 
     def _walked(self) -> Iterator[Step]:
         """What others save shrinks while any goes down, for work is made of products: so what
-        was found earlier is only looked at again where it seems to be the best."""
+        was found earlier is only looked at again where it seems to be the next."""
         levels = dict(self.top)
         self.work(levels)
-        known = {one.name: self._best_of(one, levels) for one in self.effects}
-        fresh = set(known)
-        while found := [step for step in known.values() if step is not None]:
-            best = max(found, key=lambda step: step.rank)
-            if best.effect not in fresh:
-                known[best.effect] = self._best_of(self._named[best.effect], levels)
-                fresh.add(best.effect)
+        known = {one.name: list(self._steps_of(one, levels)) for one in self.effects}
+        fresh, waited = set(known), dict[tuple[str, int], float]()
+        while True:
+            taken = _next([step for steps in known.values() for step in steps], waited)
+            if not taken:
+                return
+            *_, step = taken
+            if step.effect not in fresh:
+                known[step.effect] = list(self._steps_of(self._named[step.effect], levels))
+                fresh.add(step.effect)
                 continue
-            yield best
-            levels[best.effect] = best.to
+            yield step
+            for before in taken[:-1]:
+                waited[before.key] = waited.get(before.key, 0.0) + step.price
+            levels[step.effect] = step.to
             fresh.clear()
-            for name in (best.effect, *self._named[best.effect].requires):
+            for name in (step.effect, *self._named[step.effect].requires):
                 if name in known:
-                    known[name] = self._best_of(self._named[name], levels)
-
-    def _best_of(self, one: Effect, levels: dict[str, int]) -> Step | None:
-        return max(self._steps_of(one, levels), key=lambda step: step.rank, default=None)
+                    known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[Step]:
         """One effect's steps down, over one level or several."""
@@ -135,8 +153,25 @@ class Ladder:
             saved = max(before - sum(work(levels) for work in touched), 0.0)
             levels[name] = now
             more = bounds[to].minus(bounds[now])
-            yield Step(name, to, more, self._floor.relative(more), saved)
+            often = _FRAMES if one.each_frame else 1
+            yield Step(name, to, more, self._floor.relative(more), saved, often)
 
     def _needed(self, name: str, levels: Mapping[str, int]) -> bool:
         """Whether an effect that is still on requires this one."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
+
+
+def _next(steps: Sequence[Step], waited: Mapping[tuple[str, int], float]) -> list[Step]:
+    """The step to be taken, at the end of those that let it go first; empty without any steps.
+
+    The best ranked would keep all tolerances below its price from sparing anything: so cheaper
+    ones go before it, the best ranked first, as far as its patience goes, and among them again.
+    waited: prices that each step has let go before it.
+    """
+    order: list[Step] = []
+    limit = math.inf
+    while fitting := [step for step in steps if step.price <= limit and step not in order]:
+        best = max(fitting, key=lambda step: step.rank)
+        order.append(best)
+        limit = _PATIENCE * best.price - waited.get(best.key, 0.0)
+    return order

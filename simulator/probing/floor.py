@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
@@ -23,8 +24,12 @@ from simulator.probing.radial import RadialProfile
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
+T = TypeVar("T")
+
 _MARGIN = 0.8
 """Audited: of what is estimated, what is counted on, for effects that blur besides."""
+
+_PARTS = 4
 
 _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 """Of the light that may fall beyond a square around each point."""
@@ -101,11 +106,28 @@ def _lamp(s: Situation) -> float:
     return float(lamp.mean(begins, begins + s.exposure).min())
 
 
-def _inner(s: Situation, half: float) -> torch.Tensor:
-    """The sharp picture in the frame, but for a margin of `half` metres; electrons per second."""
+def _edge(s: Situation, share: float) -> int:
+    """Pixels from a point's image beyond which less than a share of its light falls, with what a
+    moving object adds; rounded up to one of four in an octave, so that other patterns share what
+    is found of the picture."""
+    reach = s.pattern.reach(share) * s.band.support[1] / s.wavelength + s.moved
+    pixels = max(reach / s.camera.sensor.pitch, 1.0)
+    return math.ceil(2 ** (math.ceil(_PARTS * math.log2(pixels)) / _PARTS))
+
+
+def _of_picture(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
+    """What follows from the sharp picture alone, found once for each edge."""
+    causes = (what, edge, s.camera.sensor.shape)
+    if causes not in s.picture.kept:
+        s.picture.kept[causes] = find(edge)
+    found: T = s.picture.kept[causes]
+    return found
+
+
+def _inner(s: Situation, edge: int) -> torch.Tensor:
+    """The sharp picture in the frame, but for a margin of `edge` pixels; electrons per second."""
     rows, columns = s.camera.sensor.shape
     picture = s.picture.picture
-    edge = math.ceil(half / s.camera.sensor.pitch)
     y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
     kept = torch.zeros_like(picture)
     if rows > 2 * edge and columns > 2 * edge:
@@ -114,46 +136,50 @@ def _inner(s: Situation, half: float) -> torch.Tensor:
     return kept
 
 
-def _reach(s: Situation, share: float) -> float:
-    """Metres, with what a moving object adds."""
-    return s.pattern.reach(share) * s.band.support[1] / s.wavelength + s.moved
-
-
 def _staying(s: Situation) -> list[tuple[float, float]]:
     """Electrons per second that surely fall on so many pixels."""
-    rows, columns = s.camera.sensor.shape
-    pitch, found = s.camera.sensor.pitch, []
+    found = []
     for share in _SHARES:
-        half = _reach(s, share)
-        light = _inner(s, half)
-        total = float(light.double().sum())
+        edge = _edge(s, share)
+        total, sides = _of_picture(s, "lit", edge, lambda edge: _lit_part(_inner(s, edge)))
         if not total:
             continue
         kept = 1 - share - s.pattern.order_light
-        lit = (light > 0).nonzero()
-        sides = (lit.max(0).values - lit.min(0).values + 1).tolist()
-        frame = zip((rows, columns), sides, strict=True)
-        wide = [min(n, side + 2 * half / pitch + 2) for n, side in frame]
-        found.append((max(kept, 0.0) * total, wide[0] * wide[1]))
+        frame = zip(s.camera.sensor.shape, sides, strict=True)
+        wide = [min(n, side + 2 * edge + 2) for n, side in frame]
+        found.append((max(kept, 0.0) * total, float(wide[0] * wide[1])))
     return found
+
+
+def _lit_part(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
+    """The sum of a picture, and how many rows and columns it lies on."""
+    rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
+    if not len(rows):
+        return 0.0, (0, 0)
+    sides = tuple(int(one[-1] - one[0]) + 1 for one in (rows, columns))
+    return float(light.sum(dtype=torch.float64)), (sides[0], sides[1])
 
 
 def _surrounded(s: Situation) -> float:
     """Norm, electrons per second, if every pixel had the least light of those around it."""
-    picture, (rows, columns) = s.picture.picture.clamp(min=0), s.camera.sensor.shape
+    if any(layer.cover is not None for layer in s.target.layers):
+        return 0.0
     best = 0.0
     for share in _SHARES:
-        edge = math.ceil(_reach(s, share) / s.camera.sensor.pitch)
-        if edge > MARGIN or any(layer.cover is not None for layer in s.target.layers):
-            continue
-        side = 2 * edge + 1
-        least = picture.numpy()
-        for axis in (0, 1):
-            least = minimum_filter1d(least, side, axis, mode="constant")
-        frame = centred_crop(torch.from_numpy(least), (rows, columns))
-        kept = max(1 - share - s.pattern.order_light, 0.0)
-        best = max(best, kept * float(frame.double().norm()))
+        edge = _edge(s, share)
+        if edge <= MARGIN:
+            kept = max(1 - share - s.pattern.order_light, 0.0)
+            best = max(best, kept * _of_picture(s, "least", edge, lambda edge: _least(s, edge)))
     return best
+
+
+def _least(s: Situation, edge: int) -> float:
+    """The norm of the frame of which each pixel has the least of all up to an edge around it."""
+    least = s.picture.picture.clamp(min=0).numpy()
+    for axis in (0, 1):
+        least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
+    frame = centred_crop(torch.from_numpy(least), s.camera.sensor.shape)
+    return float(torch.linalg.vector_norm(frame, dtype=torch.float64))
 
 
 def _by_frequency(s: Situation) -> float:
@@ -162,10 +188,10 @@ def _by_frequency(s: Situation) -> float:
         return 0.0
     transfer, best = s.pattern.transfer, 0.0
     for share in _SHARES[2:]:
-        light = _inner(s, _reach(s, share))
-        if not light.any():
+        edge = _edge(s, share)
+        power = _of_picture(s, "power", edge, lambda edge: _power(s, _inner(s, edge)))
+        if power is None:
             continue
-        power = RadialProfile.of(spectrum_of_samples(light), s.picture.plane)
         least = transfer.least_between(power.low, power.high)
         mean = transfer.mean_square_between(power.low, power.high)
         pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
@@ -173,3 +199,7 @@ def _by_frequency(s: Situation) -> float:
         # What falls beyond the frame isn't seen.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
+
+
+def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
+    return RadialProfile.of(spectrum_of_samples(light), s.picture.plane) if light.any() else None

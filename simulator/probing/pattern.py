@@ -308,7 +308,7 @@ def _transfer_at(
     found = np.zeros(known.shape, dtype=np.complex128)
     series = NonuniformTransform(
         torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(cut.shape, pitch), 1.0,
-        _SERIES,
+        _SERIES, few=True,
     )  # fmt: skip
     found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
     return found

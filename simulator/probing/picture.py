@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import torch
 
@@ -44,6 +45,8 @@ class PictureProbe:
     camera: Camera
     band: Band
     shift: tuple[float, float] = (0.0, 0.0)
+    kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+    """What somebody has found out by it, by its other causes."""
 
     @property
     def distances(self) -> tuple[float, ...]:

@@ -29,7 +29,7 @@ def _electrons(mean, shot):
     if shot == "none":
         return np.array([mean]), np.array([1.0])
     counts = np.arange(int(mean + 12 * np.sqrt(mean) + 40), dtype=float)
-    if shot == "Poisson" or mean < FEW:
+    if shot in ("Poisson", "skewed") or mean < FEW:
         return counts, st.poisson.pmf(counts, mean)
     spread = mean / np.sqrt(mean + 1 / 12)
     shares = st.norm.cdf(counts + 0.5, mean, spread) - st.norm.cdf(counts - 0.5, mean, spread)

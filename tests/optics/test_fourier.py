@@ -215,9 +215,11 @@ def test_gridding_keeps_its_error(samples, error):
     assert relative(value.numpy(), truth) <= error
 
 
-@pytest.mark.parametrize("error", [1e-3, 1e-6, 1e-12])
+@pytest.mark.parametrize(
+    ("error", "few"), [(1e-3, False), (1e-6, False), (1e-12, False), (1e-3, True), (1e-7, True)]
+)
 @pytest.mark.parametrize("shape", [(12, 9), (1, 8)])
-def test_scattered_points_equal_the_direct_sum(shape, error):
+def test_scattered_points_equal_the_direct_sum(shape, error, few):
     rng = np.random.default_rng(5)
     y, x = rng.uniform(-1e-2, 1e-2, (2, 300))
     field = random_field((300,))
@@ -225,12 +227,19 @@ def test_scattered_points_equal_the_direct_sum(shape, error):
     v, u = (image.coordinates(axis).numpy() for axis in (0, 1))
     turns = (v[:, None, None] * y + u[None, :, None] * x) / SCALE
     truth = np.sum(field * np.exp(-2j * np.pi * turns), axis=-1)
-    transform = NonuniformTransform(torch.from_numpy(y), torch.from_numpy(x), image, SCALE, error)
+    transform = NonuniformTransform(
+        torch.from_numpy(y), torch.from_numpy(x), image, SCALE, error, few=few
+    )
     assert relative(transform(torch.from_numpy(field)).numpy(), truth) <= 3 * error
     back = torch.from_numpy(random_field(shape, 6))
     left = torch.sum(transform(torch.from_numpy(field)).conj() * back)
     right = torch.sum(torch.from_numpy(field).conj() * transform.adjoint(back))
     assert abs(complex(left - right)) <= 5 * error * np.linalg.norm(truth) * float(back.norm())
+
+
+def test_few_points_are_not_for_the_smallest_errors():
+    with pytest.raises(ValueError, match=r"error is 1e-10; for few points it is 1e-08 or more"):
+        NonuniformTransform(*torch.zeros(2, 3), Plane((4, 4), (1.0, 1.0)), 1.0, 1e-10, few=True)
 
 
 @pytest.mark.parametrize("kind", ["plane", "points"])

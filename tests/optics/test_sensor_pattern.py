@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import scipy.stats as st
 import torch
@@ -10,6 +11,7 @@ import torch
 from optics.camera import Sensor
 from optics.light import Spectrum
 from optics.sensor import Mosaic, draw, fixed_pattern, row_starts
+from optics.sensor.drawing import electrons_of
 from optics.sensor.shutter import span
 
 SENSOR = Sensor(shape=(300, 400), prnu=0.01, dsnu=2.0, dead=0.002, hot=0.004, hot_current=500.0,
@@ -71,7 +73,7 @@ def test_nothing_clips_where_clipping_is_off():
     assert int(frame) == round(64 + 1e6 / 2.6)
 
 
-@pytest.mark.parametrize("shot", ["Poisson", "Gaussian"])
+@pytest.mark.parametrize("shot", ["Poisson", "skewed", "Gaussian"])
 @pytest.mark.parametrize("electrons", [3.0, 40.0])
 def test_electrons_come_as_poissons_or_nearly_so(shot, electrons):
     """Kolmogorov's distance from scipy's distribution; 0.0665 / sqrt(electrons) of the normal."""
@@ -84,6 +86,24 @@ def test_electrons_come_as_poissons_or_nearly_so(shot, electrons):
     assert distance < normal + 2 / math.sqrt(200_000)
     if normal:
         assert distance > normal / 2
+
+
+@pytest.mark.parametrize(
+    ("mean", "apart"), [(10.0, 3e-4), (20.0, 1e-4), (60.0, 2e-5), (300.0, 2e-6), (6000.0, 1e-7)]
+)
+def test_skewed_numbers_are_poissons_without_any_chance(mean, apart):
+    """Of two million normal quantiles, one after the other: scipy's distribution, and its mean
+    and variance."""
+    steps = 2_000_000
+    noise = torch.from_numpy(st.norm.ppf((np.arange(steps) + 0.5) / steps))
+    counts = electrons_of(torch.full((steps,), mean, dtype=torch.float64), noise, "skewed")
+    shares = torch.bincount(counts.long()).double() / steps
+    k = torch.arange(len(shares)).double()
+    distance = abs(shares.cumsum(0).numpy() - st.poisson.cdf(k.numpy(), mean)).max()
+    assert distance < apart + 1 / steps
+    middle = float(shares @ k)
+    assert middle == pytest.approx(mean, abs=1e-4)
+    assert float(shares @ (k - middle) ** 2) == pytest.approx(mean, abs=2e-3 + 2e-5 * mean)
 
 
 def test_a_mosaic_repeats_from_the_first_pixel():

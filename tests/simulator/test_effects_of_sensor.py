@@ -15,6 +15,7 @@ from sensor_situations import picture, sensor, situation
 
 from optics.camera import Panel, Sensor
 from optics.sensor import moments
+from optics.sensor.drawing import electrons_of
 from simulator.effects.clipping import Clipping
 from simulator.effects.dark_current import DarkCurrent
 from simulator.effects.fixed_pattern import FixedPattern
@@ -32,7 +33,7 @@ UNEVEN = {"prnu": 0.02, "dsnu": 1.5, "dead": 0.02, "hot": 0.02, "hot_current": 3
 def read(light, one, exposure, recipe):
     stages = {
         name: getattr(recipe.stages, name)
-        for name in ("dark_current", "fixed_pattern", "shot", "poisson_below", "clipping",
+        for name in ("dark_current", "fixed_pattern", "shot", "clipping",
                      "read_noise", "quantisation")
     }  # fmt: skip
     return moments(light * exposure, exposure, one, **stages)
@@ -100,15 +101,18 @@ def test_less_light_changes_no_more_than_is_told(seed):
 
 @pytest.mark.parametrize("electrons", [10.0, 10.7, 35.0, 60.0, 700.0, 6000.0])
 def test_the_distance_from_poissons_distribution_is_below_its_bound(electrons):
-    """Cumulative, at every whole number, by scipy."""
+    """Cumulative, at every whole number, by scipy; bent numbers by their quantiles."""
     s = situation(torch.full((12, 12), 2 * electrons), Sensor(shape=(12, 12)))
     counts = np.arange(int(electrons + 12 * math.sqrt(electrons)))
     spread = electrons / math.sqrt(electrons + 1 / 12)
     normal = st.norm.cdf(counts + 0.5, electrons, spread)
     distance = np.abs(normal - st.poisson.cdf(counts, electrons)).max()
-    level = {10.0: 1, 60.0: 2, 6000.0: 3}.get(electrons, 1)
-    assert distance <= ShotNoise().bound(s, level).shape
-    assert distance >= 0.8 * 0.068 / math.sqrt(electrons)
+    assert 0.8 * 0.068 / math.sqrt(electrons) <= distance <= ShotNoise().bound(s, 1).shape
+    noise = torch.from_numpy(st.norm.ppf((np.arange(10**6) + 0.5) / 10**6))
+    bent = electrons_of(torch.full((10**6,), electrons).double(), noise, "skewed").long()
+    seen = torch.bincount(bent, minlength=len(counts)).double().cumsum(0)[: len(counts)] / 10**6
+    distance = np.abs(seen.numpy() - st.poisson.cdf(counts, electrons)).max()
+    assert distance <= ShotNoise().bound(s, 2).shape
 
 
 def test_a_bright_picture_calls_for_no_clipping_only_far_from_the_well():

@@ -109,6 +109,21 @@ def test_the_leak_has_nodes_of_its_own():
     assert beside == pytest.approx(2e12 * 0.62 * 1e-3 * (high**2 - low**2) / 2, rel=1e-9)
 
 
+def test_a_filter_that_leaks_nothing_has_no_nodes_beside_its_band():
+    s = situation()
+    found = wavelengths(s, BARE.having(leak=4), s.target.layers[0].parts)
+    assert [node.leak for node in found.nodes] == [False]
+    assert found.weights.shape[2] == 1
+
+
+def test_light_that_the_filter_stops_has_no_nodes():
+    blue = Spectrum((400e-9, 450e-9), (1.0, 1.0))
+    s = situation(band=Band(600e-9, 1e-9))
+    found = wavelengths(s, BARE, [Part(blue, s.target.layers[0].parts[0].picture)])
+    assert found.nodes == ()
+    assert found.weights.shape == (1, 1, 0)
+
+
 def test_depths_lie_between_their_neighbours_in_vergence():
     found = depth_nodes([0.5, 1.0, 2.0, 4.0], 3)
     assert found[0.5] == [(pytest.approx(0.5), pytest.approx(1.0))]
