@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
+from simulator.effects.keeping import once
 from simulator.effects.limits import all_even, orders_near
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
@@ -66,7 +66,7 @@ def operations(s: Situation, levels: Mapping[str, int]) -> float:
     return _operations(s, tuple(levels.get(one, 0) for one in _LOOKED))
 
 
-@lru_cache(maxsize=8192)
+@once
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
     levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)

@@ -1,14 +1,34 @@
-"""What follows from target, camera, pattern and band is found once for all exposures of them."""
+"""What is found once: for a situation, or for all exposures of what stands before a camera."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
 T = TypeVar("T")
+P = ParamSpec("P")
+
+
+def once(
+    find: Callable[Concatenate[Situation, P], T],
+) -> Callable[Concatenate[Situation, P], T]:
+    """Let a function's answers be kept with the situation that they are of, and go with it: a
+    cache of its own would hold situations, and all that they know, that nobody has any more."""
+
+    @functools.wraps(find)
+    def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
+        known = vars(s).setdefault("known", {})
+        causes = (find, args, tuple(sorted(options.items())))
+        if causes not in known:
+            known[causes] = find(s, *args, **options)
+        found: T = known[causes]
+        return found
+
+    return wrapper
 
 
 def kept(s: Situation, what: str, find: Callable[[], T]) -> T:

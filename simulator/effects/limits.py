@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +18,7 @@ from optics.edge import as_number
 from optics.plane import Plane
 from optics.pupil import open_area
 from optics.stop.shadow import share_through
+from simulator.effects.keeping import once
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import span
 from simulator.scene.drawable import Even
@@ -45,7 +45,7 @@ def known(s: Situation) -> bool:
     return len(set(s.picture.distances)) == 1 and not hides
 
 
-@lru_cache(maxsize=64)
+@once
 def densest(s: Situation) -> float:
     """Share of a point's light on a pixel, at most. 1 where the PSF isn't known."""
     if not known(s):
@@ -58,7 +58,7 @@ def densest(s: Situation) -> float:
     return min(density * s.camera.sensor.pitch**2, 1.0)
 
 
-@lru_cache(maxsize=64)
+@once
 def energy(s: Situation, beyond: float = 0.0) -> float:
     """Sum over pixels of the squared shares of a point's light that they get, at most; of what
     falls beyond a square of so many metres to each side, if that is given."""
@@ -115,7 +115,7 @@ def lit_otherwise(s: Situation) -> float:
     return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0
 
 
-@lru_cache(maxsize=8)
+@once
 def unequal(s: Situation) -> float:
     """Share of a point's light that is lost or gained off the axis, on a few places of the frame
     and its margin, corners among them."""

@@ -12,6 +12,7 @@ import numpy as np
 from optics.camera import Sensor
 from optics.sensor import Stages
 from optics.sensor.table import pieces
+from simulator.effects.keeping import once
 from simulator.effects.limits import contrast, densest, energy, known, straight
 from simulator.planning import Bound
 
@@ -57,7 +58,7 @@ def whole(s: Situation) -> float:
     return s.picture.whole * seconds(s)
 
 
-@functools.lru_cache(maxsize=8)
+@once
 def _densest(s: Situation) -> float:
     """Electrons of the light on a pixel, at most, as its PSFs blur it: by Young, by the brightest
     place of a PSF, and by frequency."""
@@ -74,7 +75,7 @@ def beside(s: Situation) -> float:
     return s.picture.beside * seconds(s)
 
 
-@functools.lru_cache(maxsize=8)
+@once
 def light(s: Situation) -> float:
     """L2 norm of the picture's electrons at most, as its PSFs blur it: by Young; by the brightest
     pixel and the sum of all; and by frequency (Parseval)."""
@@ -152,7 +153,7 @@ class Full:
     energy: float
 
 
-@functools.lru_cache(maxsize=8)
+@once
 def full(s: Situation) -> Full:
     """Which wells may be full.
 

@@ -1,10 +1,10 @@
 """All plans for a situation, from everything at its finest to everything off, one inside the next.
 
 Which effect goes down next is decided without knowing any tolerance: the one that saves most work
-for what it may change, but that cheaper ones go before a dear one. A tolerance says only how far
-down to go. So a larger one never adds work,
-a smaller one never removes an effect, and what all steps change at most is the sum of their
-bounds, whichever effects meet (each holds whatever the others are).
+for what it may change, but that a dear one lets cheaper ones go first. A tolerance says only how
+far down to go. So a larger one never adds work, a smaller one never removes an effect, and what
+all steps change at most is the sum of their bounds, whichever effects meet (each holds whatever
+the others are).
 """
 
 from __future__ import annotations
@@ -22,10 +22,8 @@ from simulator.planning.forcing import settled
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
-
 _FRAMES = 100
 """Of a picture, that are thought to be taken: what each of them takes counts as often."""
-
 
 _PATIENCE = 0.5
 """Of its own price, for which a step lets cheaper ones go first."""

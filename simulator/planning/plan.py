@@ -49,8 +49,9 @@ class Decision:
 class EffectPlan:
     """The levels of all effects that a situation causes, for a tolerance.
 
-    error: relative, at most, that leaving out what is left out makes (0 to infinity; above tol
-    only where somebody forced an effect). everything: whether each is at its finest.
+    recipe: what is to be rendered, the barest and what every effect that is on adds to it. error:
+    relative, at most, that leaving out what is left out makes (0 to infinity; above tol only where
+    somebody forced an effect). everything: whether each is at its finest.
     """
 
     def __init__(
@@ -61,19 +62,16 @@ class EffectPlan:
         levels: dict[str, int],
         forced: Mapping[str, int],
     ) -> None:
-        self.tol, self._s = tol, situation
-        self._effects = {one.name: one for one in ladder.effects}
-        self._levels = levels
+        # A plan is kept for long: it doesn't hold the situation, and what that knows of pictures.
+        self.tol, self._levels = tol, levels
+        self.recipe = recipe_of(ladder.effects, situation, levels)
+        self.everything = all(levels[one.name] == one.finest(situation) for one in ladder.effects)
         self.bound = ladder.bound(levels)
         self.error = ladder.relative(self.bound)
         self.work, self.most_work = ladder.work(levels), ladder.work(ladder.top)
         self.decisions = tuple(
             _decision(one, situation, ladder, levels, forced) for one in ladder.effects
         )
-
-    @property
-    def everything(self) -> bool:
-        return all(self._levels[name] == one.finest(self._s) for name, one in self._effects.items())
 
     def __getitem__(self, effect: str) -> Decision:
         for decision in self.decisions:
@@ -91,11 +89,6 @@ class EffectPlan:
     @property
     def levels(self) -> dict[str, int]:
         return dict(self._levels)
-
-    @property
-    def recipe(self) -> Recipe:
-        """What is to be rendered: the barest, and what every effect that is on adds to it."""
-        return recipe_of(tuple(self._effects.values()), self._s, self._levels)
 
     def as_data(self) -> dict[str, Any]:
         """As plain data; bounds that aren't finite are None."""

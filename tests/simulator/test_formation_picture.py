@@ -9,12 +9,15 @@ import torch
 from judges import relative
 from optical_situations import colour_curve, pattern, situation
 
+from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
 from optics.polarisation import PathEffect
+from optics.psf import PSFOperator
 from optics.sensor import Mosaic
 from optics.slm import Map, Response
 from simulator.caching import ByteCache
+from simulator.formation.kernels import Kernels, Point
 from simulator.formation.picture import expected
 from simulator.formation.reference import Finest, reference
 from simulator.formation.windows import picture_shape, psf_window
@@ -269,3 +272,30 @@ def test_recipes_that_no_picture_follows_from_are_refused(change):
 def test_the_reference_has_no_panel_apart_from_its_lens():
     with pytest.raises(ValueError, match="separation"):
         reference(taken(camera=replace(CAMERA, separation=0.01)), finest=FINEST)
+
+
+def test_an_order_that_gets_hardly_any_light_may_be_less_exact(monkeypatch):
+    """Its PSF, where the engine can't keep the picture's tolerance; the middle one's must be."""
+    s, asked = taken(), []
+
+    class Refusing(PSFOperator):
+        def __init__(self, *args, tol, **options):
+            asked.append(tol)
+            super().__init__(*args, tol=tol, **options)
+
+        def __call__(self, *args, **options):
+            if asked[-1] < 1e-3:
+                raise ToleranceError("tol can't be kept")
+            return super().__call__(*args, **options)
+
+    def kernels():
+        return Kernels(s, FULL, ByteCache(), Ledger(), lambda: None)
+
+    seen, point = s.shown.mixture(0.0, 1.0), Point(550e-9, 1.0)
+    exact = kernels().psf(seen, point, "panel orders", (0, 1))
+    monkeypatch.setattr("simulator.formation.kernels.PSFOperator", Refusing)
+    light = kernels().psf(seen, point, "panel orders", (0, 1))
+    assert asked[-1] >= 1e-3 > asked[0]
+    assert relative(light.numpy(), exact.numpy()) <= asked[-1]
+    with pytest.raises(ToleranceError):
+        kernels().psf(seen, point, "diffraction", (0, 0))

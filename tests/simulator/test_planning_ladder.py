@@ -106,6 +106,29 @@ def test_the_one_that_saves_most_for_its_bound_goes_first():
     assert ladder.levels(0.11) == {"dear": 0, "cheap": 0}
 
 
+def test_a_dear_step_lets_cheaper_ones_go_first_up_to_half_its_price():
+    """It saves a million times as much, but a tolerance below its price shall spare something."""
+    dear = Toy("dear", (Bound(1.0), Bound()), (0.0, 1e9))
+    cheap = [Toy(f"cheap{n}", (Bound(0.2), Bound()), (0.0, 10.0 - n)) for n in range(4)]
+    ladder = Ladder([dear, *cheap], SITUATION, Floor(1, 1, 1))
+    order = [step.effect for step in ladder.steps]
+    assert order == ["cheap0", "cheap1", "dear", "cheap2", "cheap3"]
+    assert ladder.levels(0.3) == {"dear": 1, "cheap0": 0, "cheap1": 1, "cheap2": 1, "cheap3": 1}
+
+
+def test_what_each_frame_takes_counts_for_many():
+    """A tenth of the work, but of every frame of a picture: it goes first."""
+
+    class Drawn(Toy):
+        each_frame = True
+
+    once = Toy("once", (Bound(0.1), Bound()), (0.0, 10.0))
+    drawn = Drawn("drawn", (Bound(0.1), Bound()), (0.0, 1.0))
+    steps = Ladder([once, drawn], SITUATION, Floor(1, 1, 1)).steps
+    assert [step.effect for step in steps] == ["drawn", "once"]
+    assert [step.saved for step in steps] == [1.0, 10.0]
+
+
 def test_levels_are_skipped_where_that_is_worth_more():
     """To level 1 saves 1 for 0.5; to level 0 saves 100 for 0.6."""
     one = Toy("one", (Bound(0.6), Bound(0.5), Bound()), (0.0, 99.0, 100.0))

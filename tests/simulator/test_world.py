@@ -1,6 +1,8 @@
 """The light of the virtual world against the camera equation and slow sums."""
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -573,3 +575,18 @@ def test_many_frames_have_different_chances():
                 w.begin(run, step, frame)
                 seen.update(tuple(draw) for draw in draws(w))
     assert len(seen) == 2 * 6**3
+
+
+def test_patterns_that_were_shown_leave_nothing_behind():
+    """Plans of many patterns are kept, but what was known of each isn't: that's far more."""
+    one, refs = world(), []
+    for level in range(8):
+        one.grey = np.full_like(NEUTRAL, level)
+        s = one.situation()
+        one.imaging.plan(s)
+        refs.append((weakref.ref(s), weakref.ref(s.pattern)))
+        del s
+    gc.collect()
+    assert not any(s() for s, _ in refs)
+    # Those of the last three may be asked for again.
+    assert sum(pattern() is not None for _, pattern in refs) <= 3

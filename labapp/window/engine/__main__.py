@@ -9,6 +9,7 @@ import sys
 import threading
 from pathlib import Path
 
+from labapp.memory import keep_freed_memory
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import OpeningFailed
 
@@ -30,6 +31,7 @@ def main(arguments: list[str]) -> int:
     for name in ("bench", "scene", "image", "faults"):
         parser.add_argument(f"--{name}", type=Path)
     asked = parser.parse_args(arguments)
+    keep_freed_memory()
     channel = Channel.on_standard_streams()
     channel.on_end.append(_watch_the_end)
     from drivers.errors import DeviceError
