@@ -138,17 +138,17 @@ class PatternProbe:
         """Radians that the lens leaves on the panel's light of a point, (rows, columns)."""
         return 2 * math.pi / self.wavelength * _path(self.camera, distance, self.distances[0])
 
-    def _far(self, field: torch.Tensor, lens: torch.Tensor) -> FarField:
-        return FarField(lens * field, math.sqrt(self.panel.fill_factor))
+    def _far(self, field: torch.Tensor, distance: float) -> FarField:
+        of = self.camera, self.wavelength, distance, self.distances[0]
+        # A neutral picture's light goes the way of light that ignores pictures.
+        if bool((field == field[0, 0]).all()):
+            return _straight(*of)
+        return FarField(_lens(*of) * field, math.sqrt(self.panel.fill_factor))
 
     @cached_property
     def _shown(self) -> list[list[FarField]]:
         """Of every picture, at each distance."""
-        lenses = [self._lens(distance) for distance in self.distances]
-        return [[self._far(field, lens) for field in self.fields] for lens in lenses]
-
-    def _lens(self, distance: float) -> torch.Tensor:
-        return _lens(self.camera, self.wavelength, distance, self.distances[0])
+        return [[self._far(field, d) for field in self.fields] for d in self.distances]
 
     @cached_property
     def _straight(self) -> list[FarField]:
@@ -161,8 +161,9 @@ class PatternProbe:
         """Of whatever may fall on the sensor: with all of the panel's effects, with none of them,
         and what ignores the picture."""
         fields, distances = self._ideal_fields, self.distances
-        bare = [self._far(field, self._lens(d)) for d in distances for field in fields]
-        return [*(one for there in self._shown for one in there), *bare, *self._straight]
+        bare = [self._far(field, d) for d in distances for field in fields]
+        every = [*(one for there in self._shown for one in there), *bare, *self._straight]
+        return list(dict.fromkeys(every))
 
     @cached_property
     def order_light(self) -> float:

@@ -195,9 +195,12 @@ def probe(grey, camera=CAMERA, distances=(1.0,)):
     return PatternProbe(camera, Shown.of(grey[None], math.inf), 550e-9, distances)
 
 
-def test_a_probes_light_is_that_of_the_rendered_psf():
+@pytest.mark.parametrize("neutral", [False, True])
+def test_a_probes_light_is_that_of_the_rendered_psf(neutral):
     """What falls beyond squares, by PSFs rendered over three orders."""
     grey = pattern(np.random.default_rng(2), PANEL)
+    if neutral:
+        grey = np.full_like(grey, 40)
     known = probe(grey, distances=(0.9,))
     camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
     plane = camera.sensor.window((121, 121)).finer(2)
