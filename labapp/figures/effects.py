@@ -7,18 +7,21 @@ import statistics
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
 
 from labapp.console import say
 from labapp.figures import Figure
-from labapp.figures.random_pictures import Case, cases, deviation, everything
+from labapp.figures.random_pictures import Case, TooLong, cases, deviation, everything
 from optics.threads import single_threaded
 from simulator.effects.on_pixels import deep
-from simulator.imaging import Imaging
+from simulator.imaging import Imaging, Picture
 from simulator.planning import Audited, EffectPlan, audit
 from simulator.recipe import Recipe
+
+T = TypeVar("T")
 
 TOLERANCES = (1e-1, 1e-2, 1e-3)
 
@@ -27,6 +30,10 @@ _SEED = 20261121
 _MOST_WORK, _AUDITED_WORK = 1e9, 5e8
 _AUDITED_TOL = 1e-1
 """At which most is left out, and so most can be put back."""
+
+_PATIENCE = 120.0
+"""Seconds of processor time for everything of one picture; those that take longer are told, and
+others are drawn for them."""
 
 
 @dataclass
@@ -46,11 +53,21 @@ class Tally:
     work: list[float] = field(default_factory=list)
 
 
-def swept(drawn: Iterable[Case], tolerances: tuple[float, ...] = TOLERANCES) -> Tally:
+def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, Picture]]:
+    """With the picture with everything on, where that doesn't take too long."""
+    for case in drawn:
+        try:
+            yield case, everything(case, _PATIENCE)
+        except TooLong:
+            say(f"left out, for everything takes over {_PATIENCE:g} s: {case.words}")
+
+
+def swept(
+    drawn: Iterable[tuple[Case, Picture]], tolerances: tuple[float, ...] = TOLERANCES
+) -> Tally:
     """Every case's picture by the plan for each tolerance, against the one with everything on."""
     found = Tally()
-    for case in drawn:
-        truth = everything(case)
+    for case, truth in drawn:
         found.count += 1
         for tol in tolerances:
             error, plan = deviation(case, tol, truth)
@@ -86,22 +103,22 @@ def _drawn_pairs(case: Case, plan: EffectPlan, count: int, seed: int) -> list[tu
     return [every[k] for k in chosen]
 
 
-def _told(drawn: Iterable[Case], count: int) -> Iterator[Case]:
+def _told(drawn: Iterable[T], count: int) -> Iterator[T]:
     """They take long: every twentieth says so."""
-    for number, case in enumerate(drawn):
+    for number, one in enumerate(itertools.islice(drawn, count)):
         if number and not number % 20:
             say(f"{number} of {count} pictures")
-        yield case
+        yield one
 
 
 @single_threaded
 def effects_figures(folder: Path) -> list[Figure]:
     """Two hundred pictures; sixty of them, the quickest, are audited."""
-    found = swept(_told(itertools.islice(cases(_SEED, _MOST_WORK), _COUNT), _COUNT))
+    found = swept(_told(judged(cases(_SEED, _MOST_WORK)), _COUNT))
     for line in found.wrong:
         say(line)
     singles, doubles, broken = 0, 0, []
-    for case in _told(itertools.islice(cases(_SEED + 1, _AUDITED_WORK), _AUDITED), _AUDITED):
+    for case in _told(cases(_SEED + 1, _AUDITED_WORK), _AUDITED):
         for one in audited(case, _AUDITED_TOL, _PAIRS, _SEED):
             singles += len(one.effects) == 1
             doubles += len(one.effects) == 2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,6 +32,10 @@ _COARSER = 3e-5
 
 _SPOT = 10.0
 """Pixels that a point's light lies on, about."""
+
+
+class TooLong(Exception):
+    """The finest picture of a case takes longer than somebody waits."""
 
 
 @dataclass(frozen=True)
@@ -130,13 +136,22 @@ def lit(target: Target, radiance: float) -> Target:
     return replace(target, **changes)
 
 
-def everything(case: Case) -> Picture:
+def everything(case: Case, patience: float = math.inf) -> Picture:
     """With every effect at its finest, and the finest arithmetic that can be kept: where hardly
-    any light meets the sensor, a stop's edge takes some of it."""
+    any light meets the sensor, a stop's edge takes some of it.
+
+    patience: seconds of processor time, beyond which it is given up with TooLong.
+    """
+    begun = time.process_time()
+
+    def check() -> None:
+        if time.process_time() - begun > patience:
+            raise TooLong(case.words)
+
     for numerics in (FINE, _COARSER, 10 * _COARSER):
         s = replace(case.situation, numerics=numerics)
         with contextlib.suppress(ToleranceError):
-            return Imaging(0.0).picture(s, deep(s, case.finest_recipe))
+            return Imaging(0.0).picture(s, deep(s, case.finest_recipe), check)
     raise ToleranceError(f"no tolerance can be kept of {case.words}")
 
 

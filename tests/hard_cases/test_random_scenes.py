@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from labapp.figures.effects import TOLERANCES, audited, swept
-from labapp.figures.random_pictures import Case, cases, random_situation
+from labapp.figures.effects import TOLERANCES, audited, judged, swept
+from labapp.figures.random_pictures import Case, TooLong, cases, everything, random_situation
 from labapp.simulating.everything import Deviation
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Picture
@@ -28,7 +28,8 @@ def drawn() -> list[Case]:
 
 @pytest.mark.parametrize("number", range(COUNT))
 def test_a_plans_picture_is_within_its_tolerance_of_everything_on(number: int) -> None:
-    found = swept([drawn()[number]], TOLERANCES)
+    found = swept(judged([drawn()[number]]), TOLERANCES)
+    assert found.count == 1
     assert not found.wrong, "\n".join(found.wrong)
 
 
@@ -97,3 +98,8 @@ def test_a_deviation_is_relative_and_by_the_root_of_the_variance() -> None:
     dark = Picture(0 * ones, 0 * ones, 0 * ones)
     assert Deviation.of(dark, dark).worst == 0
     assert Deviation.of(truth, dark).worst == 1
+
+
+def test_a_picture_that_takes_too_long_is_given_up() -> None:
+    with pytest.raises(TooLong, match=f"draw {drawn()[0].number}"):
+        everything(drawn()[0], patience=0.0)
