@@ -1,0 +1,1 @@
+"""Networks of our own, trained from pictures."""

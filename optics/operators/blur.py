@@ -1,0 +1,101 @@
+"""A picture's light spread by the same PSF everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import scipy.fft
+import torch
+
+from optics.edge import floating, require_finite, tensors_inside
+from optics.fourier import irfft2, rfft2
+from optics.operators.contract import Operator
+from optics.operators.gram import Gram
+from optics.operators.pixels import Window
+from optics.plane import centred_pad, origin_to_corner
+
+Border = Literal["unknown", "dark", "periodic"]
+
+BORDERS: tuple[Border, ...] = ("unknown", "dark", "periodic")
+
+
+class Blur(Operator):
+    """The convolution of a picture with a PSF, which goes on at the opposite border.
+
+    psf: (..., rows, columns), origin at n // 2, with one for each band before; one that is larger
+    than the picture is wound around it. shape: of the picture, (rows, columns). In single
+    precision, or in the PSF's double.
+    """
+
+    @tensors_inside
+    def __init__(self, psf: torch.Tensor, shape: Sequence[int]) -> None:
+        require_finite("psf", psf)
+        psf = floating(psf)
+        self.shape = (int(shape[0]), int(shape[1]))
+        self.transfer = transfer_function(psf, self.shape)
+        self.domain = self.codomain = (*psf.shape[:-2], *self.shape)
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        return irfft2(rfft2(x) * self.transfer, self.shape)
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        return irfft2(rfft2(y) * self.transfer.conj(), self.shape)
+
+    @property
+    def bytes(self) -> int:
+        return 3 * self.transfer.nelement() * self.transfer.element_size()
+
+    @property
+    def gram(self) -> Gram:
+        power = self.transfer.real.square() + self.transfer.imag.square()
+        return Gram("frequencies", power, self.shape)
+
+
+@tensors_inside
+def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
+    """The rfft2 of a PSF whose origin is at n // 2, on a period of `shape`."""
+    rows, columns = psf.shape[-2:]
+    if rows <= shape[0] and columns <= shape[1]:
+        return rfft2(origin_to_corner(centred_pad(psf, shape)))
+    return rfft2(_wound(psf, shape))
+
+
+def _wound(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
+    """All that falls on the same place of a period, origin in the corner."""
+    wound = psf
+    for dim, n in ((-2, shape[0]), (-1, shape[1])):
+        m = wound.shape[dim]
+        place = (torch.arange(m, device=psf.device) - m // 2) % n
+        sizes = list(wound.shape)
+        sizes[dim] = n
+        wound = wound.new_zeros(sizes).index_add(dim, place, wound)
+    return wound
+
+
+def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
+    """(rows, columns) of a period on which the frame gets no light from its opposite side: a fast
+    size for an FFT that holds the frame and half a PSF on every side."""
+    rows, columns = (
+        scipy.fft.next_fast_len(int(n) + int(m), real=True)
+        for n, m in zip(frame[-2:], psf[-2:], strict=True)
+    )
+    return rows, columns
+
+
+@tensors_inside
+def blur_of(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
+    """From the scene to a frame of (rows, columns).
+
+    border: "unknown", the scene goes on beyond the frame, and is looked for there too, on
+    blur_shape(); "dark", nothing shines beyond the frame; "periodic", as for Blur.
+    Raises ValueError for another border, or a PSF that isn't finite.
+    """
+    if border not in BORDERS:
+        raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
+    if border == "periodic":
+        return Blur(psf, frame)
+    whole = blur_shape(frame, psf.shape)
+    window = Window(whole, frame, psf.shape[:-2])
+    spread = window @ Blur(psf, whole)
+    return spread if border == "unknown" else spread @ window.T

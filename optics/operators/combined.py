@@ -1,0 +1,62 @@
+"""Operators one after the other, and added."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+
+from optics.operators.contract import Operator
+
+
+class Chain(Operator):
+    """One operator after the other: the light meets the first one first."""
+
+    def __init__(self, *steps: Operator) -> None:
+        if not steps:
+            raise ValueError("steps is empty; give one operator at least")
+        for first, then in itertools.pairwise(steps):
+            if first.codomain != then.domain:
+                raise ValueError(
+                    f"steps don't fit: {type(first).__name__} gives {first.codomain}, "
+                    f"{type(then).__name__} takes {then.domain}"
+                )
+        self.steps = steps
+        self.domain, self.codomain = steps[0].domain, steps[-1].codomain
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        for step in self.steps:
+            x = step._forward(x)
+        return x
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        for step in reversed(self.steps):
+            y = step._adjoint(y)
+        return y
+
+    @property
+    def bytes(self) -> int:
+        return max(step.bytes for step in self.steps)
+
+
+class Sum(Operator):
+    """Several operators' answers added."""
+
+    def __init__(self, *parts: Operator) -> None:
+        if not parts:
+            raise ValueError("parts is empty; give one operator at least")
+        shapes = {(part.domain, part.codomain) for part in parts}
+        if len(shapes) > 1:
+            raise ValueError(f"parts differ in shape: {sorted(shapes)}; they must be alike")
+        self.parts = parts
+        self.domain, self.codomain = parts[0].domain, parts[0].codomain
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        return sum((part._forward(x) for part in self.parts[1:]), self.parts[0]._forward(x))
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        return sum((part._adjoint(y) for part in self.parts[1:]), self.parts[0]._adjoint(y))
+
+    @property
+    def bytes(self) -> int:
+        return max(part.bytes for part in self.parts)

@@ -1,0 +1,90 @@
+"""A picture's light spread by PSFs that differ from place to place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from optics.edge import floating, require_finite, tensors_inside
+from optics.fourier import irfft2, rfft2
+from optics.operators.blur import transfer_function
+from optics.operators.contract import Operator
+
+
+class VaryingBlur(Operator):
+    """The sum of pictures that are each weighed, then spread by a PSF: y = sum_k h_k * (w_k x).
+
+    psfs: (PSFs, rows, columns), origin at n // 2. weights: (PSFs, rows, columns) of the picture,
+    how much of each place's light goes which way; where they add up to 1, a place's PSF is the
+    mixture of them. For fields see field_weights(), for depths layer_weights().
+    """
+
+    @tensors_inside
+    def __init__(self, psfs: torch.Tensor, weights: torch.Tensor) -> None:
+        require_finite("psfs", psfs)
+        require_finite("weights", weights)
+        if psfs.ndim != 3 or weights.ndim != 3 or len(psfs) != len(weights):
+            raise ValueError(
+                f"psfs are {tuple(psfs.shape)} and weights {tuple(weights.shape)}; give as many "
+                "of both, (PSFs, rows, columns)"
+            )
+        self.weights = floating(weights)
+        self.shape = (int(weights.shape[-2]), int(weights.shape[-1]))
+        self.transfers = transfer_function(floating(psfs), self.shape)
+        self.domain = self.codomain = self.shape
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        spectra = rfft2(x[..., None, :, :] * self.weights) * self.transfers
+        return irfft2(spectra.sum(-3), self.shape)
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        spectra = rfft2(y)[..., None, :, :] * self.transfers.conj()
+        return (irfft2(spectra, self.shape) * self.weights).sum(-3)
+
+    @property
+    def bytes(self) -> int:
+        return 3 * self.transfers.nelement() * self.transfers.element_size()
+
+
+def field_weights(
+    shape: Sequence[int], rows: Sequence[float], columns: Sequence[float]
+) -> torch.Tensor:
+    """Bilinear weights of PSFs known on a grid of places, (PSFs, *shape): row by row of the grid.
+
+    rows, columns: pixels, each increasing; beyond the outermost places their PSFs go on.
+    Raises ValueError for places that don't increase.
+    """
+    down, along = _hats(int(shape[0]), "rows", rows), _hats(int(shape[1]), "columns", columns)
+    return (down[:, None, :, None] * along[None, :, None, :]).reshape(
+        -1, int(shape[0]), len(along.T)
+    )
+
+
+def _hats(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
+    """(places, n): each 1 at its own place, and straight to 0 at its neighbours'."""
+    knots = torch.as_tensor(list(places), dtype=torch.float64)
+    if not len(knots) or not bool((knots.diff() > 0).all()):
+        raise ValueError(f"{name} are {list(places)}; give places that increase")
+    at = torch.arange(n, dtype=torch.float64).clamp(knots[0], knots[-1])
+    if len(knots) == 1:
+        return torch.ones(1, n)
+    after = torch.searchsorted(knots, at, right=True).clamp(1, len(knots) - 1)
+    share = (at - knots[after - 1]) / (knots[after] - knots[after - 1])
+    hats = torch.zeros(len(knots), n, dtype=torch.float64)
+    index = torch.arange(n)
+    hats[after - 1, index] = 1 - share
+    hats[after, index] += share
+    return hats.to(torch.float32)
+
+
+@tensors_inside
+def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
+    """Of a map that says which layer is seen where, (rows, columns) whole numbers from 0:
+    (count, rows, columns), 1 where it is that layer. Raises ValueError for other numbers."""
+    if layers.is_floating_point() and bool((layers != layers.round()).any()):
+        raise ValueError("layers has fractions; give the whole number of each pixel's layer")
+    least, most = int(layers.min()), int(layers.max())
+    if least < 0 or most >= count:
+        raise ValueError(f"layers go from {least} to {most}; with {count} they go from 0")
+    return torch.stack([(layers == k).to(torch.float32) for k in range(count)])
