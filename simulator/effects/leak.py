@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from simulator.effects.blurs import NOTHING, hiding, relative, spread_otherwise
 from simulator.effects.costs import BESIDE, LEAK, added
 from simulator.effects.on_pixels import light, through_sensor
-from simulator.effects.spectra import measure
+from simulator.effects.spectra import leaking, measure
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Leak(Effect):
     def bound(self, s: Situation, level: int) -> Bound:
         if level >= self.finest(s):
             return NOTHING
-        share = _share(s)
+        share = leaking(s)
         # All of that light is there, and may be blurred otherwise.
         moved = spread_otherwise(s, 2 * share, "proved: Young; light beside the band moves")
         if level:
@@ -48,16 +48,8 @@ class Leak(Effect):
         low, high = (1e9 * end for end in s.band.leak_range)
         return (
             f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and makes "
-            f"{_share(s):.2g} of the electrons"
+            f"{leaking(s):.2g} of the electrons"
         )
 
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         return recipe.having(leak=LEAK[level])
-
-
-def _share(s: Situation) -> float:
-    """Of the electrons of any part and channel, over those of its brightest channel."""
-    beside, inside = measure(s, "leak").of.sum(-1), measure(s, "band").of.sum(-1)
-    both = (beside + inside).max(0)
-    lit = both > 0
-    return float((beside[:, lit] / both[lit]).max()) if lit.any() else 0.0

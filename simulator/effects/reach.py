@@ -11,6 +11,7 @@ from simulator.effects.blurs import NOTHING, hiding
 from simulator.effects.costs import REACH, WINDOWS, added, smallest_above, window
 from simulator.effects.limits import energy, uneven
 from simulator.effects.on_pixels import light, sharp, through_sensor, whole
+from simulator.effects.spectra import leaking
 from simulator.formation.windows import span
 from simulator.planning import Bound, Effect
 
@@ -49,7 +50,9 @@ class Reach(Effect):
         if level >= self.finest(s):
             return NOTHING
         how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
-        missing = math.sqrt(energy(s, _half(s, level))) * whole(s)
+        missing = sum(
+            share * math.sqrt(energy(s, _half(s, level, longest))) for share, longest in _waves(s)
+        ) * whole(s)
         change = min(_MARGIN * _beyond(s, level) * sharp(s), missing, light(s))
         return through_sensor(s, hiding(s) * uneven(s) * change, how)
 
@@ -64,14 +67,21 @@ class Reach(Effect):
         return recipe.having(window=max(recipe.window, WINDOWS[level]))
 
 
-def _half(s: Situation, level: int) -> float:
-    """Metres from a point's image to the sides of the window, of the middle wavelength's light."""
+def _waves(s: Situation) -> list[tuple[float, float]]:
+    """Shares of the light, at most, and the longest wavelength of each, which is spread the
+    farthest: of the band, and of what leaks beside it."""
+    leak = [(leaking(s), s.band.leak_range[1])] if s.band.leak else []
+    return [(1.0, s.band.support[1]), *leak]
+
+
+def _half(s: Situation, level: int, longest: float) -> float:
+    """Metres from a point's image to the sides of the window, as if light of a wavelength were of
+    the middle one."""
     half = (window(s, level) / 2 - 1) * s.camera.sensor.pitch
-    # Long waves are spread the farthest.
-    scale = s.wavelength / s.band.support[1]
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
-    return half * scale / (math.sqrt(2) if turned else 1.0)
+    return half * s.wavelength / longest / (math.sqrt(2) if turned else 1.0)
 
 
 def _beyond(s: Situation, level: int) -> float:
-    return s.pattern.beyond(_half(s, level))
+    found = (share * s.pattern.beyond(_half(s, level, longest)) for share, longest in _waves(s))
+    return min(sum(found), 1.0)

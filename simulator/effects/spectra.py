@@ -83,3 +83,14 @@ def _measure(
 ) -> Measure:
     """By value: light and filter are the same for every pattern."""
     return Measure(*electrons_by_wavelength(spectra, curves, band, leak))
+
+
+def leaking(s: Situation) -> float:
+    """Electrons that light beside the band frees of any part and channel, over those of its
+    brightest channel."""
+    if not s.band.leak:
+        return 0.0
+    beside, inside = measure(s, "leak").of.sum(-1), measure(s, "band").of.sum(-1)
+    both = (beside + inside).max(0)
+    lit = both > 0
+    return float((beside[:, lit] / both[lit]).max()) if lit.any() else 0.0

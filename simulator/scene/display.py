@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 
 from optics.edge import require_positive
+from optics.fourier import Geometry, plan_transform
 from optics.light.bands import Band
 from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
 from optics.plane import Plane
@@ -43,6 +45,7 @@ class Windows(Drawable):
     windows begin and end, in pitches.
     """
 
+    exact = True
     image: torch.Tensor
     pitch: float
     rows: tuple[float, float]
@@ -72,6 +75,41 @@ class Windows(Drawable):
         )
         values = self.image.to(torch.float32).numpy()
         return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
+
+    def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        """That of every window, whose harmonics don't fall as those of other pictures do: no
+        number of samples would do. Windows beyond the plane are left out."""
+        side, (rows, columns) = self.pitch * magnification, plane.shape
+        if side == 0:
+            return torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64)
+        steps = [1 / (n * pitch) for n, pitch in zip(plane.shape, plane.pitch, strict=True)]
+        half = columns // 2 + 1
+        frequency = Plane((rows, half), (steps[0], steps[1]), (0.0, half // 2 * steps[1]))
+        windows = (self.rows, self.columns)
+        image, centre = self.image, []
+        for axis in (0, 1):
+            image, first = _seen(image, axis, plane, side, shift[axis] * magnification)
+            middle = (image.shape[axis] // 2 + sum(windows[axis]) / 2) * side
+            centre.append(first + middle - plane.centre[axis])
+        pixels = Plane((image.shape[0], image.shape[1]), (side, side), (centre[0], centre[1]))
+        points = plan_transform(Geometry(pixels, frequency, 1.0))(image.to(torch.complex64))
+        for axis, window in enumerate(windows):
+            width = (window[1] - window[0]) * side
+            opening = torch.sinc(frequency.coordinates(axis) * width) * width / plane.pitch[axis]
+            points = points * (opening[:, None] if axis == 0 else opening).to(torch.float32)
+        return torch.fft.ifftshift(points, dim=-2)
+
+
+def _seen(
+    image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
+) -> tuple[torch.Tensor, float]:
+    """The pixels along an axis whose room meets the plane, one of them at least, and where the
+    first one's begins, metres."""
+    n, ends = image.shape[axis], edges(plane, axis)
+    start = shift - n * side / 2
+    first = min(max(math.floor((ends[0] - start) / side), 0), n - 1)
+    last = min(max(math.ceil((ends[-1] - start) / side), first + 1), n)
+    return image.narrow(axis, first, last - first), start + first * side
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -43,9 +44,14 @@ class Picture(Drawable):
         return y, x
 
     def falls(self, magnification: float, frequency: float) -> int:
-        """Linear between its pixels, it falls with the square beyond what they resolve."""
+        """Linear between its pixels, it falls with the square beyond what they resolve, if it is
+        dark at its rim, where it ends."""
         side = self.side if self.on_sensor else self.side * magnification
-        return 2 if side * frequency >= 0.35 else 1
+        return 2 if side * frequency >= 0.35 and not self._ends_in_light else 1
+
+    @cached_property
+    def _ends_in_light(self) -> bool:
+        return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
 
     def _half(self, axis: int, magnification: float, shift: Shift) -> float:
         side = self.side if self.on_sensor else self.side * magnification

@@ -163,9 +163,46 @@ def test_a_displays_windows_are_lit_and_nothing_between_them():
     assert drawn.sum() == pytest.approx(1.75 * area, rel=1e-5)
 
 
+@pytest.mark.parametrize("shape", [(24, 30), (25, 31)])
+@pytest.mark.parametrize("pitch", [7e-4, 3e-5])
+def test_a_displays_spectrum_is_that_of_its_windows_whatever_the_samples(shape, pitch):
+    """Against the sum over windows, one by one, of what each one's edges give."""
+    image = torch.rand(3, 4, generator=torch.Generator().manual_seed(1))
+    windows = Windows(image, pitch, (0.1, 0.8), (1 / 3, 0.6))
+    plane, shift = Plane(shape, (4e-6, 5e-6), (1e-6, -2e-6)), (3e-5, -1e-5)
+    found = windows.spectrum(plane, SCALE, shift).numpy()
+    fy = np.fft.fftfreq(shape[0], 4e-6)[:, None]
+    fx = np.fft.rfftfreq(shape[1], 5e-6)[None]
+    p, expected = pitch * SCALE, 0
+    for i, row in enumerate(image.numpy()):
+        for j, value in enumerate(row):
+            y = [(i - 1.5 + end) * p + 3e-5 * SCALE - 1e-6 for end in windows.rows]
+            x = [(j - 2.0 + end) * p - 1e-5 * SCALE + 2e-6 for end in windows.columns]
+            expected = expected + value * integral(fy, *y) * integral(fx, *x) / 2e-11
+    assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
+
+
+def integral(frequency, low, high):
+    """Of exp(-2 pi i f y) from low to high."""
+    f = np.where(frequency == 0, 1.0, frequency)
+    turned = (np.exp(-2j * np.pi * f * low) - np.exp(-2j * np.pi * f * high)) / (2j * np.pi * f)
+    return np.where(frequency == 0, high - low, turned)
+
+
+def test_of_a_display_what_lies_beyond_the_plane_is_not_in_its_spectrum():
+    """A display far larger than the plane has the light of the windows that meet it."""
+    windows = Windows(torch.ones(400, 300), 3e-5, (0.0, 1.0), (0.0, 1.0))
+    plane = Plane((24, 30), (4e-6, 5e-6))
+    total = float(windows.spectrum(plane, SCALE)[0, 0].real)
+    assert (
+        24 * 30 <= total <= (24 * 4e-6 + 2 * 3e-5 * SCALE) * (30 * 5e-6 + 2 * 3e-5 * SCALE) / 2e-11
+    )
+
+
 def test_what_is_infinitely_far_away_has_no_size():
     assert not Picture(torch.ones(2, 2), 1e-3).light(PLANE, 0.0).any()
     assert not Windows(torch.ones(2, 2), 1e-3, (0, 1), (0, 1)).light(PLANE, 0.0).any()
+    assert not Windows(torch.ones(2, 2), 1e-3, (0, 1), (0, 1)).spectrum(PLANE, 0.0).any()
     assert not Disc(1e-3).light(PLANE, 0.0).any()
 
 
