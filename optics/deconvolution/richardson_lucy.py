@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.border import padded_shape, require_psf, transfer_function
+from optics.deconvolution.blurred import require_psf
 from optics.edge import floating, require_finite, tensors_inside
 from optics.fourier import irfft2, rfft2
+from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_crop, centred_pad
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -35,7 +36,7 @@ def richardson_lucy(
     require_psf(psf)
     progress = progress or Progress()
     image = floating(image)
-    shape = padded_shape(image.shape[-2:], psf.shape[-2:])
+    shape = blur_shape(image.shape[-2:], psf.shape[-2:])
     transfer = transfer_function(psf.to(image).clamp(min=0), shape)
 
     def blur(x: torch.Tensor) -> torch.Tensor:

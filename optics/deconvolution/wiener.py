@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.border import continued, padded_shape, require_psf, transfer_function
+from optics.deconvolution.blurred import require_psf
+from optics.deconvolution.border import continued
 from optics.edge import floating, require_finite, tensors_inside
 from optics.fourier import irfft2, rfft2
+from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_crop, centred_pad
 from optics.threads import single_threaded
 
@@ -39,7 +41,7 @@ def wiener(image: torch.Tensor, psf: torch.Tensor, noise_to_signal: float) -> to
     require_finite("image", image)
     require_psf(psf)
     image = floating(image)
-    shape = padded_shape(image.shape[-2:], psf.shape[-2:])
+    shape = blur_shape(image.shape[-2:], psf.shape[-2:])
     transfer = transfer_function(psf.to(image), shape)
     gain, mean = psf.sum().to(image), image.mean()
     power = transfer.real**2 + transfer.imag**2
@@ -73,7 +75,7 @@ def best_noise_to_signal(image: torch.Tensor, psf: torch.Tensor, variance: torch
     detail = float(image.to(torch.float64).var(correction=0)) - noise
     if not detail > 0:
         return 1.0
-    shape = padded_shape(image.shape[-2:], psf.shape[-2:])
+    shape = blur_shape(image.shape[-2:], psf.shape[-2:])
     transfer = transfer_function(psf.to(torch.float64) / psf.sum(), shape)
     power = transfer.real**2 + transfer.imag**2
     fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]

@@ -10,14 +10,11 @@ from judges import binned, gaussian_psf, natural_image, positions, relative
 from scipy.signal import convolve2d, fftconvolve
 from skimage import restoration
 
-from optics.deconvolution.border import (
-    continued,
-    padded_shape,
-    require_psf,
-    transfer_function,
-)
+from optics.deconvolution.blurred import require_psf
+from optics.deconvolution.border import continued
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.wiener import best_noise_to_signal, wiener
+from optics.operators.blur import blur_shape, transfer_function
 from optics.progress import Cancelled, Progress
 
 FINE, SIDE, MARGIN, RADIUS = 3, 72, 16, 4.0
@@ -114,7 +111,7 @@ def test_wiener_tends_to_the_dense_solution_for_the_measured_pixels(shape):
     rng = np.random.default_rng(3)
     image, psf, k = rng.random(shape), rng.random((5, 5)), 1.0
     psf /= psf.sum()
-    padded = padded_shape(shape, psf.shape)
+    padded = blur_shape(shape, psf.shape)
     size = padded[0] * padded[1]
     blur = np.zeros((size, size))
     y, x = np.mgrid[: padded[0], : padded[1]]
@@ -302,7 +299,7 @@ def test_the_transfer_function_is_that_of_the_centred_psf(side):
 
 
 def test_the_padded_shape_holds_the_picture_and_half_a_psf_on_each_side():
-    rows, columns = padded_shape((100, 37), (24, 11))
+    rows, columns = blur_shape((100, 37), (24, 11))
     assert rows >= 124
     assert columns >= 48
     assert rows < 150

@@ -1,0 +1,153 @@
+"""A photograph, the blur in it, and what is known of its pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from optics.deconvolution.border import continued
+from optics.edge import require_finite
+from optics.fourier import irfft2
+from optics.operators.blur import BORDERS, Border, blur_shape, transfer_function
+from optics.operators.pixels import Window
+from optics.plane import centred_crop
+
+LEAST_NOISE = 1e-6
+"""Standard deviation, relative to the photograph's own: what single precision leaves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blurred:
+    """What a camera measured, (rows, columns) light per pixel, of a scene that a PSF has blurred.
+
+    psf: origin at n // 2; its sum is the share of light that arrives. noise: standard deviation of
+    a pixel of weight 1. border: what the scene does beyond the frame; "unknown" for what a camera
+    sees. weights: how much each pixel is to be trusted, the inverse of its variance relative to
+    noise²; 0 where it is dead. clipped: True where the well was full: there the light is at least
+    what was measured. Raises ValueError for what doesn't fit, or isn't finite.
+    """
+
+    image: torch.Tensor
+    psf: torch.Tensor
+    noise: float
+    border: Border = "unknown"
+    weights: torch.Tensor | None = None
+    clipped: torch.Tensor | None = None
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 2 or self.psf.ndim != 2:
+            raise ValueError(
+                f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}; both are "
+                "(rows, columns)"
+            )
+        require_psf(self.psf)
+        if self.border not in BORDERS:
+            raise ValueError(f"border is {self.border!r}; take one of {', '.join(BORDERS)}")
+        if not (self.noise >= 0 and math.isfinite(self.noise)):
+            raise ValueError(f"noise is {self.noise:g}; it must be finite, and not negative")
+        for name in ("weights", "clipped"):
+            given = getattr(self, name)
+            if given is not None and given.shape != self.image.shape:
+                raise ValueError(
+                    f"{name} is {tuple(given.shape)} and image {tuple(self.image.shape)}; they "
+                    "must be alike"
+                )
+        if self.weights is not None:
+            require_finite("weights", self.weights)
+            if float(self.weights.min()) < 0 or not float(self.weights.max()) > 0:
+                raise ValueError("weights must be positive somewhere, and negative nowhere")
+        require_finite("image", self.image)
+        if self.trust is not None and not bool(self.trust.any()):
+            raise ValueError("every pixel is clipped or has no weight; nothing was measured")
+
+    @property
+    def gain(self) -> float:
+        """Share of the scene's light that arrives."""
+        return float(self.psf.sum(dtype=torch.float64))
+
+    @cached_property
+    def trust(self) -> torch.Tensor | None:
+        """Weights, with 0 for what was clipped; None where all are 1."""
+        if self.clipped is None or not bool(self.clipped.any()):
+            return self.weights
+        sound = (~self.clipped).to(self.image)
+        return sound if self.weights is None else self.weights * sound
+
+    @cached_property
+    def whole(self) -> tuple[int, int]:
+        """(rows, columns) of the period on which the scene is looked for."""
+        rows, columns = self.image.shape
+        frame = rows, columns
+        return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
+
+    @cached_property
+    def transfer(self) -> torch.Tensor:
+        """Of the PSF with a sum of 1, on that period, complex64."""
+        return transfer_function(self.psf / self.gain, self.whole)
+
+    @cached_property
+    def scale(self) -> float:
+        """Of the scene's light, by which lengths and weights are chosen: the photograph's standard
+        deviation, or a share of its mean where it is even; 1 where nothing shines."""
+        image = self.image.to(torch.float64)
+        spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
+        return spread / self.gain if spread > 0 else 1.0
+
+    @property
+    def deviation(self) -> float:
+        """The noise on the scene's scale, no less than arithmetic leaves."""
+        return max(self.noise / self.gain, LEAST_NOISE * self.scale)
+
+    @cached_property
+    def data(self) -> torch.Tensor:
+        """The photograph on the scene's scale."""
+        return self.image / self.gain
+
+    @cached_property
+    def filled(self) -> torch.Tensor:
+        """The same, with what isn't trusted filled from what surrounds it."""
+        if self.trust is None:
+            return self.data
+        known = self.trust > 0
+        return self.data if bool(known.all()) else _inpainted(self.data, known)
+
+    @cached_property
+    def continued(self) -> torch.Tensor:
+        """The same continued to the whole period, so that its opposite edges meet."""
+        if self.border == "dark":
+            return Window(self.whole, tuple(self.image.shape)).adjoint(self.filled)
+        return continued(self.filled, self.whole)
+
+    def frame(self, whole: torch.Tensor) -> torch.Tensor:
+        """What the camera sees of the period, a view."""
+        return centred_crop(whole, self.image.shape)
+
+    def blurred(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """The scene of a spectrum as it falls on the sensor, on the whole period."""
+        return irfft2(spectrum * self.transfer, self.whole)
+
+
+def require_psf(psf: torch.Tensor) -> None:
+    """Raise ValueError for a PSF that no deconvolution can use."""
+    if not torch.isfinite(psf).all():
+        raise ValueError("psf has NaN or infinite values; measure or compute it again")
+    if not float(psf.sum()) > 0:
+        raise ValueError(f"psf sums to {float(psf.sum()):g}; it must send light somewhere")
+
+
+def _inpainted(image: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
+    """Unknown pixels by the mean of known ones around them, from ever farther away."""
+    value = torch.where(known, image, 0.0)[None, None]
+    share = known.to(image)[None, None]
+    answer, missing = value.clone(), share == 0
+    pool: Callable[..., torch.Tensor] = torch.nn.functional.avg_pool2d
+    while bool(missing.any()):
+        value, share = (pool(one, 3, 1, 1) for one in (value, share))
+        found = missing & (share > 1e-12)
+        answer[found] = value[found] / share[found]
+        missing &= ~found
+    return answer[0, 0]

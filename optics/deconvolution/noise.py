@@ -1,0 +1,197 @@
+"""How much noise a blurred photograph has: read off where the blur lets nothing else through."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from optics.deconvolution.blurred import Blurred
+from optics.fourier import rfft2
+from optics.operators.blur import transfer_function
+
+_LOWEST = 3
+"""Periods in the frame of the lowest frequency that is looked at: taper and trend lie below."""
+
+_RADII, _LETS = 24, 16
+"""Rings of frequencies, and classes of how much light gets through there, that are pooled."""
+
+_LEAST_LET = 1e-8
+"""Of the light's power, below which one class holds all."""
+
+_STEPS = 40
+
+_QUIET, _ENOUGH = 0.1, 300
+"""Frequencies with less signal than this share of the noise; how many of them tell it alone."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What a linear filter gets from a photograph.
+
+    freedom: share of the data that it explains. gradient: rms length of the restored picture's
+    gradient, per pixel, times the PSF's sum.
+    """
+
+    freedom: float
+    gradient: float
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """What a photograph's spectrum shows: signal |H|² strength / frequency^slope, and noise.
+
+    strength, noise: variance a pixel, of the photograph; frequency in cycles per pixel.
+    """
+
+    strength: float
+    slope: float
+    noise: float
+
+    def explained(self, seen: Blurred) -> Explained:
+        """By the filter with the least mean square error for this spectrum (Wiener 1949)."""
+        frequency, power = _frequencies(seen.whole), _power(seen, seen.whole)
+        frequency[0, 0] = 1 / max(seen.whole)
+        scene = self.strength * frequency**-self.slope
+        share = scene * power / (scene * power + max(self.noise, 1e-30))
+        # Of differences between neighbours, both axes: 4 sin² of half the phase, about f² below.
+        steep = (2 * math.pi * frequency).clamp(max=2 * math.sqrt(2)).square()
+        return Explained(float(share.mean()), math.sqrt(float((scene * share * steep).mean())))
+
+
+def estimated_noise(seen: Blurred) -> float:
+    """Standard deviation of a pixel's noise, of white noise that nothing has smoothed.
+
+    The spectrum of the frame, tapered by a Hann window, is taken for that of a picture whose power
+    falls as a power of the frequency, through the known PSF, and of white noise; strength, slope
+    and noise by the greatest likelihood of independent exponential powers (Whittle 1953). Where
+    the PSF lets next to nothing through, the noise is what is there. A photograph that isn't
+    blurred shows its noise badly: the answer then has what the picture's finest detail looks like.
+    """
+    return math.sqrt(spectrum_of(seen).noise)
+
+
+def spectrum_of(seen: Blurred) -> PowerLaw:
+    """Strength, slope and noise of a photograph: see estimated_noise()."""
+    image = seen.filled.to(torch.float64) * seen.gain
+    shape = (int(image.shape[0]), int(image.shape[1]))
+    if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
+        return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
+    power, frequency, let = _tapered(image), _frequencies(shape), _power(seen, shape)
+    used = frequency > _LOWEST / min(shape)
+    return _fitted(power[used], frequency[used], let[used])
+
+
+def _tapered(image: torch.Tensor) -> torch.Tensor:
+    """Power of the frame times a window that falls to 0 at its border; of white noise its
+    variance."""
+    rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
+    window = rows[:, None] * columns
+    square = window.square()
+    detail = (image - (image * square).sum() / square.sum()) * window
+    spectrum = rfft2(detail)
+    return (spectrum.real.square() + spectrum.imag.square()) / square.sum()
+
+
+def _frequencies(shape: tuple[int, int]) -> torch.Tensor:
+    y = torch.fft.fftfreq(shape[0], dtype=torch.float64)
+    x = torch.fft.rfftfreq(shape[1], dtype=torch.float64)
+    return torch.hypot(y[:, None], x[None, :])
+
+
+def _power(seen: Blurred, shape: tuple[int, int]) -> torch.Tensor:
+    transfer = transfer_function(seen.psf.to(torch.float64) / seen.gain, shape)
+    return transfer.real.square() + transfer.imag.square()
+
+
+def _fitted(power: torch.Tensor, frequency: torch.Tensor, let: torch.Tensor) -> PowerLaw:
+    pools = _Pools.of(power, frequency, let)
+    lowest = float(pools.power.min())
+    fits = [pools.fitted(lowest * share) for share in (1.0, 0.03)]
+    strength, slope, noise = min(fits, key=pools.unlikeliness)
+    signal = strength * let * frequency**-slope
+    for _ in range(3):
+        quiet = signal < _QUIET * noise
+        if int(quiet.sum()) < _ENOUGH:
+            break
+        noise = max(float((power[quiet] - signal[quiet]).mean()), 0.1 * noise)
+    return PowerLaw(strength, slope, noise)
+
+
+@dataclass(frozen=True)
+class _Pools:
+    """Means over frequencies of about the same radius and transfer; count: of each pool."""
+
+    count: torch.Tensor
+    power: torch.Tensor
+    radius: torch.Tensor
+    let: torch.Tensor
+
+    @classmethod
+    def of(cls, power: torch.Tensor, frequency: torch.Tensor, let: torch.Tensor) -> _Pools:
+        radius = frequency.log()
+        ring = _class(radius, _RADII)
+        kind = _class(let.clamp(min=_LEAST_LET).log(), _LETS)
+        pool = ring * _LETS + kind
+        count = torch.bincount(pool, minlength=_RADII * _LETS)
+        full = count > 0
+        number = count[full].to(power)
+
+        def mean(of: torch.Tensor) -> torch.Tensor:
+            return torch.bincount(pool, of, minlength=_RADII * _LETS)[full] / number
+
+        return cls(number / number.sum(), mean(power), mean(radius), mean(let))
+
+    def model(self, strength: float, slope: float) -> torch.Tensor:
+        """The signal's power."""
+        return strength * self.let * torch.exp(-slope * self.radius)
+
+    def unlikeliness(self, fit: tuple[float, float, float]) -> float:
+        """Whittle's, of a strength, slope and noise."""
+        model = self.model(*fit[:2]) + fit[2]
+        return float((self.count * (model.log() + self.power / model)).sum())
+
+    def fitted(self, noise: float) -> tuple[float, float, float]:
+        """By Fisher's scoring in logarithms, from a noise on; steps that don't help get shorter."""
+        above = (self.count * (self.power - noise).clamp(min=0)).sum()
+        signal = (self.count * self.model(1.0, 2.4)).sum()
+        now = (max(float(above / signal), 1e-30), 2.4, max(noise, 1e-30))
+        best, damping = self.unlikeliness(now), 1e-3
+        for _ in range(_STEPS):
+            tried = self._stepped(now, damping)
+            score = self.unlikeliness(tried)
+            if score < best:
+                settled = best - score < 1e-9
+                now, best, damping = tried, score, damping / 5
+                if settled:
+                    break
+            else:
+                damping *= 10
+        return now
+
+    def _stepped(
+        self, now: tuple[float, float, float], damping: float
+    ) -> tuple[float, float, float]:
+        strength, slope, noise = now
+        signal = self.model(strength, slope)
+        model = signal + noise
+        slopes = torch.stack([signal, -signal * self.radius, torch.full_like(signal, noise)])
+        weight = self.count / model**2
+        normal = (slopes * weight) @ slopes.T
+        normal = normal + damping * torch.diag(normal.diag() + 1e-30)
+        wanted = (slopes * weight) @ (self.power - model)
+        step = torch.linalg.solve(normal, wanted).clamp(-2, 2)
+        return (
+            strength * math.exp(float(step[0])),
+            min(max(slope + float(step[1]), 0.0), 6.0),
+            noise * math.exp(float(step[2])),
+        )
+
+
+def _class(value: torch.Tensor, count: int) -> torch.Tensor:
+    """Which of so many even parts of its range each value is in."""
+    low, high = value.min(), value.max()
+    return (
+        ((value - low) / (high - low).clamp(min=1e-12) * (count - 1e-6)).long().clamp(0, count - 1)
+    )

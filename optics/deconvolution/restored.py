@@ -1,0 +1,29 @@
+"""What a restoration gives, and how far to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+
+
+@dataclass(frozen=True, eq=False)
+class Restored:
+    """A restored picture.
+
+    image: (rows, columns), light per pixel of the scene in the photograph's frame, never negative.
+    method: in words. noise: standard deviation that the photograph was taken to have.
+    weight: of what is known of pictures beforehand, against the data; None where there is none.
+    residual: rms of the photograph less the blurred restoration, over the noise: about 1 where
+    model, PSF and noise are right; above 1.2 something isn't. change: of the picture in the last
+    iteration, relative, after each. converged: whether it fell below what was asked.
+    """
+
+    image: torch.Tensor
+    method: str
+    noise: float
+    residual: float
+    weight: float | None = None
+    iterations: int = 1
+    change: list[float] = field(default_factory=list)
+    converged: bool = True

@@ -1,0 +1,227 @@
+"""Restoration by splitting: priors, data and blur each in the domain where it is easy."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.priors import Prior
+from optics.deconvolution.restored import Restored
+from optics.fourier import irfft2, rfft2
+from optics.progress import Progress
+
+_TINY = 1e-9
+"""Of the data's own denominator: where no light gets through and no prior looks, nothing is asked
+for."""
+
+_HELD = 2.0
+"""Coupling of the data's split, over the root of the prior's weight on the picture's scale: the
+fastest of 0.5 to 4 for kernels and noise of all kinds."""
+
+_SETTLING, _DAMPED, _FARTHEST = 5, 0.3, 2.5
+"""Iterations after which a weight that is looked for moves; the share of its way, in logarithms,
+that it goes in each; and how far it goes, as a factor, from what it was at first."""
+
+LEAST_FREEDOM = 3e-3
+"""Share of the data that a picture explains at least: its mean and its coarsest features."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How a splitting goes on.
+
+    iterations: at most. tol: change of the picture, relative, below which it ends. weight: of the
+    first prior; `first` to begin with, then what is found, if None.
+    """
+
+    iterations: int
+    tol: float = 0.0
+    weight: float | None = None
+    first: float = 0.0
+
+
+def split(
+    seen: Blurred, priors: Sequence[Prior], steps: Steps, method: str, progress: Progress
+) -> Restored:
+    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x).
+
+    By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
+    with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
+    each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
+    border and whichever pixels are missing. Priors after the first are without a weight.
+    """
+    return _Splitting(seen, priors, steps).restored(method, progress)
+
+
+class _Data(ABC):
+    """What the photograph wants of the picture."""
+
+    def __init__(self, seen: Blurred) -> None:
+        self.seen = seen
+        transfer = seen.transfer
+        self.power = transfer.real.square() + transfer.imag.square()
+        self.back = transfer.conj().resolve_conj()
+
+    @abstractmethod
+    def pull(self, held: float) -> torch.Tensor:
+        """Spectrum of what it wants, times the coupling."""
+
+    @abstractmethod
+    def coupling(self, held: float) -> float: ...
+
+    @abstractmethod
+    def take(self, spectrum: torch.Tensor, held: float) -> None:
+        """The next picture's spectrum, which may be written over."""
+
+    @property
+    @abstractmethod
+    def squares(self) -> float:
+        """Mean square of what the last picture leaves unexplained, over the noise's."""
+
+
+class _Everywhere(_Data):
+    """All of a period was measured: nothing has to be split off."""
+
+    def __init__(self, seen: Blurred) -> None:
+        super().__init__(seen)
+        self._data = rfft2(seen.data)
+        self._wanted = self._data * self.back
+        self._left = self._data
+
+    def pull(self, held: float) -> torch.Tensor:
+        return self._wanted.clone()
+
+    def coupling(self, held: float) -> float:
+        return 1.0
+
+    def take(self, spectrum: torch.Tensor, held: float) -> None:
+        self._left = spectrum
+
+    @property
+    def squares(self) -> float:
+        left = self._left * self.seen.transfer - self._data
+        power = left.real.square() + left.imag.square()
+        columns = self.seen.whole[1]
+        # Each frequency of a half stands for its mirror image as well, but for those that are it.
+        single = power[:, 0].sum() + (power[:, -1].sum() if columns % 2 == 0 else 0)
+        pixels = self.seen.whole[0] * columns
+        return float(2 * power.sum() - single) / pixels**2 / self.seen.deviation**2
+
+
+class _Framed(_Data):
+    """Some of the period was measured: H x is split off."""
+
+    def __init__(self, seen: Blurred) -> None:
+        super().__init__(seen)
+        self._light = seen.continued.clone()
+        self._dual = torch.zeros_like(seen.data)
+        self._squares = 1.0
+
+    def pull(self, held: float) -> torch.Tensor:
+        return rfft2(self._light).mul_(self.back).mul_(held)
+
+    def coupling(self, held: float) -> float:
+        return held
+
+    def take(self, spectrum: torch.Tensor, held: float) -> None:
+        seen = self.seen
+        self._light = irfft2(spectrum.mul_(seen.transfer), seen.whole)
+        light, data, trust = seen.frame(self._light), seen.data, seen.trust
+        self._squares = self._left(light - data)
+        light.add_(self._dual)
+        if trust is None:
+            wanted = torch.lerp(light, data, 1 / (1 + held))
+        else:
+            wanted = (trust * data + held * light) / (trust + held)
+        if seen.clipped is not None:
+            # There the light is at least what was measured.
+            wanted = torch.where(seen.clipped, torch.maximum(light, data), wanted)
+        torch.sub(light, wanted, out=self._dual)
+        torch.sub(wanted, self._dual, out=light)
+
+    def _left(self, difference: torch.Tensor) -> float:
+        trust = self.seen.trust
+        squares = difference.square_()
+        if trust is None:
+            mean = float(squares.mean())
+        else:
+            mean = float(squares.mul_(trust).sum() / (trust > 0).sum())
+        return mean / self.seen.deviation**2
+
+    @property
+    def squares(self) -> float:
+        return self._squares
+
+
+class _Splitting:
+    """The state between two iterations, in single precision."""
+
+    def __init__(self, seen: Blurred, priors: Sequence[Prior], steps: Steps) -> None:
+        self._seen, self._priors, self._steps = seen, priors, steps
+        whole = seen.border == "periodic" and seen.trust is None
+        self._data: _Data = _Everywhere(seen) if whole else _Framed(seen)
+        self._weight = steps.first if steps.weight is None else steps.weight
+
+    def restored(self, method: str, progress: Progress) -> Restored:
+        steps, change = self._steps, list[float]()
+        picture, converged = self._seen.continued, steps.tol == 0
+        for number in range(steps.iterations):
+            progress.report(number / steps.iterations, f"{method} {number + 1}/{steps.iterations}")
+            before, picture = picture, self._picture()
+            for prior in self._priors:
+                prior.step(picture)
+            if steps.weight is None and number >= _SETTLING:
+                self._reweigh()
+            change.append(_relative_change(picture, before))
+            if steps.tol and change[-1] <= steps.tol:
+                converged = True
+                break
+        return Restored(
+            self._seen.frame(picture).clamp(min=0),
+            method,
+            self._seen.noise,
+            self._data.squares**0.5,
+            self._weight,
+            len(change),
+            change,
+            converged,
+        )
+
+    def _picture(self) -> torch.Tensor:
+        """The one that is nearest to what data and priors want."""
+        held = _HELD * (self._weight / self._seen.scale) ** 0.5
+        own = self._data.coupling(held)
+        spectrum, below = self._data.pull(held), self._data.power * own
+        below.add_(_TINY * own)
+        wanted: torch.Tensor | None = None
+        for prior in self._priors:
+            coupled = prior.coupling(self._weight, own)
+            below.add_(prior.square, alpha=coupled)
+            if prior.back is not None:
+                part = prior.back * coupled
+                wanted = part if wanted is None else wanted.add_(part)
+        if wanted is not None:
+            spectrum.add_(rfft2(wanted))
+        spectrum.mul_(below.reciprocal_())
+        picture = irfft2(spectrum, self._seen.whole)
+        self._data.take(spectrum, held)
+        return picture
+
+    def _reweigh(self) -> None:
+        """Towards the weight by the evidence."""
+        freedom = max(1 - self._data.squares, LEAST_FREEDOM)
+        wanted = self._priors[0].weight(self._seen.deviation, freedom)
+        first = self._steps.first
+        wanted = min(max(wanted, first / _FARTHEST), first * _FARTHEST)
+        self._weight *= (wanted / self._weight) ** _DAMPED
+
+
+def _relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
+    """Of every fourth row."""
+    rows, old = now[::4], before[::4]
+    scale = float(torch.linalg.vector_norm(rows))
+    return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0
