@@ -10,8 +10,9 @@ import torch
 from labapp.analysis.brackets import Bracket, Picture
 from labapp.stopwatch import Stopwatch
 from optics import metrics
+from optics.deconvolution.measured import measured
 from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.wiener import best_noise_to_signal, wiener
+from optics.deconvolution.wiener import wiener
 from optics.progress import Progress
 
 _CENTRAL = 0.9
@@ -42,19 +43,27 @@ def reconstruct(
     psf: the full PSF, relative to the neutral one's light, origin at n // 2.
     """
     white = float(np.percentile(neutral.rate, _WHITE))
-    image = (coded.rate / white).astype(np.float32)
-    variance = (coded.variance / white**2).astype(np.float32)
-    kernel = psf.astype(np.float32)
+    known = np.isfinite(coded.variance)
+    if not known.any():
+        raise ValueError("variance has no finite value; no pixel of the picture was measured")
+    # The noise is estimated: what a measured PSF can't explain is in it, as it has to be.
+    seen = measured(
+        (coded.rate / white).astype(np.float32),
+        psf.astype(np.float32),
+        weights=None if known.all() else known.astype(np.float32),
+    )
     progress.report(0, "Wiener")
     with watch.stage("Wiener"):
-        sharp = wiener(image, kernel, best_noise_to_signal(image, kernel, variance))
+        sharp = wiener(seen)
     with watch.stage("Richardson-Lucy"):
-        deblurred = richardson_lucy(image, kernel, iterations, progress=progress.part(0.1, 1))
+        deblurred = richardson_lucy(
+            seen, iterations, accelerated=False, past_noise=True, progress=progress.part(0.1, 1)
+        )
     return {
         "neutral": neutral.rate / white,
         "coded": coded.rate / white,
-        "wiener": sharp.astype(np.float64),
-        "richardson-lucy": deblurred.astype(np.float64),
+        "wiener": sharp.image.double().numpy(),
+        "richardson-lucy": deblurred.image.double().numpy(),
     }
 
 

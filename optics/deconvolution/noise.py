@@ -51,7 +51,7 @@ class PowerLaw:
 
     def explained(self, seen: Blurred) -> Explained:
         """By the filter with the least mean square error for this spectrum (Wiener 1949)."""
-        frequency, power = _frequencies(seen.whole), _power(seen, seen.whole)
+        frequency, power = frequencies(seen.whole), _power(seen, seen.whole)
         frequency[0, 0] = 1 / max(seen.whole)
         scene = self.strength * frequency**-self.slope
         share = scene * power / (scene * power + max(self.noise, 1e-30))
@@ -78,7 +78,7 @@ def spectrum_of(seen: Blurred) -> PowerLaw:
     shape = (int(image.shape[0]), int(image.shape[1]))
     if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
-    power, frequency, let = _tapered(image), _frequencies(shape), _power(seen, shape)
+    power, frequency, let = _tapered(image), frequencies(shape), _power(seen, shape)
     used = frequency > _LOWEST / min(shape)
     return _fitted(power[used], frequency[used], let[used])
 
@@ -94,7 +94,7 @@ def _tapered(image: torch.Tensor) -> torch.Tensor:
     return (spectrum.real.square() + spectrum.imag.square()) / square.sum()
 
 
-def _frequencies(shape: tuple[int, int]) -> torch.Tensor:
+def frequencies(shape: tuple[int, int]) -> torch.Tensor:
     y = torch.fft.fftfreq(shape[0], dtype=torch.float64)
     x = torch.fft.rfftfreq(shape[1], dtype=torch.float64)
     return torch.hypot(y[:, None], x[None, :])

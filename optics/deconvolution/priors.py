@@ -139,3 +139,18 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
     down, along = (x[1::_EVERY] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()
     return float(length.pow_(power).mean() if power != 1 else length.mean())
+
+
+def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
+    """div(∇x / |∇x|), of a gradient whose length is smoothed by a length."""
+    down, along = torch.zeros_like(x), torch.zeros_like(x)
+    _add_gradient(x, down, along)
+    length = torch.addcmul(down * down, along, along).add_(smooth**2).rsqrt_()
+    return _divergence(down.mul_(length), along.mul_(length), length).neg_()
+
+
+def laplacian_of(x: torch.Tensor) -> torch.Tensor:
+    """∇²x by differences, around the period."""
+    down, along = torch.zeros_like(x), torch.zeros_like(x)
+    _add_gradient(x, down, along)
+    return _divergence(down, along, torch.empty_like(x)).neg_()
