@@ -122,6 +122,13 @@ class Blurred:
             return Window(self.whole, tuple(self.image.shape)).adjoint(self.filled)
         return continued(self.filled, self.whole)
 
+    @cached_property
+    def lit(self) -> torch.Tensor | None:
+        """1 where something may shine, on the whole period; None where that is everywhere."""
+        if self.border != "dark":
+            return None
+        return Window(self.whole, self.image.shape).adjoint(torch.ones(self.image.shape))
+
     def frame(self, whole: torch.Tensor) -> torch.Tensor:
         """What the camera sees of the period, a view."""
         return centred_crop(whole, self.image.shape)

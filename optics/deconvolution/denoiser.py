@@ -74,6 +74,15 @@ class Denoiser(nn.Module):
         fine = self.fine_out(self.from_middle(middle) + fine)
         return pictures - functional.pixel_shuffle(self.tail(fine + head), 2)
 
+    @torch.no_grad()
+    def denoised(self, picture: torch.Tensor, level: float) -> torch.Tensor:
+        """One picture, (rows, columns) of any size, without noise of a standard deviation."""
+        rows, columns = picture.shape
+        more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
+        filled = functional.pad(picture[None, None], more, mode="replicate")
+        answer: torch.Tensor = self(filled, torch.tensor([level], dtype=picture.dtype))
+        return answer[0, 0, :rows, :columns]
+
 
 def denoiser_of(weights: Mapping[str, torch.Tensor]) -> Denoiser:
     """The network with these weights, by the names of its state_dict(), ready to be asked.

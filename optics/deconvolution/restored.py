@@ -16,7 +16,8 @@ class Restored:
     weight: of what is known of pictures beforehand, against the data; None where there is none.
     residual: rms of the photograph less the blurred restoration, over the noise: about 1 where
     model, PSF and noise are right; above 1.2 something isn't. change: of the picture in the last
-    iteration, relative, after each. converged: whether it fell below what was asked.
+    iteration, relative, after each. converged: whether it fell below what was asked. whole: the
+    scene around the frame as well, as far as light comes into it, for whoever goes on from there.
     """
 
     image: torch.Tensor
@@ -27,3 +28,4 @@ class Restored:
     iterations: int = 1
     change: list[float] = field(default_factory=list)
     converged: bool = True
+    whole: torch.Tensor | None = None

@@ -189,6 +189,7 @@ class _Splitting:
             len(change),
             change,
             converged,
+            picture,
         )
 
     def _picture(self) -> torch.Tensor:

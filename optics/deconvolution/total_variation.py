@@ -10,7 +10,6 @@ from optics.deconvolution.priors import Bounds, Prior, TotalVariation, evident_w
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.splitting import LEAST_FREEDOM, Steps, split
 from optics.edge import require_positive
-from optics.operators.pixels import Window
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -51,7 +50,7 @@ def total_variation(
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
     priors: list[Prior] = [TotalVariation(seen.whole, _STEP * seen.scale, power)]
     if positive or seen.border == "dark":
-        priors.append(Bounds(seen.whole, _lit(seen)))
+        priors.append(Bounds(seen.whole, seen.lit))
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     return split(seen, priors, steps, name, progress or Progress())
@@ -62,11 +61,3 @@ def first_weight(seen: Blurred, power: float = 1.0) -> float:
     explained = spectrum_of(seen).explained(seen)
     length = (_TAILS * explained.gradient / seen.gain) ** power
     return evident_weight(length, power, seen.deviation, max(explained.freedom, LEAST_FREEDOM))
-
-
-def _lit(seen: Blurred) -> torch.Tensor | None:
-    """1 where something may shine."""
-    if seen.border != "dark":
-        return None
-    frame = seen.image.shape
-    return Window(seen.whole, frame).adjoint(torch.ones(frame))

@@ -8,10 +8,9 @@ import torch
 
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.noise import PowerLaw, frequencies, spectrum_of
+from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive
-from optics.fourier import irfft2, rfft2
-from optics.operators.pixels import Window
 from optics.threads import single_threaded
 
 Smooth = Literal["spectrum", "gradient", "flat"]
@@ -20,9 +19,6 @@ SMOOTH: tuple[Smooth, ...] = ("gradient", "spectrum", "flat")
 
 _STEPS = 30
 """Of conjugate gradients, after which what isn't measured hardly changes what lies inside."""
-
-_SOLVED = 1e-5
-"""Of the normal equations' right-hand side, in the preconditioner's norm, that may be left."""
 
 _GRID = torch.logspace(-8, 2, 61, dtype=torch.float64)
 """Weights that are tried, relative to what a gradient of one period a pixel would be worth."""
@@ -56,66 +52,12 @@ def wiener(
         require_positive("weight", weight, "")
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
-    power = seen.transfer.real.square() + seen.transfer.imag.square()
-    penalty, used = _penalty(seen, weight, smooth, power)
-    inverse = (power + penalty).clamp(min=1e-12).reciprocal()
-    mean = seen.filled.mean()
-    spectrum = rfft2(seen.continued - mean).mul_(seen.transfer.conj()).mul_(inverse)
-    taken = 0
-    if seen.border != "periodic" or seen.trust is not None:
-        spectrum, taken = _of_measured(seen, mean, penalty, inverse, spectrum, steps)
-    picture = seen.frame(irfft2(spectrum, seen.whole)) + mean
-    left = seen.frame(irfft2(spectrum * seen.transfer, seen.whole)) + mean - seen.data
-    squares = left.square() if seen.trust is None else left.square() * seen.trust
-    count = left.numel() if seen.trust is None else int((seen.trust > 0).sum())
-    residual = float(squares.sum() / count) ** 0.5 / seen.deviation
+    equations = NormalEquations(seen)
+    penalty, used = _penalty(seen, weight, smooth, equations.power)
+    spectrum, taken = equations.solved(penalty, equations.start(penalty), steps)
+    picture, residual = equations.picture(spectrum), equations.residual(spectrum)
     name = f"Wiener, {smooth}"
-    return Restored(picture.clamp(min=0), name, seen.noise, residual, used, 1 + taken)
-
-
-def _of_measured(
-    seen: Blurred,
-    mean: torch.Tensor,
-    penalty: torch.Tensor,
-    inverse: torch.Tensor,
-    spectrum: torch.Tensor,
-    steps: int,
-) -> tuple[torch.Tensor, int]:
-    """Conjugate gradients, preconditioned by the filter for a whole period, from a spectrum on;
-    and how many steps they took."""
-    trust, back = seen.trust, seen.transfer.conj().resolve_conj()
-    window = Window(seen.whole, seen.image.shape)
-    half = torch.full((seen.whole[1] // 2 + 1,), 2.0)
-    half[0] = 1
-    if seen.whole[1] % 2 == 0:
-        half[-1] = 1
-
-    def measured(light: torch.Tensor) -> torch.Tensor:
-        inside = seen.frame(light)
-        return rfft2(window.adjoint(inside if trust is None else inside * trust)).mul_(back)
-
-    def inner(a: torch.Tensor, b: torch.Tensor) -> float:
-        return float(((a.real * b.real + a.imag * b.imag) * half).sum(dtype=torch.float64))
-
-    def normal(x: torch.Tensor) -> torch.Tensor:
-        return measured(irfft2(x * seen.transfer, seen.whole)).add_(x * penalty)
-
-    wanted = measured(window.adjoint(seen.filled - mean))
-    left = wanted - normal(spectrum)
-    enough = _SOLVED**2 * inner(wanted, wanted * inverse)
-    turned = left * inverse
-    way, length = turned.clone(), inner(left, turned)
-    taken = 0
-    while taken < steps and length > enough:
-        bent = normal(way)
-        far = length / inner(way, bent)
-        spectrum = spectrum.add(way, alpha=far)
-        left = left.sub_(bent, alpha=far)
-        turned = left * inverse
-        before, length = length, inner(left, turned)
-        way = way.mul_(length / before).add_(turned)
-        taken += 1
-    return spectrum, taken
+    return Restored(seen.frame(picture).clamp(min=0), name, seen.noise, residual, used, 1 + taken)
 
 
 def _penalty(
