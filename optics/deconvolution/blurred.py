@@ -93,7 +93,7 @@ class Blurred:
     def scale(self) -> float:
         """Of the scene's light, by which lengths and weights are chosen: the photograph's standard
         deviation, or a share of its mean where it is even; 1 where nothing shines."""
-        image = self.image.to(torch.float64)
+        image = self.image.detach().to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.gain if spread > 0 else 1.0
 

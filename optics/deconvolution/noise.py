@@ -72,6 +72,7 @@ def estimated_noise(seen: Blurred) -> float:
     return math.sqrt(spectrum_of(seen).noise)
 
 
+@torch.no_grad()
 def spectrum_of(seen: Blurred) -> PowerLaw:
     """Strength, slope and noise of a photograph: see estimated_noise()."""
     image = seen.filled.to(torch.float64) * seen.gain

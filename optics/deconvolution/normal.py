@@ -76,6 +76,7 @@ class NormalEquations:
         """On the whole period, with its brightness."""
         return irfft2(spectrum, self._seen.whole).add_(self.mean)
 
+    @torch.no_grad()
     def residual(self, spectrum: torch.Tensor) -> float:
         """Rms of what is left unexplained of trusted pixels, over the noise."""
         seen = self._seen
@@ -98,6 +99,7 @@ class NormalEquations:
         kept = inside if trust is None else inside * trust
         return rfft2(self._window.adjoint(kept)).mul_(self._back)
 
+    @torch.no_grad()
     def _inner(self, a: torch.Tensor, b: torch.Tensor) -> float:
         products = (a.real * b.real + a.imag * b.imag) * self._count
         return float(products.sum(dtype=torch.float64))

@@ -26,7 +26,6 @@ _MOST = 0.9
 
 
 @single_threaded
-@torch.no_grad()
 def richardson_lucy(
     seen: Blurred,
     iterations: int = 30,
@@ -109,7 +108,7 @@ class _Likelihood:
         if seen.border == "dark":
             known &= centred_pad(torch.ones_like(data), seen.whole) > 0
         step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
-        light = float((data * trust).sum() / trust.sum() / transfer[0, 0].real)
+        light = float((data.detach() * trust).sum() / trust.sum() / transfer[0, 0].real)
         level = max(light, float(torch.finfo(data.dtype).tiny))
         count, data = int((trust > 0).sum()), centred_pad(data, seen.whole)
         return cls(seen, transfer, data, measured, step, known, level, count)
@@ -134,6 +133,7 @@ class _Likelihood:
             moved.mul_(factor)
         return torch.where(self.known, moved, picture)
 
+    @torch.no_grad()
     def residual(self, expected: torch.Tensor) -> float:
         """Rms of what is left unexplained, over the noise."""
         left = (expected - self.data).square_().mul_(self.measured)
@@ -162,10 +162,10 @@ class _Path:
         """The next picture; how much it changes, relative."""
         self._way = fresh - self.now
         if self._accelerated:
-            self._gains = [*self._gains[-1:], fresh - ahead]
-        scale = float(torch.linalg.vector_norm(fresh))
+            self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
+        scale = float(torch.linalg.vector_norm(fresh.detach()))
         self.now = fresh
-        return float(torch.linalg.vector_norm(self._way)) / scale if scale else 0.0
+        return float(torch.linalg.vector_norm(self._way.detach())) / scale if scale else 0.0
 
 
 def _factor(

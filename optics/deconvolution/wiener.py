@@ -25,7 +25,6 @@ _GRID = torch.logspace(-8, 2, 61, dtype=torch.float64)
 
 
 @single_threaded
-@torch.no_grad()
 def wiener(
     seen: Blurred,
     weight: float | None = None,
@@ -33,7 +32,8 @@ def wiener(
     *,
     steps: int = _STEPS,
 ) -> Restored:
-    """The picture of which H* O / (|H|² + K) is left, (rows, columns).
+    """The picture H* O / (|H|² + K), (rows, columns): linear, so that it may be negative where the
+    light is dim. Differentiable.
 
     smooth: what K is. "gradient", a weight times the frequency's square; "spectrum", the noise over
     the picture's power at each frequency, which the photograph tells: the least error that a
@@ -57,7 +57,7 @@ def wiener(
     spectrum, taken = equations.solved(penalty, equations.start(penalty), steps)
     picture, residual = equations.picture(spectrum), equations.residual(spectrum)
     name = f"Wiener, {smooth}"
-    return Restored(seen.frame(picture).clamp(min=0), name, seen.noise, residual, used, 1 + taken)
+    return Restored(seen.frame(picture), name, seen.noise, residual, used, 1 + taken)
 
 
 def _penalty(
