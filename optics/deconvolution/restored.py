@@ -12,7 +12,8 @@ class Restored:
     """A restored picture.
 
     image: (rows, columns), light per pixel of the scene in the photograph's frame; never negative
-    but for linear filters. method: in words. noise: standard deviation that the photograph was taken to have.
+    but for linear filters. method: in words. noise: standard deviation that the photograph was
+    taken to have.
     weight: of what is known of pictures beforehand, against the data; None where there is none.
     residual: rms of the photograph less the blurred restoration, over the noise: about 1 where
     model, PSF and noise are right; above 1.2 something isn't. change: of the picture in the last
