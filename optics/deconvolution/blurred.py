@@ -10,11 +10,10 @@ from functools import cached_property
 import torch
 
 from optics.deconvolution.border import continued
+from optics.deconvolution.noise import PowerLaw, spectrum_of, squared
 from optics.edge import require_finite
-from optics.fourier import irfft2
-from optics.operators.blur import BORDERS, Border, blur_shape, transfer_function
-from optics.operators.pixels import Window
-from optics.plane import centred_crop
+from optics.operators.blur import Border, blur_shape, require_border, transfer_function
+from optics.plane import centred_crop, centred_pad
 
 LEAST_NOISE = 1e-6
 """Standard deviation, relative to the photograph's own: what single precision leaves."""
@@ -24,16 +23,17 @@ LEAST_NOISE = 1e-6
 class Blurred:
     """What a camera measured, (rows, columns) light per pixel, of a scene that a PSF has blurred.
 
-    psf: origin at n // 2; its sum is the share of light that arrives. noise: standard deviation of
-    a pixel of weight 1. border: what the scene does beyond the frame; "unknown" for what a camera
-    sees. weights: how much each pixel is to be trusted, the inverse of its variance relative to
-    noise²; 0 where it is dead. clipped: True where the well was full: there the light is at least
-    what was measured. Raises ValueError for what doesn't fit, or isn't finite.
+    psf: origin at n // 2; its sum is the share of light that arrives. told: standard deviation of a
+    pixel of weight 1; estimated from the photograph if None. border: what the scene does beyond
+    the frame; "unknown" for what a camera sees. weights: how much each pixel is to be trusted, the
+    inverse of its variance relative to noise²; 0 where it is dead. clipped: True where the well was
+    full: there the light is at least what was measured. Raises ValueError for what doesn't fit, or
+    isn't finite.
     """
 
     image: torch.Tensor
     psf: torch.Tensor
-    noise: float
+    told: float | None = None
     border: Border = "unknown"
     weights: torch.Tensor | None = None
     clipped: torch.Tensor | None = None
@@ -45,10 +45,9 @@ class Blurred:
                 "(rows, columns)"
             )
         require_psf(self.psf)
-        if self.border not in BORDERS:
-            raise ValueError(f"border is {self.border!r}; take one of {', '.join(BORDERS)}")
-        if not (self.noise >= 0 and math.isfinite(self.noise)):
-            raise ValueError(f"noise is {self.noise:g}; it must be finite, and not negative")
+        require_border(self.border)
+        if self.told is not None and not (self.told >= 0 and math.isfinite(self.told)):
+            raise ValueError(f"noise is {self.told:g}; it must be finite, and not negative")
         for name in ("weights", "clipped"):
             given = getattr(self, name)
             if given is not None and given.shape != self.image.shape:
@@ -77,6 +76,11 @@ class Blurred:
         sound = (~self.clipped).to(self.image)
         return sound if self.weights is None else self.weights * sound
 
+    @property
+    def complete(self) -> bool:
+        """Whether all of the period was measured, each pixel as well."""
+        return self.border == "periodic" and self.trust is None
+
     @cached_property
     def whole(self) -> tuple[int, int]:
         """(rows, columns) of the period on which the scene is looked for."""
@@ -96,6 +100,26 @@ class Blurred:
         image = self.image.detach().to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.gain if spread > 0 else 1.0
+
+    @cached_property
+    def power(self) -> torch.Tensor:
+        """|H|² on that period."""
+        return squared(self.transfer)
+
+    @cached_property
+    def back(self) -> torch.Tensor:
+        """H* on that period."""
+        return self.transfer.conj().resolve_conj()
+
+    @cached_property
+    def law(self) -> PowerLaw:
+        """What the photograph's spectrum shows, on the photograph's scale."""
+        return spectrum_of(self.filled * self.gain, self.psf / self.gain)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a pixel of weight 1."""
+        return math.sqrt(self.law.noise) if self.told is None else self.told
 
     @property
     def deviation(self) -> float:
@@ -119,7 +143,7 @@ class Blurred:
     def continued(self) -> torch.Tensor:
         """The same continued to the whole period, so that its opposite edges meet."""
         if self.border == "dark":
-            return Window(self.whole, tuple(self.image.shape)).adjoint(self.filled)
+            return centred_pad(self.filled, self.whole)
         return continued(self.filled, self.whole)
 
     @cached_property
@@ -127,15 +151,22 @@ class Blurred:
         """1 where something may shine, on the whole period; None where that is everywhere."""
         if self.border != "dark":
             return None
-        return Window(self.whole, self.image.shape).adjoint(torch.ones(self.image.shape))
+        return centred_pad(torch.ones_like(self.image), self.whole)
 
     def frame(self, whole: torch.Tensor) -> torch.Tensor:
         """What the camera sees of the period, a view."""
         return centred_crop(whole, self.image.shape)
 
-    def blurred(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """The scene of a spectrum as it falls on the sensor, on the whole period."""
-        return irfft2(spectrum * self.transfer, self.whole)
+    @torch.no_grad()
+    def unexplained(self, light: torch.Tensor) -> float:
+        """Mean square, of trusted pixels, of what the light of a picture on the whole period leaves
+        of the photograph; over that of the noise."""
+        squares = (self.frame(light) - self.data).square_()
+        if self.trust is None:
+            mean = float(squares.mean())
+        else:
+            mean = float(squares.mul_(self.trust).sum() / (self.trust > 0).sum())
+        return mean / self.deviation**2
 
 
 def require_psf(psf: torch.Tensor) -> None:

@@ -79,9 +79,10 @@ class Denoiser(nn.Module):
         """One picture, (rows, columns) of any size, without noise of a standard deviation."""
         rows, columns = picture.shape
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
-        filled = functional.pad(picture[None, None], more, mode="replicate")
-        answer: torch.Tensor = self(filled, torch.tensor([level], dtype=picture.dtype))
-        return answer[0, 0, :rows, :columns]
+        single = picture[None, None].to(torch.float32)
+        filled = functional.pad(single, more, mode="replicate")
+        answer: torch.Tensor = self(filled, torch.tensor([level]))
+        return answer[0, 0, :rows, :columns].to(picture)
 
 
 def denoiser_of(weights: Mapping[str, torch.Tensor]) -> Denoiser:

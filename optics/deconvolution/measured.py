@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.noise import estimated_noise
 from optics.edge import floating, tensors_inside
 from optics.operators.blur import Border
 
@@ -21,12 +18,13 @@ def measured(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> Blurred:
-    """A blurred photograph in single precision, of arrays of any kind: see Blurred.
+    """A blurred photograph, of arrays of any kind: see Blurred.
 
-    noise: standard deviation of a pixel; estimated from the photograph if None.
+    It is restored in double precision if `image` is, else in single. noise: standard deviation of a
+    pixel; estimated from the photograph if None.
     """
-    image, psf = (floating(one).to(torch.float32) for one in (image, psf))
-    weights = weights if weights is None else weights.to(torch.float32)
+    image = floating(image)
+    weights = weights if weights is None else weights.to(image)
     clipped = clipped if clipped is None else clipped.to(torch.bool)
-    seen = Blurred(image, psf, 0.0 if noise is None else float(noise), border, weights, clipped)
-    return replace(seen, noise=estimated_noise(seen)) if noise is None else seen
+    told = noise if noise is None else float(noise)
+    return Blurred(image, psf.to(image), told, border, weights, clipped)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.deconvolution.blurred import Blurred
+from optics.formation import frequencies
 from optics.fourier import rfft2
 from optics.operators.blur import transfer_function
+from optics.plane import Plane
 
 _LOWEST = 3
 """Periods in the frame of the lowest frequency that is looked at: taper and trend lie below."""
@@ -49,10 +50,13 @@ class PowerLaw:
     slope: float
     noise: float
 
-    def explained(self, seen: Blurred) -> Explained:
-        """By the filter with the least mean square error for this spectrum (Wiener 1949)."""
-        frequency, power = frequencies(seen.whole), _power(seen, seen.whole)
-        frequency[0, 0] = 1 / max(seen.whole)
+    def explained(self, power: torch.Tensor, shape: tuple[int, int]) -> Explained:
+        """By the filter with the least mean square error for this spectrum (Wiener 1949).
+
+        power: |H|² on the rfft2 grid of a period of `shape`.
+        """
+        frequency = radii(shape)
+        frequency[0, 0] = 1 / max(shape)
         scene = self.strength * frequency**-self.slope
         share = scene * power / (scene * power + max(self.noise, 1e-30))
         # Of differences between neighbours, both axes: 4 sin² of half the phase, about f² below.
@@ -60,26 +64,22 @@ class PowerLaw:
         return Explained(float(share.mean()), math.sqrt(float((scene * share * steep).mean())))
 
 
-def estimated_noise(seen: Blurred) -> float:
-    """Standard deviation of a pixel's noise, of white noise that nothing has smoothed.
-
-    The spectrum of the frame, tapered by a Hann window, is taken for that of a picture whose power
-    falls as a power of the frequency, through the known PSF, and of white noise; strength, slope
-    and noise by the greatest likelihood of independent exponential powers (Whittle 1953). Where
-    the PSF lets next to nothing through, the noise is what is there. A photograph that isn't
-    blurred shows its noise badly: the answer then has what the picture's finest detail looks like.
-    """
-    return math.sqrt(spectrum_of(seen).noise)
-
-
 @torch.no_grad()
-def spectrum_of(seen: Blurred) -> PowerLaw:
-    """Strength, slope and noise of a photograph: see estimated_noise()."""
-    image = seen.filled.to(torch.float64) * seen.gain
-    shape = (int(image.shape[0]), int(image.shape[1]))
+def spectrum_of(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
+    """Strength, slope and noise of a photograph, (rows, columns), that a PSF has blurred.
+
+    psf: with a sum of 1. The spectrum of the frame, tapered by a Hann window, is taken for that of
+    a picture whose power falls as a power of the frequency, through the PSF, and of white noise
+    that nothing has smoothed; strength, slope and noise by the greatest likelihood of independent
+    exponential powers (Whittle 1953). Where the PSF lets next to nothing through, the noise is what
+    is there. A photograph that isn't blurred shows its noise badly: the answer then has what the
+    picture's finest detail looks like.
+    """
+    image, shape = image.to(torch.float64), (int(image.shape[0]), int(image.shape[1]))
     if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
-    power, frequency, let = _tapered(image), frequencies(shape), _power(seen, shape)
+    transfer = transfer_function(psf.to(torch.float64), shape)
+    power, frequency, let = _tapered(image), radii(shape), squared(transfer)
     used = frequency > _LOWEST / min(shape)
     return _fitted(power[used], frequency[used], let[used])
 
@@ -92,18 +92,17 @@ def _tapered(image: torch.Tensor) -> torch.Tensor:
     square = window.square()
     detail = (image - (image * square).sum() / square.sum()) * window
     spectrum = rfft2(detail)
-    return (spectrum.real.square() + spectrum.imag.square()) / square.sum()
+    return squared(spectrum) / square.sum()
 
 
-def frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    y = torch.fft.fftfreq(shape[0], dtype=torch.float64)
-    x = torch.fft.rfftfreq(shape[1], dtype=torch.float64)
-    return torch.hypot(y[:, None], x[None, :])
+def radii(shape: tuple[int, int]) -> torch.Tensor:
+    """Cycles per pixel of each frequency of the rfft2 grid, whatever its direction, float64."""
+    return torch.hypot(*frequencies(Plane(shape, (1.0, 1.0))))
 
 
-def _power(seen: Blurred, shape: tuple[int, int]) -> torch.Tensor:
-    transfer = transfer_function(seen.psf.to(torch.float64) / seen.gain, shape)
-    return transfer.real.square() + transfer.imag.square()
+def squared(spectrum: torch.Tensor) -> torch.Tensor:
+    """Of the modulus."""
+    return spectrum.real.square() + spectrum.imag.square()
 
 
 def _fitted(power: torch.Tensor, frequency: torch.Tensor, let: torch.Tensor) -> PowerLaw:
@@ -193,6 +192,5 @@ class _Pools:
 def _class(value: torch.Tensor, count: int) -> torch.Tensor:
     """Which of so many even parts of its range each value is in."""
     low, high = value.min(), value.max()
-    return (
-        ((value - low) / (high - low).clamp(min=1e-12) * (count - 1e-6)).long().clamp(0, count - 1)
-    )
+    place = (value - low) / (high - low).clamp(min=1e-12) * count
+    return place.long().clamp(0, count - 1)

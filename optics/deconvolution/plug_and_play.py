@@ -9,7 +9,7 @@ import torch
 
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.normal import NormalEquations
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.restored import Restored, relative_change
 from optics.deconvolution.total_variation import total_variation
 from optics.edge import require_positive
 from optics.fourier import rfft2
@@ -68,12 +68,11 @@ def plug_and_play(
         wanted = denoise(picture / white, level).mul_(white).clamp_(min=0)
         if seen.lit is not None:
             wanted.mul_(seen.lit)
-        penalty = torch.full_like(equations.power, strength * (noise / level) ** 2)
+        penalty = torch.full_like(seen.power, strength * (noise / level) ** 2)
         near = rfft2(wanted - equations.mean)
         spectrum, _ = equations.solved(penalty, spectrum, _STEPS, near)
         before, picture = picture, equations.picture(spectrum)
-        scale = float(torch.linalg.vector_norm(before))
-        change.append(float(torch.linalg.vector_norm(picture - before)) / scale if scale else 0.0)
+        change.append(relative_change(picture, before))
     return Restored(
         seen.frame(picture).clamp(min=0),
         "plug-and-play",

@@ -25,7 +25,7 @@ def evident_weight(penalty: float, power: float, noise: float, freedom: float) -
 
 
 class Prior(ABC):
-    """A weight times the sum of a penalty of D x, with D x split off.
+    """What is asked of D x, with D x split off.
 
     square: (rows, columns // 2 + 1), D^T D on the frequencies of a period, or a number. back:
     D^T (d - b), what the split wants of the next picture, for a coupling of 1; None before the
@@ -43,13 +43,17 @@ class Prior(ABC):
     def coupling(self, weight: float, data: float) -> float:
         """Of the split, for a weight of the penalty and a coupling of the data."""
 
+
+class Penalty(Prior):
+    """A weight times the sum of a penalty of D x."""
+
+    @abstractmethod
     def weight(self, noise: float, freedom: float) -> float:
         """That the last picture says the penalty should have, for a noise and for the share of the
         data that it explains: see evident_weight()."""
-        raise NotImplementedError
 
 
-class TotalVariation(Prior):
+class TotalVariation(Penalty):
     """The length of the gradient to a power, in all directions alike: 1 for total variation
     (Rudin, Osher and Fatemi 1992, doi 10.1016/0167-2789(92)90242-F), less for the heavier tails of
     natural pictures (Krishnan and Fergus 2009), by Chartrand's shrinkage (2009, doi
@@ -58,11 +62,13 @@ class TotalVariation(Prior):
     step: length of a gradient that a first iteration takes for none.
     """
 
-    def __init__(self, shape: tuple[int, int], step: float, power: float = 1.0) -> None:
+    def __init__(
+        self, shape: tuple[int, int], step: float, power: float, dtype: torch.dtype
+    ) -> None:
         self._step, self._power = step, power
-        self.square = _laplacian(shape)
-        self._down, self._along = torch.zeros(shape), torch.zeros(shape)
-        self._size, self._kept = torch.empty(shape), torch.empty(shape)
+        self.square = _laplacian(shape).to(dtype)
+        self._down, self._along = (torch.zeros(shape, dtype=dtype) for _ in range(2))
+        self._size, self._kept = (torch.empty(shape, dtype=dtype) for _ in range(2))
         self._mean = 0.0
 
     def coupling(self, weight: float, data: float) -> float:
@@ -92,10 +98,12 @@ class TotalVariation(Prior):
 class Bounds(Prior):
     """Light is nowhere negative; and nothing shines beyond the frame, where that is known."""
 
-    def __init__(self, shape: tuple[int, int], lit: torch.Tensor | None = None) -> None:
-        self.square = torch.ones(())
+    def __init__(
+        self, shape: tuple[int, int], lit: torch.Tensor | None, dtype: torch.dtype
+    ) -> None:
+        self.square = torch.ones((), dtype=dtype)
         self._lit = lit
-        self._dual = torch.zeros(shape)
+        self._dual = torch.zeros(shape, dtype=dtype)
 
     def coupling(self, weight: float, data: float) -> float:
         return data
@@ -112,7 +120,7 @@ class Bounds(Prior):
 def _laplacian(shape: tuple[int, int]) -> torch.Tensor:
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
-    return (y[:, None] + x[None, :]).to(torch.float32)
+    return y[:, None] + x[None, :]
 
 
 def _add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
@@ -138,7 +146,7 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
     rows = x[:-1:_EVERY]
     down, along = (x[1::_EVERY] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()
-    return float(length.pow_(power).mean() if power != 1 else length.mean())
+    return float((length if power == 1 else length.pow_(power)).mean())
 
 
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:

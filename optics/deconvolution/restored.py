@@ -30,3 +30,11 @@ class Restored:
     change: list[float] = field(default_factory=list)
     converged: bool = True
     whole: torch.Tensor | None = None
+
+
+@torch.no_grad()
+def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
+    """Of a picture, in every fourth row."""
+    rows, old = now[::4], before[::4]
+    scale = float(torch.linalg.vector_norm(rows))
+    return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

@@ -8,10 +8,10 @@ import torch
 
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.priors import divergence_of_direction, laplacian_of
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.restored import Restored, relative_change
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
-from optics.plane import centred_crop, centred_pad
+from optics.plane import centred_pad
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -62,7 +62,7 @@ def richardson_lucy(
         progress.report(number / iterations, f"Richardson-Lucy {number + 1}/{iterations}")
         ahead = path.ahead()
         expected = likelihood.blurred(ahead)
-        if not past_noise and likelihood.residual(expected) <= 1:
+        if not past_noise and seen.unexplained(expected) <= 1:
             ended = True
             break
         factor = _factor(ahead, likelihood.level, total_variation, tikhonov)
@@ -70,10 +70,10 @@ def richardson_lucy(
     picture = path.now
     name = "Richardson-Lucy" + (" with total variation" if total_variation else "")
     return Restored(
-        centred_crop(picture, seen.image.shape).contiguous(),
+        seen.frame(picture).contiguous(),
         name,
         seen.noise,
-        likelihood.residual(likelihood.blurred(picture)),
+        seen.unexplained(likelihood.blurred(picture)) ** 0.5,
         None,
         len(change),
         change,
@@ -92,7 +92,6 @@ class _Likelihood:
     step: torch.Tensor
     known: torch.Tensor
     level: float
-    count: int
 
     @classmethod
     def of(cls, seen: Blurred) -> _Likelihood:
@@ -105,18 +104,18 @@ class _Likelihood:
         least = _LEAST_SEEN * float(reached.max())
         # Where almost no light comes from into the picture, nothing is known: leave it be.
         known = reached > least
-        if seen.border == "dark":
-            known &= centred_pad(torch.ones_like(data), seen.whole) > 0
+        if seen.lit is not None:
+            known &= seen.lit > 0
         step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
         light = float((data.detach() * trust).sum() / trust.sum() / transfer[0, 0].real)
         level = max(light, float(torch.finfo(data.dtype).tiny))
-        count, data = int((trust > 0).sum()), centred_pad(data, seen.whole)
-        return cls(seen, transfer, data, measured, step, known, level, count)
+        data = centred_pad(data, seen.whole)
+        return cls(seen, transfer, data, measured, step, known, level)
 
     def start(self) -> torch.Tensor:
         """Even light; none where nothing shines."""
-        even = torch.full(self.seen.whole, self.level)
-        return even * self.known if self.seen.border == "dark" else even
+        even = torch.full_like(self.data, self.level)
+        return even if self.seen.lit is None else even * self.known
 
     def blurred(self, picture: torch.Tensor) -> torch.Tensor:
         return irfft2(rfft2(picture) * self.transfer, self.seen.whole)
@@ -132,12 +131,6 @@ class _Likelihood:
         if factor is not None:
             moved.mul_(factor)
         return torch.where(self.known, moved, picture)
-
-    @torch.no_grad()
-    def residual(self, expected: torch.Tensor) -> float:
-        """Rms of what is left unexplained, over the noise."""
-        left = (expected - self.data).square_().mul_(self.measured)
-        return float(left.sum() / self.count) ** 0.5 / self.seen.deviation
 
 
 class _Path:
@@ -163,9 +156,8 @@ class _Path:
         self._way = fresh - self.now
         if self._accelerated:
             self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
-        scale = float(torch.linalg.vector_norm(fresh.detach()))
-        self.now = fresh
-        return float(torch.linalg.vector_norm(self._way.detach())) / scale if scale else 0.0
+        before, self.now = self.now, fresh
+        return relative_change(fresh, before)
 
 
 def _factor(

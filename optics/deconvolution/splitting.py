@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.priors import Prior
-from optics.deconvolution.restored import Restored
-from optics.fourier import irfft2, rfft2
+from optics.deconvolution.noise import squared
+from optics.deconvolution.priors import Penalty, Prior
+from optics.deconvolution.restored import Restored, relative_change
+from optics.fourier import half_counts, irfft2, rfft2
 from optics.progress import Progress
 
 _TINY = 1e-9
@@ -35,7 +36,7 @@ class Steps:
     """How a splitting goes on.
 
     iterations: at most. tol: change of the picture, relative, below which it ends. weight: of the
-    first prior; `first` to begin with, then what is found, if None.
+    penalty; `first` to begin with, then what is found, if None.
     """
 
     iterations: int
@@ -45,16 +46,22 @@ class Steps:
 
 
 def split(
-    seen: Blurred, priors: Sequence[Prior], steps: Steps, method: str, progress: Progress
+    seen: Blurred,
+    penalty: Penalty,
+    others: Sequence[Prior],
+    steps: Steps,
+    method: str,
+    progress: Progress,
 ) -> Restored:
-    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x).
+    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x), of the pictures
+    that the other priors allow.
 
     By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
     with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
     each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
-    border and whichever pixels are missing. Priors after the first are without a weight.
+    border and whichever pixels are missing.
     """
-    return _Splitting(seen, priors, steps).restored(method, progress)
+    return _Splitting(seen, penalty, others, steps).restored(method, progress)
 
 
 class _Data(ABC):
@@ -62,9 +69,6 @@ class _Data(ABC):
 
     def __init__(self, seen: Blurred) -> None:
         self.seen = seen
-        transfer = seen.transfer
-        self.power = transfer.real.square() + transfer.imag.square()
-        self.back = transfer.conj().resolve_conj()
 
     @abstractmethod
     def pull(self, held: float) -> torch.Tensor:
@@ -89,7 +93,7 @@ class _Everywhere(_Data):
     def __init__(self, seen: Blurred) -> None:
         super().__init__(seen)
         self._data = rfft2(seen.data)
-        self._wanted = self._data * self.back
+        self._wanted = self._data * seen.back
         self._left = self._data
 
     def pull(self, held: float) -> torch.Tensor:
@@ -103,13 +107,10 @@ class _Everywhere(_Data):
 
     @property
     def squares(self) -> float:
-        left = self._left * self.seen.transfer - self._data
-        power = left.real.square() + left.imag.square()
-        columns = self.seen.whole[1]
-        # Each frequency of a half stands for its mirror image as well, but for those that are it.
-        single = power[:, 0].sum() + (power[:, -1].sum() if columns % 2 == 0 else 0)
-        pixels = self.seen.whole[0] * columns
-        return float(2 * power.sum() - single) / pixels**2 / self.seen.deviation**2
+        left = squared(self._left * self.seen.transfer - self._data)
+        rows, columns = self.seen.whole
+        total = float((left * half_counts(columns)).sum())
+        return total / (rows * columns) ** 2 / self.seen.deviation**2
 
 
 class _Framed(_Data):
@@ -122,7 +123,7 @@ class _Framed(_Data):
         self._squares = 1.0
 
     def pull(self, held: float) -> torch.Tensor:
-        return rfft2(self._light).mul_(self.back).mul_(held)
+        return rfft2(self._light).mul_(self.seen.back).mul_(held)
 
     def coupling(self, held: float) -> float:
         return held
@@ -130,8 +131,8 @@ class _Framed(_Data):
     def take(self, spectrum: torch.Tensor, held: float) -> None:
         seen = self.seen
         self._light = irfft2(spectrum.mul_(seen.transfer), seen.whole)
+        self._squares = seen.unexplained(self._light)
         light, data, trust = seen.frame(self._light), seen.data, seen.trust
-        self._squares = self._left(light - data)
         light.add_(self._dual)
         if trust is None:
             wanted = torch.lerp(light, data, 1 / (1 + held))
@@ -143,27 +144,20 @@ class _Framed(_Data):
         torch.sub(light, wanted, out=self._dual)
         torch.sub(wanted, self._dual, out=light)
 
-    def _left(self, difference: torch.Tensor) -> float:
-        trust = self.seen.trust
-        squares = difference.square_()
-        if trust is None:
-            mean = float(squares.mean())
-        else:
-            mean = float(squares.mul_(trust).sum() / (trust > 0).sum())
-        return mean / self.seen.deviation**2
-
     @property
     def squares(self) -> float:
         return self._squares
 
 
 class _Splitting:
-    """The state between two iterations, in single precision."""
+    """The state between two iterations."""
 
-    def __init__(self, seen: Blurred, priors: Sequence[Prior], steps: Steps) -> None:
-        self._seen, self._priors, self._steps = seen, priors, steps
-        whole = seen.border == "periodic" and seen.trust is None
-        self._data: _Data = _Everywhere(seen) if whole else _Framed(seen)
+    def __init__(
+        self, seen: Blurred, penalty: Penalty, others: Sequence[Prior], steps: Steps
+    ) -> None:
+        self._seen, self._penalty, self._steps = seen, penalty, steps
+        self._priors: list[Prior] = [penalty, *others]
+        self._data: _Data = _Everywhere(seen) if seen.complete else _Framed(seen)
         self._weight = steps.first if steps.weight is None else steps.weight
 
     def restored(self, method: str, progress: Progress) -> Restored:
@@ -176,7 +170,7 @@ class _Splitting:
                 prior.step(picture)
             if steps.weight is None and number >= _SETTLING:
                 self._reweigh()
-            change.append(_relative_change(picture, before))
+            change.append(relative_change(picture, before))
             if steps.tol and change[-1] <= steps.tol:
                 converged = True
                 break
@@ -196,7 +190,7 @@ class _Splitting:
         """The one that is nearest to what data and priors want."""
         held = _HELD * (self._weight / self._seen.scale) ** 0.5
         own = self._data.coupling(held)
-        spectrum, below = self._data.pull(held), self._data.power * own
+        spectrum, below = self._data.pull(held), self._seen.power * own
         below.add_(_TINY * own)
         wanted: torch.Tensor | None = None
         for prior in self._priors:
@@ -215,14 +209,7 @@ class _Splitting:
     def _reweigh(self) -> None:
         """Towards the weight by the evidence."""
         freedom = max(1 - self._data.squares, LEAST_FREEDOM)
-        wanted = self._priors[0].weight(self._seen.deviation, freedom)
+        wanted = self._penalty.weight(self._seen.deviation, freedom)
         first = self._steps.first
         wanted = min(max(wanted, first / _FARTHEST), first * _FARTHEST)
         self._weight *= (wanted / self._weight) ** _DAMPED
-
-
-def _relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Of every fourth row."""
-    rows, old = now[::4], before[::4]
-    scale = float(torch.linalg.vector_norm(rows))
-    return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.noise import spectrum_of
-from optics.deconvolution.priors import Bounds, Prior, TotalVariation, evident_weight
+from optics.deconvolution.priors import Bounds, TotalVariation, evident_weight
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.splitting import LEAST_FREEDOM, Steps, split
 from optics.edge import require_positive
@@ -48,16 +47,16 @@ def total_variation(
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    priors: list[Prior] = [TotalVariation(seen.whole, _STEP * seen.scale, power)]
-    if positive or seen.border == "dark":
-        priors.append(Bounds(seen.whole, seen.lit))
+    gradients = TotalVariation(seen.whole, _STEP * seen.scale, power, seen.image.dtype)
+    bounded = positive or seen.border == "dark"
+    bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
-    return split(seen, priors, steps, name, progress or Progress())
+    return split(seen, gradients, bounds, steps, name, progress or Progress())
 
 
 def first_weight(seen: Blurred, power: float = 1.0) -> float:
     """The weight by the evidence of the best linear restoration, which the spectrum tells."""
-    explained = spectrum_of(seen).explained(seen)
+    explained = seen.law.explained(seen.power, seen.whole)
     length = (_TAILS * explained.gradient / seen.gain) ** power
     return evident_weight(length, power, seen.deviation, max(explained.freedom, LEAST_FREEDOM))

@@ -7,7 +7,7 @@ from typing import Literal
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.noise import PowerLaw, frequencies, spectrum_of
+from optics.deconvolution.noise import radii
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive
@@ -53,40 +53,35 @@ def wiener(
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
     equations = NormalEquations(seen)
-    penalty, used = _penalty(seen, weight, smooth, equations.power)
+    penalty, used = _penalty(seen, weight, smooth)
     spectrum, taken = equations.solved(penalty, equations.start(penalty), steps)
     picture, residual = equations.picture(spectrum), equations.residual(spectrum)
     name = f"Wiener, {smooth}"
     return Restored(seen.frame(picture), name, seen.noise, residual, used, 1 + taken)
 
 
-def _penalty(
-    seen: Blurred, weight: float | None, smooth: Smooth, power: torch.Tensor
-) -> tuple[torch.Tensor, float]:
-    frequency = frequencies(seen.whole)
-    law = spectrum_of(seen) if weight is None or smooth == "spectrum" else None
+def _penalty(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
+    """K of each frequency, and its weight."""
+    frequency = radii(seen.whole)
     if smooth == "spectrum":
-        assert law is not None
-        used = 1.0 if weight is None else weight
-        return (used * _noise_to_signal(seen, law, frequency)).to(power), used
-    shape = torch.ones_like(frequency) if smooth == "flat" else frequency.square()
-    if weight is not None:
-        return (weight * shape).to(power), weight
-    assert law is not None
-    used = _best(_noise_to_signal(seen, law, frequency), shape, power.to(torch.float64))
-    return (used * shape).to(power), used
+        shape, best = _noise_to_signal(seen, frequency), 1.0
+    else:
+        shape = torch.ones_like(frequency) if smooth == "flat" else frequency.square()
+        best = _best(seen, shape, frequency) if weight is None else 0.0
+    used = best if weight is None else weight
+    return (used * shape).to(seen.power), used
 
 
-def _noise_to_signal(seen: Blurred, law: PowerLaw, frequency: torch.Tensor) -> torch.Tensor:
+def _noise_to_signal(seen: Blurred, frequency: torch.Tensor) -> torch.Tensor:
     """Of each frequency; what lies below the lowest of the frame is as likely as that."""
-    at = frequency.clamp(min=1 / max(seen.whole))
+    law, at = seen.law, frequency.clamp(min=1 / max(seen.whole))
     noise = (seen.deviation * seen.gain) ** 2
     return noise / (max(law.strength, 1e-30) * at**-law.slope)
 
 
-def _best(noise_to_signal: torch.Tensor, shape: torch.Tensor, power: torch.Tensor) -> float:
-    """The weight with the least mean square error, relative to the picture's power."""
-    signal = 1 / noise_to_signal
+def _best(seen: Blurred, shape: torch.Tensor, frequency: torch.Tensor) -> float:
+    """The weight with the least mean square error that the photograph's spectrum predicts."""
+    signal, power = 1 / _noise_to_signal(seen, frequency), seen.power.to(torch.float64)
 
     def error(weight: torch.Tensor) -> torch.Tensor:
         k = weight * shape

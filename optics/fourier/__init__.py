@@ -15,6 +15,7 @@ from optics.fourier.choice import plan_transform as plan_transform
 from optics.fourier.choice import transforms as transforms
 from optics.fourier.commensurate import CommensurateTransform as CommensurateTransform
 from optics.fourier.fft import fft as fft
+from optics.fourier.fft import half_counts as half_counts
 from optics.fourier.fft import irfft2 as irfft2
 from optics.fourier.fft import rfft2 as rfft2
 from optics.fourier.geometry import Geometry as Geometry

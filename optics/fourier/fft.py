@@ -54,6 +54,16 @@ def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     return torch.from_numpy(scipy.fft.irfft2(_array(x), s=tuple(shape), workers=_workers(x)))
 
 
+def half_counts(columns: int) -> torch.Tensor:
+    """For how many frequencies of a picture of so many columns each column of its rfft2 stands:
+    those between the first and the last for their mirror images as well."""
+    counts = torch.full((columns // 2 + 1,), 2.0)
+    counts[0] = 1
+    if columns % 2 == 0:
+        counts[-1] = 1
+    return counts
+
+
 def _needs_torch(x: torch.Tensor) -> bool:
     return x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled())
 

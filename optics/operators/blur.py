@@ -83,6 +83,12 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
     return rows, columns
 
 
+def require_border(border: str) -> None:
+    """Raise ValueError for the name of no border."""
+    if border not in BORDERS:
+        raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
+
+
 @tensors_inside
 def blur_of(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
     """From the scene to a frame of (rows, columns).
@@ -91,8 +97,7 @@ def blur_of(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator
     blur_shape(); "dark", nothing shines beyond the frame; "periodic", as for Blur.
     Raises ValueError for another border, or a PSF that isn't finite.
     """
-    if border not in BORDERS:
-        raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
+    require_border(border)
     if border == "periodic":
         return Blur(psf, frame)
     whole = blur_shape(frame, psf.shape)

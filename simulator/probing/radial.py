@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.formation import frequencies
+from optics.fourier import half_counts
 from optics.plane import Plane
 
 BINS = 64
@@ -41,7 +42,7 @@ class RadialProfile:
         index, low, high, count = bins(plane)
         # Columns between the first and the last stand for their mirror images, too.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
-        weighed = squared * weights(plane)
+        weighed = squared * half_counts(plane.shape[1])
         samples = plane.shape[0] * plane.shape[1]
         power = torch.bincount(index.flatten(), weighed.flatten(), minlength=len(low))
         least = torch.full((len(low),), math.inf, dtype=torch.float64)
@@ -90,16 +91,6 @@ def bins(
     largest = math.hypot(*(0.5 / p for p in plane.pitch))
     edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), BINS + 1)
     index = torch.bucketize(radius, torch.from_numpy(edges))
-    count = torch.bincount(index.flatten(), weights(plane).expand_as(radius).flatten(),
-                           minlength=BINS + 1)  # fmt: skip
+    doubled = half_counts(plane.shape[1]).double().expand_as(radius)
+    count = torch.bincount(index.flatten(), doubled.flatten(), minlength=BINS + 1)
     return index, np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]]), count
-
-
-def weights(plane: Plane) -> torch.Tensor:
-    """How many entries of the whole spectrum each of a half one's columns stands for."""
-    columns = plane.shape[1]
-    weights = torch.full((1, columns // 2 + 1), 2.0, dtype=torch.float64)
-    weights[0, 0] = 1.0
-    if columns % 2 == 0:
-        weights[0, -1] = 1.0
-    return weights

@@ -11,8 +11,9 @@ import torch
 from numpy.typing import NDArray
 
 from optics.formation import frequencies
+from optics.fourier import half_counts
 from optics.plane import Plane
-from simulator.probing.radial import BINS, bins, weights
+from simulator.probing.radial import BINS, bins
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class SomeFrequencies:
         1977): none of its directions is left out, and chance has no part in it.
         """
         order, starts = _around(plane)
-        power = (squared.double() * weights(plane)).flatten().numpy()
+        power = (squared.double() * half_counts(plane.shape[1])).flatten().numpy()
         places, shares = [], []
         high = bins(plane)[2]
         for number, (a, b) in enumerate(itertools.pairwise(starts), 1):
@@ -78,7 +79,7 @@ class SomeFrequencies:
     def squares(self, squared: torch.Tensor, plane: Plane) -> Array:
         """What each stands for of a spectrum: those of the plane's grid add up to about the sum of
         the picture's squares over its samples, without its mean."""
-        power = (squared * weights(plane)).flatten().numpy()[self.place]
+        power = (squared * half_counts(plane.shape[1])).flatten().numpy()[self.place]
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
 
 

@@ -12,7 +12,6 @@ from scipy.signal import convolve2d, fftconvolve
 from skimage import data
 
 from optics.deconvolution.measured import measured
-from optics.deconvolution.noise import estimated_noise, spectrum_of
 from optics.deconvolution.total_variation import first_weight, total_variation
 from optics.progress import Cancelled, Progress
 
@@ -162,7 +161,7 @@ def test_the_weight_is_nearly_the_best_one(psf, noise):
 @pytest.mark.parametrize("psf", [disk(3.0), disk(7.0), gaussian_psf(9, 1.0), gaussian_psf(13, 2.0)])
 def test_noise_is_estimated_within_five_percent(psf, noise):
     _, frame = blurred(photograph(), psf, noise)
-    assert estimated_noise(seen(frame, psf, 0.0)) == pytest.approx(noise, rel=0.05)
+    assert seen(frame, psf).noise == pytest.approx(noise, rel=0.05)
 
 
 def test_the_spectrum_of_a_known_power_law_is_found():
@@ -172,7 +171,7 @@ def test_the_spectrum_of_a_known_power_law_is_found():
     f[0, 0] = np.inf
     scene = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((n, n))) * 0.05 * f**-1.3, (n, n))
     _, frame = blurred(scene, psf, 0.02)
-    law = spectrum_of(seen(frame, psf, 0.0))
+    law = seen(frame, psf, 0.0).law
     assert law.slope == pytest.approx(2.6, abs=0.15)
     assert law.strength == pytest.approx(0.05**2, rel=0.3)
     assert math.sqrt(law.noise) == pytest.approx(0.02, rel=0.03)
