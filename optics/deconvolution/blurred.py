@@ -10,13 +10,16 @@ from functools import cached_property
 import torch
 
 from optics.deconvolution.border import continued
-from optics.deconvolution.noise import PowerLaw, spectrum_of, squared
+from optics.deconvolution.noise import Explained, PowerLaw, spectrum_of, squared
 from optics.edge import require_finite
 from optics.operators.blur import Border, blur_shape, require_border, transfer_function
 from optics.plane import centred_crop, centred_pad
 
 LEAST_NOISE = 1e-6
 """Standard deviation, relative to the photograph's own: what single precision leaves."""
+
+_MIDDLE, _PSFS = 512, 4
+"""Pixels of a photograph's side whose spectrum tells enough of it, or so many sides of the PSF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +116,24 @@ class Blurred:
 
     @cached_property
     def law(self) -> PowerLaw:
-        """What the photograph's spectrum shows, on the photograph's scale."""
-        return spectrum_of(self.filled * self.gain, self.psf / self.gain)
+        """What the spectrum of the photograph's middle shows, on the photograph's scale."""
+        rows, columns = self._middle
+        middle = centred_crop(self.filled, (rows, columns)) * self.gain
+        return spectrum_of(middle, self.psf / self.gain)
+
+    @property
+    def explained(self) -> Explained:
+        """What the best linear filter gets from that."""
+        transfer = transfer_function(self.psf / self.gain, self._middle)
+        return self.law.explained(squared(transfer), self._middle)
+
+    @property
+    def _middle(self) -> tuple[int, int]:
+        rows, columns = (
+            min(n, max(_MIDDLE, _PSFS * m))
+            for n, m in zip(self.image.shape, self.psf.shape, strict=True)
+        )
+        return rows, columns
 
     @cached_property
     def noise(self) -> float:

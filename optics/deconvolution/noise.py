@@ -55,12 +55,12 @@ class PowerLaw:
 
         power: |H|² on the rfft2 grid of a period of `shape`.
         """
-        frequency = radii(shape)
-        frequency[0, 0] = 1 / max(shape)
-        scene = self.strength * frequency**-self.slope
+        squares = squared_radii(shape).to(power)
+        squares[0, 0] = max(shape) ** -2
+        scene = self.strength * squares ** (-self.slope / 2)
         share = scene * power / (scene * power + max(self.noise, 1e-30))
         # Of differences between neighbours, both axes: 4 sin² of half the phase, about f² below.
-        steep = (2 * math.pi * frequency).clamp(max=2 * math.sqrt(2)).square()
+        steep = (4 * math.pi**2 * squares).clamp(max=8)
         return Explained(float(share.mean()), math.sqrt(float((scene * share * steep).mean())))
 
 
@@ -75,13 +75,13 @@ def spectrum_of(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
     is there. A photograph that isn't blurred shows its noise badly: the answer then has what the
     picture's finest detail looks like.
     """
-    image, shape = image.to(torch.float64), (int(image.shape[0]), int(image.shape[1]))
+    shape = int(image.shape[0]), int(image.shape[1])
     if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
-    transfer = transfer_function(psf.to(torch.float64), shape)
-    power, frequency, let = _tapered(image), radii(shape), squared(transfer)
-    used = frequency > _LOWEST / min(shape)
-    return _fitted(power[used], frequency[used], let[used])
+    power, squares = _tapered(image), squared_radii(shape).to(image)
+    let = squared(transfer_function(psf.to(image), shape))
+    used = (squares > (_LOWEST / min(shape)) ** 2).flatten().nonzero()[:, 0]
+    return _fitted(*(each.flatten()[used] for each in (power, squares, let)))
 
 
 def _tapered(image: torch.Tensor) -> torch.Tensor:
@@ -95,9 +95,10 @@ def _tapered(image: torch.Tensor) -> torch.Tensor:
     return squared(spectrum) / square.sum()
 
 
-def radii(shape: tuple[int, int]) -> torch.Tensor:
-    """Cycles per pixel of each frequency of the rfft2 grid, whatever its direction, float64."""
-    return torch.hypot(*frequencies(Plane(shape, (1.0, 1.0))))
+def squared_radii(shape: tuple[int, int]) -> torch.Tensor:
+    """Squares of the frequencies of the rfft2 grid, cycles per pixel, float64."""
+    fy, fx = frequencies(Plane(shape, (1.0, 1.0)))
+    return fy.square() + fx.square()
 
 
 def squared(spectrum: torch.Tensor) -> torch.Tensor:
@@ -105,41 +106,45 @@ def squared(spectrum: torch.Tensor) -> torch.Tensor:
     return spectrum.real.square() + spectrum.imag.square()
 
 
-def _fitted(power: torch.Tensor, frequency: torch.Tensor, let: torch.Tensor) -> PowerLaw:
-    pools = _Pools.of(power, frequency, let)
+def _fitted(power: torch.Tensor, squares: torch.Tensor, let: torch.Tensor) -> PowerLaw:
+    pools = _Pools.of(power, squares, let)
     lowest = float(pools.power.min())
     fits = [pools.fitted(lowest * share) for share in (1.0, 0.03)]
     strength, slope, noise = min(fits, key=pools.unlikeliness)
-    signal = strength * let * frequency**-slope
+    signal = pools.model(strength, slope)
     for _ in range(3):
         quiet = signal < _QUIET * noise
-        if int(quiet.sum()) < _ENOUGH:
+        share = pools.share[quiet]
+        if float(share.sum()) * len(power) < _ENOUGH:
             break
-        noise = max(float((power[quiet] - signal[quiet]).mean()), 0.1 * noise)
+        left = share * (pools.power[quiet] - signal[quiet])
+        noise = max(float(left.sum() / share.sum()), 0.1 * noise)
     return PowerLaw(strength, slope, noise)
 
 
 @dataclass(frozen=True)
 class _Pools:
-    """Means over frequencies of about the same radius and transfer; count: of each pool."""
+    """Means over frequencies of about the same radius and transfer, in float64; share: of all
+    frequencies that each pool has."""
 
-    count: torch.Tensor
+    share: torch.Tensor
     power: torch.Tensor
     radius: torch.Tensor
     let: torch.Tensor
 
     @classmethod
-    def of(cls, power: torch.Tensor, frequency: torch.Tensor, let: torch.Tensor) -> _Pools:
-        radius = frequency.log()
+    def of(cls, power: torch.Tensor, squares: torch.Tensor, let: torch.Tensor) -> _Pools:
+        radius = 0.5 * squares.log()
         ring = _class(radius, _RADII)
         kind = _class(let.clamp(min=_LEAST_LET).log(), _LETS)
         pool = ring * _LETS + kind
         count = torch.bincount(pool, minlength=_RADII * _LETS)
         full = count > 0
-        number = count[full].to(power)
+        number = count[full].to(torch.float64)
 
         def mean(of: torch.Tensor) -> torch.Tensor:
-            return torch.bincount(pool, of, minlength=_RADII * _LETS)[full] / number
+            sums = torch.bincount(pool, of, minlength=_RADII * _LETS)
+            return sums[full].to(torch.float64) / number
 
         return cls(number / number.sum(), mean(power), mean(radius), mean(let))
 
@@ -150,12 +155,12 @@ class _Pools:
     def unlikeliness(self, fit: tuple[float, float, float]) -> float:
         """Whittle's, of a strength, slope and noise."""
         model = self.model(*fit[:2]) + fit[2]
-        return float((self.count * (model.log() + self.power / model)).sum())
+        return float((self.share * (model.log() + self.power / model)).sum())
 
     def fitted(self, noise: float) -> tuple[float, float, float]:
         """By Fisher's scoring in logarithms, from a noise on; steps that don't help get shorter."""
-        above = (self.count * (self.power - noise).clamp(min=0)).sum()
-        signal = (self.count * self.model(1.0, 2.4)).sum()
+        above = (self.share * (self.power - noise).clamp(min=0)).sum()
+        signal = (self.share * self.model(1.0, 2.4)).sum()
         now = (max(float(above / signal), 1e-30), 2.4, max(noise, 1e-30))
         best, damping = self.unlikeliness(now), 1e-3
         for _ in range(_STEPS):
@@ -177,7 +182,7 @@ class _Pools:
         signal = self.model(strength, slope)
         model = signal + noise
         slopes = torch.stack([signal, -signal * self.radius, torch.full_like(signal, noise)])
-        weight = self.count / model**2
+        weight = self.share / model**2
         normal = (slopes * weight) @ slopes.T
         normal = normal + damping * torch.diag(normal.diag() + 1e-30)
         wanted = (slopes * weight) @ (self.power - model)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import torch
 
 from optics.deconvolution.blurred import Blurred
@@ -23,7 +25,11 @@ class NormalEquations:
         self._seen = seen
         self.mean = seen.filled.mean()
         self._count = half_counts(seen.whole[1])
-        self._data = self._measured(centred_pad(seen.filled - self.mean, seen.whole))
+
+    @cached_property
+    def _data(self) -> torch.Tensor:
+        """H* M y."""
+        return self._measured(centred_pad(self._seen.filled - self.mean, self._seen.whole))
 
     def start(self, penalty: torch.Tensor) -> torch.Tensor:
         """The solution if the smooth continuation of the photograph had been measured."""
@@ -41,7 +47,7 @@ class NormalEquations:
 
         penalty: K, of each frequency. near: spectrum of z less the brightness; 0 if None.
         """
-        if self._seen.complete and near is None:
+        if steps == 0 or (self._seen.complete and near is None):
             return spectrum, 0
         inverse = self._below(penalty).reciprocal_()
         wanted = self._data if near is None else self._data + near * penalty

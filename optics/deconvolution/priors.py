@@ -69,16 +69,17 @@ class TotalVariation(Penalty):
         self.square = _laplacian(shape).to(dtype)
         self._down, self._along = (torch.zeros(shape, dtype=dtype) for _ in range(2))
         self._size, self._kept = (torch.empty(shape, dtype=dtype) for _ in range(2))
-        self._mean = 0.0
+        self._last: torch.Tensor | None = None
 
     def coupling(self, weight: float, data: float) -> float:
         return self._power * weight / self._step ** (2 - self._power)
 
     def weight(self, noise: float, freedom: float) -> float:
-        return evident_weight(self._mean, self._power, noise, freedom)
+        mean = 0.0 if self._last is None else mean_gradient(self._last, self._power)
+        return evident_weight(mean, self._power, noise, freedom)
 
     def step(self, x: torch.Tensor) -> None:
-        self._mean = mean_gradient(x, self._power)
+        self._last = x
         down, along, size, kept = self._down, self._along, self._size, self._kept
         _add_gradient(x, down, along)
         torch.mul(down, down, out=size).addcmul_(along, along)

@@ -72,7 +72,7 @@ class _Data(ABC):
 
     @abstractmethod
     def pull(self, held: float) -> torch.Tensor:
-        """Spectrum of what it wants, times the coupling."""
+        """Spectrum of what it wants, times the coupling; not to be written over."""
 
     @abstractmethod
     def coupling(self, held: float) -> float: ...
@@ -97,7 +97,7 @@ class _Everywhere(_Data):
         self._left = self._data
 
     def pull(self, held: float) -> torch.Tensor:
-        return self._wanted.clone()
+        return self._wanted
 
     def coupling(self, held: float) -> float:
         return 1.0
@@ -159,6 +159,8 @@ class _Splitting:
         self._priors: list[Prior] = [penalty, *others]
         self._data: _Data = _Everywhere(seen) if seen.complete else _Framed(seen)
         self._weight = steps.first if steps.weight is None else steps.weight
+        self._inverse: torch.Tensor | None = None
+        self._inverse_for = 0.0
 
     def restored(self, method: str, progress: Progress) -> Restored:
         steps, change = self._steps, list[float]()
@@ -190,21 +192,34 @@ class _Splitting:
         """The one that is nearest to what data and priors want."""
         held = _HELD * (self._weight / self._seen.scale) ** 0.5
         own = self._data.coupling(held)
-        spectrum, below = self._data.pull(held), self._seen.power * own
-        below.add_(_TINY * own)
-        wanted: torch.Tensor | None = None
-        for prior in self._priors:
-            coupled = prior.coupling(self._weight, own)
-            below.add_(prior.square, alpha=coupled)
-            if prior.back is not None:
-                part = prior.back * coupled
-                wanted = part if wanted is None else wanted.add_(part)
-        if wanted is not None:
-            spectrum.add_(rfft2(wanted))
-        spectrum.mul_(below.reciprocal_())
+        spectrum = self._pulled(held, own).mul_(self._share(own))
         picture = irfft2(spectrum, self._seen.whole)
         self._data.take(spectrum, held)
         return picture
+
+    def _pulled(self, held: float, own: float) -> torch.Tensor:
+        """What they want, a spectrum that may be written over."""
+        first, *others = self._priors
+        wanted, pull = first.back, self._data.pull(held)
+        if wanted is None:
+            return pull.clone()
+        coupled = first.coupling(self._weight, own)
+        for prior in others:
+            if prior.back is not None:
+                share = prior.coupling(self._weight, own) / coupled
+                wanted = torch.add(wanted, prior.back, alpha=share)
+        spectrum = rfft2(wanted)
+        return torch.add(pull, spectrum, alpha=coupled, out=spectrum)
+
+    def _share(self, own: float) -> torch.Tensor:
+        """By which that is divided, inverse; the same for as long as the weight is."""
+        if self._inverse is None or self._inverse_for != self._weight:
+            below = self._seen.power * own
+            below.add_(_TINY * own)
+            for prior in self._priors:
+                below.add_(prior.square, alpha=prior.coupling(self._weight, own))
+            self._inverse, self._inverse_for = below.reciprocal_(), self._weight
+        return self._inverse
 
     def _reweigh(self) -> None:
         """Towards the weight by the evidence."""

@@ -57,6 +57,6 @@ def total_variation(
 
 def first_weight(seen: Blurred, power: float = 1.0) -> float:
     """The weight by the evidence of the best linear restoration, which the spectrum tells."""
-    explained = seen.law.explained(seen.power, seen.whole)
+    explained = seen.explained
     length = (_TAILS * explained.gradient / seen.gain) ** power
     return evident_weight(length, power, seen.deviation, max(explained.freedom, LEAST_FREEDOM))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.noise import radii
+from optics.deconvolution.noise import squared_radii
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive
@@ -22,6 +23,9 @@ _STEPS = 30
 
 _GRID = torch.logspace(-8, 2, 61, dtype=torch.float64)
 """Weights that are tried, relative to what a gradient of one period a pixel would be worth."""
+
+_SOME = 1 << 14
+"""Frequencies of which the error is predicted, about."""
 
 
 @single_threaded
@@ -62,26 +66,30 @@ def wiener(
 
 def _penalty(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
     """K of each frequency, and its weight."""
-    frequency = radii(seen.whole)
+    squares = squared_radii(seen.whole)
     if smooth == "spectrum":
-        shape, best = _noise_to_signal(seen, frequency), 1.0
+        shape, best = _noise_to_signal(seen, squares), 1.0
     else:
-        shape = torch.ones_like(frequency) if smooth == "flat" else frequency.square()
-        best = _best(seen, shape, frequency) if weight is None else 0.0
+        shape = torch.ones_like(squares) if smooth == "flat" else squares
+        best = _best(seen, shape, squares) if weight is None else 0.0
     used = best if weight is None else weight
     return (used * shape).to(seen.power), used
 
 
-def _noise_to_signal(seen: Blurred, frequency: torch.Tensor) -> torch.Tensor:
-    """Of each frequency; what lies below the lowest of the frame is as likely as that."""
-    law, at = seen.law, frequency.clamp(min=1 / max(seen.whole))
+def _noise_to_signal(seen: Blurred, squares: torch.Tensor) -> torch.Tensor:
+    """Of each frequency, by its square; what lies below the lowest of the frame is as likely as
+    that."""
+    law, at = seen.law, squares.clamp(min=max(seen.whole) ** -2)
     noise = (seen.deviation * seen.gain) ** 2
-    return noise / (max(law.strength, 1e-30) * at**-law.slope)
+    return noise / (max(law.strength, 1e-30) * at ** (-law.slope / 2))
 
 
-def _best(seen: Blurred, shape: torch.Tensor, frequency: torch.Tensor) -> float:
+def _best(seen: Blurred, shape: torch.Tensor, squares: torch.Tensor) -> float:
     """The weight with the least mean square error that the photograph's spectrum predicts."""
-    signal, power = 1 / _noise_to_signal(seen, frequency), seen.power.to(torch.float64)
+    every = max(1, math.isqrt(seen.power.numel() // _SOME))
+    some = slice(None, None, every), slice(None, None, every)
+    signal = 1 / _noise_to_signal(seen, squares[some])
+    shape, power = shape[some], seen.power[some].to(torch.float64)
 
     def error(weight: torch.Tensor) -> torch.Tensor:
         k = weight * shape
