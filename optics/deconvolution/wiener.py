@@ -24,7 +24,7 @@ _STEPS = 30
 _GRID = torch.logspace(-8, 2, 61, dtype=torch.float64)
 """Weights that are tried, relative to what a gradient of one period a pixel would be worth."""
 
-_SOME = 1 << 14
+_SOME = 1 << 12
 """Frequencies of which the error is predicted, about."""
 
 

@@ -1,0 +1,110 @@
+"""The choice of a restoration by the time it takes."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import fftconvolve
+from test_plug_and_play import chambolle
+
+from optics.accuracy import MachineSpeed
+from optics.deconvolution.choice import METHODS, restore
+from optics.deconvolution.measured import measured
+
+
+@pytest.fixture(scope="module")
+def blurred():
+    """Disks on a ramp, seen through a box of 7 x 7: the sharp frame, and the problem."""
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[:110, :120].astype(float)
+    scene = 0.2 + 0.2 * x / 120
+    for _ in range(12):
+        cy, cx, r = rng.uniform(0, 110), rng.uniform(0, 120), rng.uniform(5, 25)
+        scene[np.hypot(y - cy, x - cx) < r] = rng.uniform(0.1, 1)
+    psf = np.full((7, 7), 1 / 49)
+    frame = fftconvolve(scene, psf, "valid")
+    noisy = frame + 0.01 * rng.standard_normal(frame.shape)
+    return scene[3:-3, 3:-3], noisy, measured(noisy.astype(np.float32), psf)
+
+
+def left(picture, sharp):
+    return float(np.sqrt(np.mean((np.asarray(picture) - sharp) ** 2)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_undoes_some_of_the_blur(blurred, method):
+    sharp, noisy, seen = blurred
+    restored = restore(seen, method=method, denoise=chambolle)
+    assert left(restored.image, sharp) < 0.85 * left(noisy, sharp)
+
+
+def test_more_time_gives_a_method_that_gains_more(blurred):
+    *_, seen = blurred
+    speed = MachineSpeed()
+    names, gains = [], []
+    for budget in (0.04, 0.2, 100.0):
+        found = restore(seen, budget, denoise=chambolle, speed=speed)
+        names.append(found.method)
+        fitting = [
+            gain
+            for method in METHODS.values()
+            for count, gain in method.gains.items()
+            if method.seconds(seen, count, speed) <= budget
+        ]
+        gains.append(max(fitting))
+    assert gains == sorted(gains)
+    assert names[-1] == "plug-and-play"
+    assert names[0] != names[-1]
+
+
+def test_what_needs_a_denoiser_is_left_out_without_one(blurred):
+    *_, seen = blurred
+    assert "total variation" in restore(seen, 100.0).method
+    with pytest.raises(ValueError, match="no denoiser is given; give one"):
+        restore(seen, method="plug-and-play")
+
+
+def test_a_method_gets_the_iterations_that_fit(blurred):
+    *_, seen = blurred
+    counts = sorted(METHODS["total-variation"].gains)
+    speed = MachineSpeed()
+    price = METHODS["total-variation"].seconds(seen, counts[1], speed)
+    restored = restore(seen, 1.001 * price, "total-variation", speed=speed)
+    assert restored.iterations == counts[1]
+
+
+def test_a_budget_for_nothing_says_what_would_do(blurred):
+    *_, seen = blurred
+    with pytest.raises(ValueError, match="budget is 1e-06 s; the quickest, wiener") as refused:
+        restore(seen, 1e-6)
+    (enough,) = re.findall(r"takes about ([\d.e-]+) s", str(refused.value))
+    assert restore(seen, float(enough)).method.startswith("Wiener")
+
+
+def test_a_slower_machine_is_given_less_work(blurred):
+    *_, seen = blurred
+    price = METHODS["total-variation"].seconds(seen, 20, MachineSpeed())
+    slow = MachineSpeed(call=5e-3, fft=7e-10, touch=2e-9)
+    assert restore(seen, price, "total-variation").iterations == 20
+    with pytest.raises(ValueError, match="quickest"):
+        restore(seen, price / 10, "total-variation", speed=slow)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"method": "magic"}, "method is 'magic'; take one of wiener, richardson-lucy"),
+        ({"budget": -1.0}, "budget"),
+        ({"budget": float("nan")}, "budget"),
+        ({"weight": 1e-3}, "name the method as well"),
+        ({"count": 3}, "name the method as well"),
+        ({"method": "wiener", "budget": 1.0, "count": 3}, "give one of them"),
+        ({"method": "total-variation", "count": 0}, "count is 0; at least 1"),
+    ],
+)
+def test_what_can_not_be_asked(blurred, asked, message):
+    *_, seen = blurred
+    with pytest.raises(ValueError, match=message):
+        restore(seen, **asked)
