@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from labapp.errors import UserError
 from labapp.training.patches import Colours, grey_patches
 from optics.deconvolution.denoiser import Denoiser
 from optics.progress import Progress
@@ -46,6 +48,23 @@ class _State:
         mean = {name: value.clone() for name, value in network.state_dict().items()}
         return cls(network, mean, torch.optim.Adam(network.parameters(), lr=_FASTEST))
 
+    @classmethod
+    def kept(cls, file: Path, plan: dict[str, int]) -> _State:
+        """What a file has, if it was kept for this; UserError if it wasn't."""
+        state = cls.fresh(plan["seed"])
+        if not file.exists():
+            return state
+        try:
+            data = torch.load(file, weights_only=True)
+            own = data["plan"]
+            state.take(data)
+        except (OSError, LookupError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
+            raise UserError(f"{file}: not what training kept: {error} Delete it.") from None
+        if own != plan:
+            told = ", ".join(f"{name} {value}" for name, value in own.items())
+            raise UserError(f"{file}: was kept for {told}. Delete it, or ask for the same again.")
+        return state
+
     def as_data(self) -> dict[str, Any]:
         return {
             "network": self.network.state_dict(),
@@ -69,15 +88,15 @@ def train(
     The absolute error is made small, of every level alike: it is divided by the level to the power
     of .7, about as the error of a good denoiser grows. What a step draws follows from seed and
     step alone, and the state is kept in the file `kept` every 200 steps: training that was
-    interrupted goes on from there, and ends in the same weights.
+    interrupted goes on from there, and ends in the same weights. Raises UserError for a file of
+    other training.
     """
-    state = _State.fresh(seed)
-    if kept.exists():
-        state.take(torch.load(kept, weights_only=True))
+    plan = {"steps": steps, "seed": seed, "pixels": sum(picture.size for picture in pictures)}
+    state = _State.kept(kept, plan)
     while state.step < steps:
         error = _step(state, pictures, steps, seed)
         if state.step % _SAVED_EACH == 0:
-            _keep(state, kept)
+            _keep(state.as_data() | {"plan": plan}, kept)
         message = f"step {state.step}/{steps}, error {error:.4f}"
         progress.report(state.step / steps, message)
     return state.mean
@@ -105,8 +124,8 @@ def _step(state: _State, pictures: Sequence[Colours], steps: int, seed: int) -> 
     return float(error.detach())
 
 
-def _keep(state: _State, kept: Path) -> None:
+def _keep(data: dict[str, Any], kept: Path) -> None:
     """Replace the file at once: a crash leaves the one before."""
     fresh = kept.with_suffix(".new")
-    torch.save(state.as_data(), fresh)
+    torch.save(data, fresh)
     os.replace(fresh, kept)

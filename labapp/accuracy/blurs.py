@@ -1,0 +1,173 @@
+"""Blurs to compare restorations on, and photographs taken through them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
+from scipy.signal import fftconvolve
+
+from labapp.errors import UserError
+from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.measured import measured
+from optics.metrics import psnr, ssim
+from optics.operators.blur import Border
+from optics.plane import Plane
+from optics.targets import heart, ring, spiral
+from optics.targets.stroke import drawn
+
+Array = NDArray[np.float64]
+
+_FINER = 16
+"""Samples a pixel, in each direction, by which the coverage of pixels is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A photograph of a known scene.
+
+    truth: (rows, columns), what a camera without blur and noise would have seen, white at 1.
+    frame: what was seen. psf: with a sum of 1, origin at n // 2.
+    """
+
+    name: str
+    truth: Array
+    frame: Array
+    psf: Array
+    noise: float
+    border: Border
+
+    @property
+    def problem(self) -> Blurred:
+        """In single precision, with nothing told of its noise."""
+        return measured(self.frame.astype(np.float32), self.psf, None, self.border)
+
+    def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
+        """PSNR in dB and SSIM of a picture, cut to 0 to 1, over the whole frame; white is 1."""
+        seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
+        return psnr(seen, self.truth), ssim(seen, self.truth)
+
+
+def taken(
+    name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
+) -> Taken:
+    """A photograph of a scene, (rows, columns).
+
+    Of an unknown border only that part is seen all of whose light the scene holds; a periodic one
+    is seen whole. Raises UserError for a scene that is no larger than the PSF.
+    """
+    if any(n <= m for n, m in zip(scene.shape, psf.shape, strict=True)):
+        raise UserError(f"{name} is {scene.shape}, no larger than its PSF, {psf.shape}.")
+    truth, frame = scene, scene
+    if border == "periodic":
+        frame = _around(scene, psf)
+    else:
+        frame = fftconvolve(scene, psf, mode="valid")
+        top, left = (m - 1 - m // 2 for m in psf.shape)
+        truth = scene[top : top + frame.shape[0], left : left + frame.shape[1]]
+    noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
+    return Taken(name, truth, noisy, psf, noise, border)
+
+
+def _around(scene: Array, psf: Array) -> Array:
+    rows, columns = psf.shape
+    room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
+    whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
+    spread: Array = irfft2(rfft2(scene) * rfft2(whole), s=scene.shape)
+    return spread
+
+
+def disk(radius: float) -> Array:
+    """Defocus as rays see it; radius in pixels."""
+    at = _finely(radius)
+    return _coverage(np.hypot(at[:, None], at) <= radius)
+
+
+def box(side: int) -> Array:
+    """Even over so many pixels."""
+    return np.full((side, side), side**-2.0)
+
+
+def bell(deviation: float) -> Array:
+    """A Gaussian; its standard deviation in pixels."""
+    reach = math.ceil(4 * deviation)
+    at = np.arange(-reach, reach + 1) / deviation
+    psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
+    return _whole(psf)
+
+
+def circle(radius: float, centre: float) -> Array:
+    """A line a pixel wide around a share of the light in the middle."""
+    at = _finely(radius + 3)
+    far = np.hypot(at[:, None], at)
+    psf = (1 - centre) * _coverage(np.abs(far - radius) <= 0.5)
+    psf[psf.shape[0] // 2, psf.shape[1] // 2] += centre
+    return psf
+
+
+def shake(length: float, seed: int) -> Array:
+    """The path of a hand that trembles, about so many pixels long."""
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
+    steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    path = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+    return _drawn([path - path.mean(0)], math.ceil(length))
+
+
+def line(length: float, angle: float) -> Array:
+    """Even motion; length in pixels, angle from x towards y in radians."""
+    end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
+    return _drawn([np.stack([-end, end])], math.ceil(length))
+
+
+def shape(target: Callable[..., torch.Tensor], radius: float) -> Array:
+    """A PSF of the thesis, so many pixels in radius."""
+    side = 2 * math.ceil(radius + 6) + 1
+    return _whole(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
+
+
+BLURS: dict[str, Callable[[], Array]] = {
+    "disk of 3": lambda: disk(3.0),
+    "disk of 5": lambda: disk(5.0),
+    "disk of 7": lambda: disk(7.0),
+    "Gaussian of 1.5": lambda: bell(1.5),
+    "Gaussian of 3": lambda: bell(3.0),
+    "box of 9": lambda: box(9),
+    "line of 15": lambda: line(15.0, 0.5),
+    "shake of 20": lambda: shake(20.0, 1),
+    "shake of 30": lambda: shake(30.0, 2),
+    "ring of 12 and a tenth in its centre": lambda: circle(12.0, 0.1),
+    "ring of 8": lambda: shape(ring, 8.0),
+    "spiral of 10": lambda: shape(spiral, 10.0),
+    "heart of 9": lambda: shape(heart, 9.0),
+}
+"""Lengths in pixels."""
+
+
+def _finely(radius: float) -> Array:
+    """Places of samples that are finer than pixels, an odd number of which holds the radius."""
+    side = 2 * math.ceil(radius) + 1
+    return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
+
+
+def _coverage(inside: NDArray[np.bool_]) -> Array:
+    side = inside.shape[0] // _FINER
+    return _whole(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
+
+
+def _drawn(strokes: list[Array], reach: int) -> Array:
+    plane = Plane((2 * reach + 9, 2 * reach + 9), (1.0, 1.0))
+    psf = np.asarray(drawn(strokes, 0.7, "the path", "make it shorter").on(plane))
+    lit = np.argwhere(psf > 1e-4 * psf.max())
+    half = int(np.abs(lit - np.array(psf.shape) // 2).max())
+    middle = psf.shape[0] // 2
+    return _whole(psf[middle - half : middle + half + 1, middle - half : middle + half + 1])
+
+
+def _whole(psf: Array) -> Array:
+    return psf / psf.sum()

@@ -1,0 +1,223 @@
+"""`labapp accuracy deconvolve`: quality against time, of every way to undo a blur."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+
+from labapp.accuracy.blurs import Array, Taken
+from labapp.accuracy.rows import Row, mark_front
+from labapp.console import out, table, watched
+from labapp.figures import machine
+from labapp.files.writing import require_writable, write_whole
+from labapp.speed import machine_speed
+from optics.accuracy import MachineSpeed
+from optics.deconvolution.choice import METHODS, restore
+from optics.deconvolution.plug_and_play import Denoise
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_SHORT = 2.0
+"""Processor seconds below which a setting is timed three times."""
+
+_REPEATS = 3
+
+
+@dataclass(frozen=True)
+class DeconvolutionRow(Row):
+    """A method after so many iterations, everything that it needs to know estimated.
+
+    error_achieved: relative L2 of the picture. psnr_db, ssim: over the whole frame, white at 1.
+    inside_db: PSNR further than a PSF from its border. cpu_predicted_s: by which a budget chooses.
+    """
+
+    iterations: int = 0
+    psnr_db: float | None = None
+    inside_db: float | None = None
+    ssim: float | None = None
+    cpu_predicted_s: float | None = None
+
+
+@single_threaded
+def accuracy_deconvolve(
+    case: Taken,
+    denoise: Denoise | None,
+    *,
+    peers: bool,
+    data: Path | None,
+    plot: Path | None,
+    force: bool,
+) -> None:
+    """Measure every method on a photograph, print the table, and write rows and plot if asked."""
+    for path in (data, plot):
+        if path is not None:
+            require_writable(path, force=force)
+    with watched() as progress:
+        speed = machine_speed(progress.part(0.0, 0.1))
+        rows = measure_deconvolution(case, denoise, speed, progress.part(0.1, 1.0), peers=peers)
+    _print(case, rows)
+    if data is not None:
+        told = {"machine": machine(), "rows": [asdict(row) for row in rows]}
+        write_whole(data, json.dumps(told, indent=2).encode())
+        out.print(f"wrote {data}")
+    if plot is not None:
+        buffer = io.BytesIO()
+        draw(case, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+        write_whole(plot, buffer.getvalue())
+        out.print(f"wrote {plot}")
+
+
+def measure_deconvolution(
+    case: Taken,
+    denoise: Denoise | None,
+    speed: MachineSpeed,
+    progress: Progress,
+    *,
+    peers: bool = False,
+) -> list[DeconvolutionRow]:
+    """Every method after more and more iterations; the front is marked. What fails is a row too."""
+    settings = list(_settings(denoise))
+    theirs = list(_peers(case)) if peers else []
+    rows, total = [_row(case, "as it is", 0, lambda: case.frame)], len(settings) + len(theirs)
+    for number, (name, count) in enumerate(settings):
+        progress.report(number / total, f"{name}, {count}")
+
+        def solve(name: str = name, count: int = count) -> torch.Tensor:
+            return restore(case.problem, None, name, count=count, denoise=denoise).image
+
+        row = _row(case, name, count, solve)
+        predicted = METHODS[name].seconds(case.problem, count, speed)
+        rows.append(replace(row, cpu_predicted_s=predicted))
+    for number, (name, count, call) in enumerate(theirs):
+        progress.report((len(settings) + number) / total, name)
+        rows.append(_row(case, name, count, call))
+    return mark_front(rows)
+
+
+def _settings(denoise: Denoise | None) -> Iterator[tuple[str, int]]:
+    for name, method in METHODS.items():
+        if denoise is not None or not method.learned:
+            yield from ((name, count) for count in sorted(method.gains))
+
+
+def _peers(case: Taken) -> Iterator[tuple[str, int, Callable[[], Array]]]:
+    """scikit-image as shipped, in double precision; the frame's opposite edges are neighbours to
+    it, or dark to Richardson and Lucy."""
+    try:
+        restoration: Any = importlib.import_module("skimage.restoration")
+    except ImportError:
+        return
+    frame, psf = case.frame, case.psf
+    for balance in (0.01, 0.1, 1.0):
+
+        def filtered(balance: float = balance) -> Array:
+            return np.asarray(restoration.wiener(frame, psf, balance))
+
+        yield f"scikit-image wiener, balance {balance:g}", 1, filtered
+    yield (
+        "scikit-image unsupervised_wiener",
+        1,
+        lambda: np.asarray(restoration.unsupervised_wiener(frame, psf, rng=1)[0]),
+    )
+    for count in (10, 30):
+
+        def likeliest(count: int = count) -> Array:
+            return np.asarray(restoration.richardson_lucy(frame, psf, num_iter=count))
+
+        yield f"scikit-image richardson_lucy, {count}", count, likeliest
+
+
+def _row(
+    case: Taken, name: str, count: int, solve: Callable[[], torch.Tensor | Array]
+) -> DeconvolutionRow:
+    row = DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
+    times, wall = list[float](), time.perf_counter()
+    try:
+        while not times or (times[0] < _SHORT and len(times) < _REPEATS):
+            started = time.process_time()
+            picture = np.asarray(solve(), dtype=np.float64)
+            times.append(time.process_time() - started)
+    except ValueError as error:
+        return replace(row, failure=str(error))
+    decibels, similar = case.quality(picture)
+    return replace(
+        row,
+        error_achieved=float(np.linalg.norm(picture - case.truth) / np.linalg.norm(case.truth)),
+        cpu_s=statistics.median(times),
+        wall_s=(time.perf_counter() - wall) / len(times),
+        psnr_db=decibels,
+        inside_db=inside(case, picture),
+        ssim=similar,
+    )
+
+
+def inside(case: Taken, picture: Array) -> float | None:
+    """PSNR in dB further than a PSF from the border; None if nothing is."""
+    rows, columns = case.psf.shape
+    part = slice(rows, -rows), slice(columns, -columns)
+    if not case.truth[part].size:
+        return None
+    left = np.clip(picture[part], 0, 1) - case.truth[part]
+    return float(-10 * np.log10(np.mean(left**2)))
+
+
+def _print(case: Taken, rows: list[DeconvolutionRow]) -> None:
+    columns = ["method", "iterations ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "predicted ", ""]
+    cells = [
+        [
+            row.method,
+            str(row.iterations or ""),
+            "failed" if row.failure else _number(row.psnr_db, 2),
+            _number(row.inside_db, 2),
+            _number(row.ssim, 3),
+            _number(row.cpu_s, 1, 1e3),
+            _number(row.cpu_predicted_s, 1, 1e3),
+            "front" if row.on_front else "",
+        ]
+        for row in rows
+    ]
+    table(f"Deconvolution: {case.name}", columns, cells)
+    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
+        out.print(f"failed: {failure}", markup=False)
+    out.print(
+        "Noise and weights are estimated, and that is in the time. PSNR of pictures cut to 0 to 1; "
+        "inside: further than a PSF from the border. Error and time decide the front. One thread."
+    )
+    out.print(machine(), style="dim")
+
+
+def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
+    return "" if value is None else f"{scale * value:.{digits}f}"
+
+
+def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:
+    """PSNR and SSIM against time, a curve a method."""
+    figure = Figure(figsize=(11, 5), dpi=110, layout="constrained")
+    good = [row for row in rows if not row.failure and row.iterations]
+    left, right = figure.subplots(1, 2)
+    for method in dict.fromkeys(row.method for row in good):
+        own = [row for row in good if row.method == method]
+        times = [1e3 * (row.cpu_s or 0) for row in own]
+        mark = "x--" if method.startswith("scikit") else "o-"
+        left.semilogx(times, [row.psnr_db or 0 for row in own], mark, label=method)
+        right.semilogx(times, [row.ssim or 0 for row in own], mark, label=method)
+    before = rows[0]
+    for axes, name, value in ((left, "PSNR, dB", before.psnr_db), (right, "SSIM", before.ssim)):
+        axes.axhline(value or 0, color="gray", lw=1, ls=":", label="as it is")
+        axes.set_title(name, fontsize=10)
+        axes.grid(alpha=0.3, which="both")
+        axes.set_xlabel("processor time, ms (one thread)")
+    left.legend(fontsize=8)
+    figure.suptitle(f"{case.name}. {machine()}.", fontsize=9)
+    return figure

@@ -1,0 +1,75 @@
+"""Photographs that no network of ours has learned from, to measure restorations on."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_SETS = ("set12", "mcmaster", "cbsd68")
+"""Test pictures of the field, where they lie beside the checkout."""
+
+_OWN = (
+    "astronaut.png", "camera.png", "chelsea.png", "coffee.png", "rocket.jpg", "motorcycle_left.png",
+    "moon.png", "coins.png", "ihc.png", "hubble_deep_field.jpg", "retina.jpg", "brick.png",
+)  # fmt: skip
+"""Of scikit-image's: two squares each."""
+
+_LARGEST = 640
+"""Samples of a picture's longer side; larger ones are averaged down."""
+
+
+def camera() -> Array | None:
+    """The picture of 512 x 512 that everybody measures on, white at 1; None without
+    scikit-image."""
+    folder = _scikit_image()
+    return None if folder is None else _grey(folder / "camera.png")
+
+
+def squares(count: int, side: int) -> tuple[list[Array], str]:
+    """So many squares of grey pictures, white at 1, and where they are from; none where there is
+    nothing."""
+    beside = Path(__file__).parents[3] / "shared/data/natural"
+    files = [file for name in _SETS for file in sorted((beside / name).glob("*.*"))]
+    found = list(_cut(files, side, 1))
+    if len(found) >= count:
+        chosen = np.linspace(0, len(found) - 1, count).round().astype(int)
+        return [found[number] for number in chosen], "of Set12, McMaster and CBSD68"
+    folder = _scikit_image()
+    if folder is None:
+        return [], "not measured: scikit-image isn't installed"
+    found = list(_cut([folder / name for name in _OWN if (folder / name).is_file()], side, 2))
+    return found[:count], "of scikit-image's pictures"
+
+
+def _scikit_image() -> Path | None:
+    found = importlib.util.find_spec("skimage")
+    return None if found is None or found.origin is None else Path(found.origin).parent / "data"
+
+
+def _grey(file: Path) -> Array | None:
+    stored = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    return None if stored is None else np.asarray(stored, dtype=np.float64) / 255
+
+
+def _cut(files: list[Path], side: int, each: int) -> Iterator[Array]:
+    """The first and the last square along the longer side, or that in the middle."""
+    for file in files:
+        picture = _grey(file)
+        if picture is None:
+            continue
+        shrunk = _LARGEST / max(picture.shape)
+        if shrunk < 1:
+            size = [round(n * shrunk) for n in picture.shape[::-1]]
+            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        if min(picture.shape) < side:
+            continue
+        for share in (0.5,) if each == 1 else np.linspace(0, 1, each):
+            y, x = (round(share * (n - side)) for n in picture.shape)
+            yield picture[y : y + side, x : x + side]

@@ -1,0 +1,44 @@
+"""`labapp train`: the denoiser's weights from folders of pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from labapp.console import out, watched
+from labapp.errors import UserError
+from labapp.files.writing import require_writable, write_whole
+from labapp.networks import weights_file
+from labapp.training.denoiser import train
+from labapp.training.patches import pictures_in
+from optics.threads import single_threaded
+
+
+@single_threaded
+def train_denoiser(
+    folders: Sequence[Path], weights: Path, *, steps: int, seed: int, force: bool
+) -> None:
+    """Train and write the weights; what was done so far is kept beside them, to go on from.
+
+    UserError for a file of another name than .npz, one that is there already, or pictures that
+    can't be learned from.
+    """
+    if weights.suffix != ".npz":
+        raise UserError(f"--out {weights}: weights are written as .npz. Name such a file.")
+    require_writable(weights, force=force)
+    pictures = pictures_in(folders)
+    kept = weights.with_suffix(".training")
+    many = sum(picture[0].size for picture in pictures) / 1e6
+    out.print(f"{len(pictures)} pictures, {many:.0f} million pixels; kept so far in {kept}")
+    # Numbers too small for full precision slow processors down, and teach nothing.
+    torch.set_flush_denormal(True)
+    started = time.process_time()
+    with watched() as progress:
+        trained = train(pictures, steps, seed, kept, progress)
+    write_whole(weights, weights_file(trained))
+    kept.unlink(missing_ok=True)
+    hours = (time.process_time() - started) / 3600
+    out.print(f"wrote {weights} after {hours:.2f} processor hours")

@@ -1,0 +1,135 @@
+"""Training of the denoiser: it learns, goes on where it was interrupted, and says what is wrong."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from labapp.cli import app
+from labapp.errors import UserError
+from labapp.networks import PACKAGED, packaged_denoiser, read_denoiser
+from labapp.training.denoiser import train
+from labapp.training.patches import grey_patches, pictures_in
+from optics.progress import Cancelled, Progress
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two pictures of stripes and disks."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:130, :160]
+    where = tmp_path / "pictures"
+    where.mkdir()
+    for number in range(2):
+        picture = np.zeros((130, 160, 3))
+        for _ in range(15):
+            inside = np.hypot(y - rng.uniform(0, 130), x - rng.uniform(0, 160)) < 25
+            picture[inside] = rng.uniform(0, 255, 3)
+        cv2.imwrite(str(where / f"{number}.png"), picture.astype(np.uint8))
+    return where
+
+
+def alike(a, b):
+    return all(torch.equal(a[name], b[name]) for name in a)
+
+
+def test_it_learns_to_take_noise_away(folder, tmp_path):
+    errors = []
+    tell = Progress(lambda _, message: errors.append(float(message.split()[-1])))
+    train(pictures_in([folder]), 40, 1, tmp_path / "kept", tell)
+    assert np.mean(errors[-8:]) < 0.5 * np.mean(errors[:3])
+
+
+def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("labapp.training.denoiser._SAVED_EACH", 2)
+    pictures = pictures_in([folder])
+    straight = train(pictures, 5, 1, tmp_path / "straight", Progress())
+
+    def stop(share, message):
+        if message.startswith("step 3/"):
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        train(pictures, 5, 1, tmp_path / "kept", Progress(stop))
+    assert alike(train(pictures, 5, 1, tmp_path / "kept", Progress()), straight)
+    assert not alike(train(pictures, 5, 2, tmp_path / "other", Progress()), straight)
+
+
+def test_what_was_kept_for_something_else_is_not_gone_on_from(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("labapp.training.denoiser._SAVED_EACH", 1)
+    pictures, kept = pictures_in([folder]), tmp_path / "kept"
+    train(pictures, 1, 1, kept, Progress())
+    with pytest.raises(UserError, match="was kept for steps 1, seed 1.*Delete it"):
+        train(pictures, 2, 1, kept, Progress())
+    kept.write_bytes(b"something else")
+    with pytest.raises(UserError, match="not what training kept"):
+        train(pictures, 1, 1, kept, Progress())
+
+
+def test_patches_are_of_the_pictures_and_never_the_same(folder):
+    pictures = pictures_in([folder])
+    assert len(pictures) == 6  # Two pictures, three sizes.
+    patches = grey_patches(pictures, 5, 64, np.random.default_rng(0))
+    assert patches.shape == (5, 1, 64, 64)
+    assert 0 <= patches.min() < patches.max() <= 1
+    assert torch.equal(patches, grey_patches(pictures, 5, 64, np.random.default_rng(0)))
+    assert not torch.equal(patches, grey_patches(pictures, 5, 64, np.random.default_rng(1)))
+
+
+def test_the_command_writes_weights_that_restore(folder, tmp_path):
+    out = tmp_path / "own.npz"
+    asked = ["train", str(folder), "--steps", "2", "--out", str(out)]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert out.stat().st_size < 2_000_000
+    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["own.npz"]
+    assert read_denoiser(out)(torch.rand(20, 30), 0.1).shape == (20, 30)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (["nowhere"], "no picture to learn from"),
+        (["{folder}", "--out", "weights.pt"], "written as .npz"),
+        (["{folder}", "--out", "{folder}/0.npz"], "exists already"),
+        (["{folder}/broken.png"], "not a picture that can be read"),
+        (["{folder}/small.png"], "no picture is larger than a patch"),
+    ],
+)
+def test_what_can_not_be_learned_from(folder, tmp_path, monkeypatch, asked, said):
+    monkeypatch.chdir(tmp_path)
+    (folder / "0.npz").touch()
+    (folder / "broken.png").write_bytes(b"no picture")
+    cv2.imwrite(str(folder / "small.png"), np.zeros((20, 20), np.uint8))
+    if asked[0] == "{folder}":
+        (folder / "broken.png").unlink()
+    before = {file.name for file in tmp_path.rglob("*")}
+    done = CliRunner().invoke(app, ["train", *(word.format(folder=folder) for word in asked)])
+    assert isinstance(done.exception, UserError)
+    assert said in str(done.exception)
+    assert {file.name for file in tmp_path.rglob("*")} == before
+
+
+def test_a_file_that_is_no_weights(tmp_path):
+    np.savez(tmp_path / "wrong.npz", head=np.zeros(3))
+    (tmp_path / "text.npz").write_text("weights")
+    for name in ("wrong.npz", "text.npz", "none.npz"):
+        with pytest.raises(UserError, match="not a denoiser's weights"):
+            read_denoiser(tmp_path / name)
+
+
+def test_the_packaged_weights_take_noise_away():
+    """As far as a tenth of white: better than any average of neighbours."""
+    assert PACKAGED.stat().st_size < 2_000_000
+    y, x = np.mgrid[:96, :96]
+    clean = torch.from_numpy(np.where(np.hypot(y - 40, x - 50) < 28, 0.8, 0.25)).float()
+    noisy = clean + 0.1 * torch.randn(96, 96, generator=torch.Generator().manual_seed(1))
+    left = float((packaged_denoiser()(noisy, 0.1) - clean).square().mean().sqrt())
+    averages = [
+        torch.nn.functional.avg_pool2d(noisy[None, None], n, 1, n // 2, count_include_pad=False)
+        for n in (3, 5, 7)
+    ]
+    assert left < 0.5 * min(float((a[0, 0] - clean).square().mean().sqrt()) for a in averages)
