@@ -67,11 +67,16 @@ def taken(
     if border == "periodic":
         frame = _around(scene, psf)
     else:
-        frame = fftconvolve(scene, psf, mode="valid")
-        top, left = (m - 1 - m // 2 for m in psf.shape)
-        truth = scene[top : top + frame.shape[0], left : left + frame.shape[1]]
+        frame = np.asarray(fftconvolve(scene, psf, mode="valid"))
+        truth = scene[_within(psf.shape[0], len(frame)), _within(psf.shape[1], len(frame.T))]
     noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
     return Taken(name, truth, noisy, psf, noise, border)
+
+
+def _within(psf: int, seen: int) -> slice:
+    """Of a scene's axis, what is seen whole."""
+    first = psf - 1 - psf // 2
+    return slice(first, first + seen)
 
 
 def _around(scene: Array, psf: Array) -> Array:

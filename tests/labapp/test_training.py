@@ -62,7 +62,7 @@ def test_what_was_kept_for_something_else_is_not_gone_on_from(folder, tmp_path, 
     monkeypatch.setattr("labapp.training.denoiser._SAVED_EACH", 1)
     pictures, kept = pictures_in([folder]), tmp_path / "kept"
     train(pictures, 1, 1, kept, Progress())
-    with pytest.raises(UserError, match="was kept for steps 1, seed 1.*Delete it"):
+    with pytest.raises(UserError, match=r"was kept for steps 1, seed 1.*Delete it"):
         train(pictures, 2, 1, kept, Progress())
     kept.write_bytes(b"something else")
     with pytest.raises(UserError, match="not what training kept"):
