@@ -164,9 +164,10 @@ def _beside(
     ours: Callable[[], Restored],
 ) -> Figure:
     """Times are taken in turns."""
+    calls: tuple[Callable[[], Any], ...] = (theirs, ours)
     spent: tuple[list[float], list[float]] = ([], [])
     for _ in range(_REPEATS):
-        for call, times in zip((theirs, lambda: ours().image), spent, strict=True):
+        for call, times in zip(calls, spent, strict=True):
             started = time.process_time()
             call()
             times.append(time.process_time() - started)

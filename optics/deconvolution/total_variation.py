@@ -16,6 +16,10 @@ _STEP = 0.2
 """Of the picture's standard deviation: the gradient that a first iteration takes for none. A fifth
 is fastest."""
 
+_STEP_CLIPPED = 1.0
+"""The same where some light was clipped: what is looked for there may be many times brighter than
+what was seen, and with short steps takes long to get there."""
+
 _TAILS = 0.32
 """Mean length of photographs' gradients over its rms."""
 
@@ -47,7 +51,8 @@ def total_variation(
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    gradients = TotalVariation(seen.whole, _STEP * seen.scale, power, seen.image.dtype)
+    step = _STEP if seen.clipped is None or not bool(seen.clipped.any()) else _STEP_CLIPPED
+    gradients = TotalVariation(seen.whole, step * seen.scale, power, seen.image.dtype)
     bounded = positive or seen.border == "dark"
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
