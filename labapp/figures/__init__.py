@@ -32,6 +32,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
     from labapp.figures import (
+        blind,
         calibration,
         chain_cost,
         chains,
@@ -95,6 +96,7 @@ def measurements() -> dict[str, Measurement]:
         "edge": edge_mtf.edge_figure,
         "live": live.live_figures,
         "depth": depth.depth_figure,
+        "blind": blind.blind_figures,
     }
 
 

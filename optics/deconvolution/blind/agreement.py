@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 
-from optics.deconvolution.blind.search import Photograph, by_statistics
+from optics.deconvolution.blind.search import Photograph
 from optics.progress import Progress
+
+Again = Callable[[Photograph, torch.Tensor, Progress], torch.Tensor]
+"""A kernel from a photograph and a kernel near by."""
 
 _PARTS = 2
 """Of the photograph, each way."""
@@ -21,12 +25,16 @@ _NEIGHBOURS = 3
 
 
 def deviation_of(
-    photo: Photograph, kernel: torch.Tensor, edges: torch.Tensor, progress: Progress
+    photo: Photograph,
+    kernel: torch.Tensor,
+    other: torch.Tensor,
+    again: Again,
+    progress: Progress,
 ) -> torch.Tensor:
-    """Standard deviation of each pixel of a kernel that was found from `edges` on.
+    """Standard deviation of each pixel of a kernel; `other` is what another method found.
 
-    Parts of the photograph that share no pixel go the same way; the mean of so many has a variance
-    that is smaller by their number. By how much the two methods differ is added.
+    Parts of the photograph that share no pixel go the same way again; the mean of so many has a
+    variance that is smaller by their number. By how much the two methods differ is added.
     """
     rows, columns = photo.image.shape
     square = torch.zeros_like(kernel)
@@ -34,9 +42,9 @@ def deviation_of(
         y, x = divmod(number, _PARTS)
         part = photo.part(_share(rows, y), _share(columns, x))
         told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
-        square += (by_statistics(part, kernel, told) - kernel).square()
+        square += (again(part, kernel, told) - kernel).square()
     spread = square / _PARTS**2 / (_PARTS**2 - 1)
-    between = (kernel - edges).square() / 4
+    between = (kernel - other).square() / 4
     pooled = torch.nn.functional.avg_pool2d(
         (spread + between)[None, None], _NEIGHBOURS, 1, _NEIGHBOURS // 2
     )[0, 0]

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import torch
 
-from optics.deconvolution.blind.agreement import deviation_of
+from optics.deconvolution.blind.agreement import Again, deviation_of
 from optics.deconvolution.blind.found import Deblurred, Kernel
+from optics.deconvolution.blind.judged import most_natural
 from optics.deconvolution.blind.scales import middle_of, odd, window
-from optics.deconvolution.blind.search import Photograph, by_edges, by_statistics
+from optics.deconvolution.blind.search import (
+    WEIGHTS,
+    Photograph,
+    by_edges,
+    by_statistics,
+    edges_again,
+)
 from optics.deconvolution.blind.specks import without_specks
 from optics.deconvolution.blind.statistics import SPREAD
 from optics.deconvolution.blurred import LEAST_NOISE
@@ -95,15 +103,33 @@ def _found(
     shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
     photo = Photograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
     wide = odd(_SLACK * size)
-    edges = by_edges(photo, wide, progress.part(0, 0.35))
-    kernel = by_statistics(photo, edges, progress.part(0.35, 0.65))
-    deviation = deviation_of(photo, kernel, edges, progress.part(0.65, 1))
-    clean = without_specks(kernel, _FAINT, _SMALL)
-    first = middle_of(clean, size)
-    psf, unsure = window(clean, first, size), window(deviation, first, size)
+    kernel, other, again = _likeliest(photo, wide, progress.part(0, 0.65))
+    deviation = deviation_of(photo, kernel, other, again, progress.part(0.65, 1))
+    first = middle_of(kernel, size)
+    psf, unsure = window(kernel, first, size), window(deviation, first, size)
     psf = psf / psf.sum()
     score = 1 - float(unsure.square().sum() / psf.square().sum())
     return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
+
+
+def _likeliest(
+    photo: Photograph, size: int, progress: Progress
+) -> tuple[torch.Tensor, torch.Tensor, Again]:
+    """The kernel with the most natural picture, what another method says, and how it was found."""
+    ways = [
+        _cleaned(by_edges(photo, size, weight, progress.part(number / 4, (number + 1) / 4)))
+        for number, weight in enumerate(WEIGHTS)
+    ]
+    chosen = most_natural(photo, ways, progress.part(0.5, 0.6))
+    edges = ways[chosen]
+    fine = _cleaned(by_statistics(photo, edges, progress.part(0.6, 0.95)))
+    if most_natural(photo, [edges, fine], progress.part(0.95, 1)):
+        return fine, edges, by_statistics
+    return edges, fine, partial(edges_again, weight=WEIGHTS[chosen])
+
+
+def _cleaned(kernel: torch.Tensor) -> torch.Tensor:
+    return without_specks(kernel, _FAINT, _SMALL)
 
 
 def noise_of(image: torch.Tensor, known: torch.Tensor) -> float:

@@ -15,9 +15,12 @@ from optics.deconvolution.blind.statistics import NATURAL, gradients
 from optics.deconvolution.blind.strong_edges import StrongEdges
 from optics.progress import Progress
 
-_WEIGHT, _LIGHTER, _LEAST_WEIGHT = 4e-3, 1.1, 1e-4
-"""Of a pixel with a gradient, at first; what it is divided by each time; and at the end. For light
-with a standard deviation of SPREAD, as all that follows."""
+WEIGHTS = (4e-3, 2e-2)
+"""Of a pixel with a gradient, that are tried: for light with a standard deviation of SPREAD, as all
+that follows."""
+
+_LIGHTER, _LEAST_WEIGHT = 1.1, 40.0
+"""What a weight is divided by each time, and in the end at most."""
 
 _RIDGE = 2.0
 """Of the kernel's energy, per squared gradient."""
@@ -59,9 +62,9 @@ class Photograph:
         return Measured(gradients(self.image), trusted)
 
 
-def by_edges(photo: Photograph, size: int, progress: Progress) -> torch.Tensor:
+def by_edges(photo: Photograph, size: int, weight: float, progress: Progress) -> torch.Tensor:
     """From coarse to fine: a kernel of odd (size, size)."""
-    kernel, weight = centre_point(3), _WEIGHT
+    kernel, least_weight = centre_point(3), weight / _LEAST_WEIGHT
     kernel[1, 0] = kernel[1, 1] = 0.5
     ladder = factors(size)
     for number, factor in enumerate(ladder):
@@ -69,23 +72,31 @@ def by_edges(photo: Photograph, size: int, progress: Progress) -> torch.Tensor:
         n = odd(size / factor)
         step = ladder[number - 1] / factor if number else 1.0
         kernel = resampled(kernel, step, n)
-        kernel, weight = edges_at(photo.smaller(factor), kernel, weight, progress)
+        kernel = edges_at(photo.smaller(factor), kernel, weight, progress)
+        weight = max(weight / _LIGHTER**_AT_EACH_SCALE, least_weight)
         kernel = centred(kernel, n)
     return kernel
 
 
 def edges_at(
     photo: Photograph, kernel: torch.Tensor, weight: float, progress: Progress
-) -> tuple[torch.Tensor, float]:
-    """At one scale, from a kernel and a weight on; the next ones."""
+) -> torch.Tensor:
+    """At one scale, from a kernel and a weight on."""
     strong = StrongEdges(photo.image, photo.known, (kernel.shape[0], kernel.shape[1]))
     for _ in range(_AT_EACH_SCALE):
         progress.check()
         picture = strong.picture(kernel, weight)
         kernel = strong.kernel(picture, kernel, _RIDGE)
         kernel = without_specks(kernel, 0.0, _PART)
-        weight = max(weight / _LIGHTER, _LEAST_WEIGHT)
-    return kernel, weight
+        weight /= _LIGHTER
+    return kernel
+
+
+def edges_again(
+    photo: Photograph, kernel: torch.Tensor, progress: Progress, weight: float
+) -> torch.Tensor:
+    """At the finest scale, from a kernel near by, with the last of the weights."""
+    return edges_at(photo, kernel, weight / _LEAST_WEIGHT, progress)
 
 
 def by_statistics(photo: Photograph, start: torch.Tensor, progress: Progress) -> torch.Tensor:
