@@ -16,7 +16,7 @@ Again = Callable[[Photograph, torch.Tensor, Progress], torch.Tensor]
 _PARTS = 2
 """Of the photograph, each way."""
 
-_CAUTION = 1.0
+_CAUTION = 2.0
 """Of the deviation, by which what all parts have in common is allowed for: measured on photographs
 whose kernels are known."""
 
@@ -27,14 +27,13 @@ _NEIGHBOURS = 3
 def deviation_of(
     photo: Photograph,
     kernel: torch.Tensor,
-    other: torch.Tensor,
     again: Again,
     progress: Progress,
 ) -> torch.Tensor:
-    """Standard deviation of each pixel of a kernel; `other` is what another method found.
+    """Standard deviation of each pixel of a kernel, which `again` finds anew.
 
     Parts of the photograph that share no pixel go the same way again; the mean of so many has a
-    variance that is smaller by their number. By how much the two methods differ is added.
+    variance that is smaller by their number.
     """
     rows, columns = photo.image.shape
     square = torch.zeros_like(kernel)
@@ -44,10 +43,9 @@ def deviation_of(
         told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
         square += (again(part, kernel, told) - kernel).square()
     spread = square / _PARTS**2 / (_PARTS**2 - 1)
-    between = (kernel - other).square() / 4
-    pooled = torch.nn.functional.avg_pool2d(
-        (spread + between)[None, None], _NEIGHBOURS, 1, _NEIGHBOURS // 2
-    )[0, 0]
+    pooled = torch.nn.functional.avg_pool2d(spread[None, None], _NEIGHBOURS, 1, _NEIGHBOURS // 2)[
+        0, 0
+    ]
     return _CAUTION * pooled.sqrt()
 
 

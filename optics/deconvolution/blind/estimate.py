@@ -12,7 +12,7 @@ from optics.deconvolution.blind.found import Deblurred, Kernel
 from optics.deconvolution.blind.judged import most_natural
 from optics.deconvolution.blind.scales import middle_of, odd, window
 from optics.deconvolution.blind.search import (
-    WEIGHTS,
+    TASTES,
     Photograph,
     by_edges,
     by_statistics,
@@ -103,8 +103,8 @@ def _found(
     shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
     photo = Photograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
     wide = odd(_SLACK * size)
-    kernel, other, again = _likeliest(photo, wide, progress.part(0, 0.65))
-    deviation = deviation_of(photo, kernel, other, again, progress.part(0.65, 1))
+    kernel, again = _likeliest(photo, wide, progress.part(0, 0.65))
+    deviation = deviation_of(photo, kernel, again, progress.part(0.65, 1))
     first = middle_of(kernel, size)
     psf, unsure = window(kernel, first, size), window(deviation, first, size)
     psf = psf / psf.sum()
@@ -112,20 +112,21 @@ def _found(
     return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
 
 
-def _likeliest(
-    photo: Photograph, size: int, progress: Progress
-) -> tuple[torch.Tensor, torch.Tensor, Again]:
-    """The kernel with the most natural picture, what another method says, and how it was found."""
+def _likeliest(photo: Photograph, size: int, progress: Progress) -> tuple[torch.Tensor, Again]:
+    """The kernel with the most natural picture, and how it was found."""
+    count = len(TASTES)
     ways = [
-        _cleaned(by_edges(photo, size, weight, progress.part(number / 4, (number + 1) / 4)))
-        for number, weight in enumerate(WEIGHTS)
+        _cleaned(
+            by_edges(photo, size, taste, progress.part(0.5 * n / count, 0.5 * (n + 1) / count))
+        )
+        for n, taste in enumerate(TASTES)
     ]
     chosen = most_natural(photo, ways, progress.part(0.5, 0.6))
     edges = ways[chosen]
     fine = _cleaned(by_statistics(photo, edges, progress.part(0.6, 0.95)))
     if most_natural(photo, [edges, fine], progress.part(0.95, 1)):
-        return fine, edges, by_statistics
-    return edges, fine, partial(edges_again, weight=WEIGHTS[chosen])
+        return fine, by_statistics
+    return edges, partial(edges_again, taste=TASTES[chosen])
 
 
 def _cleaned(kernel: torch.Tensor) -> torch.Tensor:

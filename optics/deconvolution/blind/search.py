@@ -15,15 +15,24 @@ from optics.deconvolution.blind.statistics import NATURAL, gradients
 from optics.deconvolution.blind.strong_edges import StrongEdges
 from optics.progress import Progress
 
-WEIGHTS = (4e-3, 2e-2)
-"""Of a pixel with a gradient, that are tried: for light with a standard deviation of SPREAD, as all
-that follows."""
+
+@dataclass(frozen=True)
+class Taste:
+    """How strong edges are looked for, of light with a standard deviation of SPREAD.
+
+    weight: of a pixel with a gradient, at first. ridge: of the kernel's energy, per squared
+    gradient.
+    """
+
+    weight: float
+    ridge: float
+
+
+TASTES = (Taste(4e-3, 2.0), Taste(2e-2, 2.0), Taste(2e-2, 20.0))
+"""That are tried: pictures differ more than one of them allows for."""
 
 _LIGHTER, _LEAST_WEIGHT = 1.1, 40.0
 """What a weight is divided by each time, and in the end at most."""
-
-_RIDGE = 2.0
-"""Of the kernel's energy, per squared gradient."""
 
 _AT_EACH_SCALE = 5
 
@@ -62,9 +71,9 @@ class Photograph:
         return Measured(gradients(self.image), trusted)
 
 
-def by_edges(photo: Photograph, size: int, weight: float, progress: Progress) -> torch.Tensor:
+def by_edges(photo: Photograph, size: int, taste: Taste, progress: Progress) -> torch.Tensor:
     """From coarse to fine: a kernel of odd (size, size)."""
-    kernel, least_weight = centre_point(3), weight / _LEAST_WEIGHT
+    kernel, weight = centre_point(3), taste.weight
     kernel[1, 0] = kernel[1, 1] = 0.5
     ladder = factors(size)
     for number, factor in enumerate(ladder):
@@ -72,31 +81,32 @@ def by_edges(photo: Photograph, size: int, weight: float, progress: Progress) ->
         n = odd(size / factor)
         step = ladder[number - 1] / factor if number else 1.0
         kernel = resampled(kernel, step, n)
-        kernel = edges_at(photo.smaller(factor), kernel, weight, progress)
-        weight = max(weight / _LIGHTER**_AT_EACH_SCALE, least_weight)
+        kernel = edges_at(photo.smaller(factor), kernel, Taste(weight, taste.ridge), progress)
+        weight = max(weight / _LIGHTER**_AT_EACH_SCALE, taste.weight / _LEAST_WEIGHT)
         kernel = centred(kernel, n)
     return kernel
 
 
 def edges_at(
-    photo: Photograph, kernel: torch.Tensor, weight: float, progress: Progress
+    photo: Photograph, kernel: torch.Tensor, taste: Taste, progress: Progress
 ) -> torch.Tensor:
-    """At one scale, from a kernel and a weight on."""
+    """At one scale, from a kernel on, with ever smaller weights."""
+    weight = taste.weight
     strong = StrongEdges(photo.image, photo.known, (kernel.shape[0], kernel.shape[1]))
     for _ in range(_AT_EACH_SCALE):
         progress.check()
         picture = strong.picture(kernel, weight)
-        kernel = strong.kernel(picture, kernel, _RIDGE)
+        kernel = strong.kernel(picture, kernel, taste.ridge)
         kernel = without_specks(kernel, 0.0, _PART)
         weight /= _LIGHTER
     return kernel
 
 
 def edges_again(
-    photo: Photograph, kernel: torch.Tensor, progress: Progress, weight: float
+    photo: Photograph, kernel: torch.Tensor, progress: Progress, taste: Taste
 ) -> torch.Tensor:
     """At the finest scale, from a kernel near by, with the last of the weights."""
-    return edges_at(photo, kernel, weight / _LEAST_WEIGHT, progress)
+    return edges_at(photo, kernel, Taste(taste.weight / _LEAST_WEIGHT, taste.ridge), progress)
 
 
 def by_statistics(photo: Photograph, start: torch.Tensor, progress: Progress) -> torch.Tensor:
