@@ -18,8 +18,9 @@ class Kernel:
 
     psf: (size, size), origin n // 2, nowhere negative, with a sum of 1; its centroid is as near to
     the origin as `size` allows, for where the scene lay before the blur nobody can tell. deviation:
-    (size, size), standard deviation of each of its pixels, from how parts of the photograph agree. noise: standard deviation of a photograph's pixel. score: 0 to 1, the share of
-    the kernel's energy that isn't its expected error.
+    (size, size), standard deviation of each of its pixels, from how parts of the photograph
+    agree; an error that all parts share isn't in it. noise: standard deviation of a photograph's
+    pixel. score: 0 to 1, the share of the kernel's energy that isn't its expected error.
     """
 
     psf: torch.Tensor
