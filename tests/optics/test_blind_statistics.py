@@ -89,7 +89,7 @@ def test_a_histogram_is_a_density_of_what_was_drawn():
 
 
 def test_a_fit_finds_the_mixture_that_was_drawn():
-    image = np.add.outer(drawn(MIXTURE, 300, 1).cumsum(), drawn(MIXTURE, 30_000, 2).cumsum())
+    image = np.add.outer(drawn(MIXTURE, 400, 1).cumsum(), drawn(MIXTURE, 2_000, 2).cumsum())
     fit = fitted_mixture(image, 2)
     truth = Mixture(
         *zip(*sorted(zip(MIXTURE.shares, MIXTURE.deviations, strict=True)), strict=True)
