@@ -11,8 +11,9 @@ import torch
 from skimage import data
 
 from optics.deconvolution.blind import blind_deconvolution, find_kernel
+from optics.deconvolution.blind.agreement import aligned, deviation_of
 from optics.deconvolution.blind.estimate import noise_of
-from optics.deconvolution.blind.latent import Latent, Measured
+from optics.deconvolution.blind.latent import Latent
 from optics.deconvolution.blind.quadratic import (
     fast_period,
     least,
@@ -21,6 +22,7 @@ from optics.deconvolution.blind.quadratic import (
     quadratic_of,
 )
 from optics.deconvolution.blind.scales import centred, odd, resampled, shrunk
+from optics.deconvolution.blind.search import Photograph
 from optics.deconvolution.blind.specks import without_specks
 from optics.deconvolution.blind.statistics import Mixture
 from optics.progress import Cancelled, Progress
@@ -100,31 +102,72 @@ def test_the_nearest_point_of_a_simplex():
     assert on_simplex(torch.tensor([3.0, 0.0])).tolist() == pytest.approx([1, 0])
 
 
-def test_the_latent_step_is_that_of_dense_algebra():
-    """For one Gaussian the posterior mean is a linear solve, nothing assumed of the border."""
+def test_pictures_are_drawn_from_the_posterior_of_dense_algebra():
+    """For gradients of known precisions it is a normal one, nothing assumed of the border."""
     rng = np.random.default_rng(1)
     kernel = rng.uniform(size=(3, 3))
     kernel /= kernel.sum()
-    seen, prior, noise = rng.normal(size=(1, 6, 5)), 0.8, 0.3
+    seen, noise, field = rng.normal(size=(6, 5)), 0.3, (8, 7)
+    seen -= seen.mean()
     known = (rng.uniform(size=(6, 5)) > 0.2).astype(float)
-    field = (8, 7)
-    columns = [
-        scipy.signal.convolve2d(one.reshape(field), kernel, mode="valid").ravel()
-        for one in np.eye(field[0] * field[1])
-    ]
-    matrix = known.ravel()[:, None] * np.array(columns).T
-    precision = matrix.T @ matrix / noise**2 + np.eye(56) / prior**2
-    expected = np.linalg.solve(precision, matrix.T @ (known * seen[0]).ravel() / noise**2)
-    told = Measured(torch.from_numpy(seen), torch.from_numpy(known))
-    latent = Latent(told, Mixture((1.0,), (prior,)), (3, 3))
-    for _ in range(4):
-        latent.update(torch.from_numpy(kernel), noise)
-    assert latent.mean.numpy().ravel() == pytest.approx(expected, abs=1e-4)
-    assert latent.variance.numpy().ravel() == pytest.approx(1 / np.diag(precision), rel=1e-6)
-    left = (matrix @ expected - (known * seen[0]).ravel()) ** 2
-    assert latent.misfit(torch.from_numpy(kernel)) == pytest.approx(
-        left.sum() / known.sum(), rel=1e-2
+    along, down = rng.uniform(0.5, 5, (8, 6)), rng.uniform(0.5, 5, (7, 7))
+    units = np.eye(56).reshape(-1, *field)
+    blur = np.array([scipy.signal.convolve2d(one, kernel, mode="valid").ravel() for one in units]).T
+    steps = [np.array([np.diff(one, axis=axis).ravel() for one in units]).T for axis in (1, 0)]
+    precision = blur.T @ (known.ravel()[:, None] * blur) / noise**2
+    for step, weights in zip(steps, (along, down), strict=True):
+        precision += step.T @ (weights.ravel()[:, None] * step)
+    mean = np.linalg.solve(precision, blur.T @ (known * seen).ravel() / noise**2)
+    covariance = np.linalg.inv(precision)
+
+    latent = Latent(
+        torch.from_numpy(seen), torch.from_numpy(known), Mixture((1.0,), (1.0,)), (3, 3), seed=0
     )
+    told = [torch.from_numpy(one) for one in (kernel, along, down)]
+    count = 1500
+    drawn = np.array(
+        [latent.drawn(told[0], noise, *told[1:]).numpy().ravel() for _ in range(count)]
+    )
+    spread = np.sqrt(np.diag(covariance))
+    assert np.abs((drawn.mean(0) - mean) / spread).max() < 4.5 / math.sqrt(count)
+    wrong = (np.cov(drawn.T) - covariance) / np.outer(spread, spread)
+    assert np.abs(wrong).max() < 6 / math.sqrt(count)
+
+
+def test_components_are_drawn_as_often_as_they_are_likely():
+    mixture = Mixture((0.7, 0.3), (0.02, 0.15))
+    image = torch.zeros(8, 8, dtype=torch.float64)
+    latent = Latent(image, torch.ones_like(image), mixture, (3, 3), seed=0)
+    length = 0.05
+    drawn = latent._precisions(torch.full((300, 300), length, dtype=torch.float64))
+    likely = [
+        share / deviation * math.exp(-((length / deviation) ** 2) / 2)
+        for share, deviation in zip(mixture.shares, mixture.deviations, strict=True)
+    ]
+    share = float((drawn > 1 / 0.1**2).double().mean())
+    assert share == pytest.approx(likely[0] / sum(likely), abs=0.01)
+
+
+def test_kernels_are_moved_to_where_they_are_alike():
+    y, x = np.mgrid[:15, :15] - 7.0
+    bump = torch.from_numpy(np.exp(-(y**2 + 2 * x**2) / 8))
+    moved = torch.from_numpy(np.exp(-((y - 1.25) ** 2 + 2 * (x + 0.75) ** 2) / 8))
+    assert aligned(moved, bump).numpy() == pytest.approx(bump.numpy(), abs=0.02)
+
+
+def test_a_search_that_ends_elsewhere_is_not_trusted():
+    """Though all parts go on from the same kernel and stay there."""
+    photo = Photograph(torch.zeros(40, 40), torch.ones(40, 40), 0.01)
+    kernel, other = torch.zeros(9, 9), torch.zeros(9, 9)
+    kernel[4, 2:7], other[2:7, 4] = 0.2, 0.2
+
+    def stays(part, start, progress):
+        return start
+
+    same = deviation_of(photo, kernel, kernel, stays, Progress())
+    apart = deviation_of(photo, kernel, other, stays, Progress())
+    assert float(same.square().sum()) < 1e-6
+    assert float(apart.square().sum()) > float(kernel.square().sum())
 
 
 def test_kernels_are_enlarged_about_their_origin_and_centred():

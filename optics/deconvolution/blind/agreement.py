@@ -1,4 +1,4 @@
-"""How surely a kernel is known: what parts of a photograph say by themselves."""
+"""How surely a kernel is known: what parts of a photograph say, and a search from elsewhere."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 import torch
 
 from optics.deconvolution.blind.search import Photograph
+from optics.plane import centred_pad
 from optics.progress import Progress
 
 Again = Callable[[Photograph, torch.Tensor, Progress], torch.Tensor]
@@ -20,6 +21,9 @@ _CAUTION = 2.0
 """Of the deviation, by which what all parts have in common is allowed for: measured on photographs
 whose kernels are known."""
 
+_FINER = 4
+"""Steps of a pixel by which kernels are moved."""
+
 _NEIGHBOURS = 3
 """Pixels each way whose deviations are taken for alike."""
 
@@ -27,13 +31,16 @@ _NEIGHBOURS = 3
 def deviation_of(
     photo: Photograph,
     kernel: torch.Tensor,
+    other: torch.Tensor,
     again: Again,
     progress: Progress,
 ) -> torch.Tensor:
     """Standard deviation of each pixel of a kernel, which `again` finds anew.
 
     Parts of the photograph that share no pixel go the same way again; the mean of so many has a
-    variance that is smaller by their number.
+    variance that is smaller by their number. other: a kernel of the same size that was found from
+    another start: where a search hasn't got to the end, it shows, as parts that go on from the
+    same kernel can't (Gelman and Rubin 1992, doi 10.1214/ss/1177011136).
     """
     rows, columns = photo.image.shape
     square = torch.zeros_like(kernel)
@@ -41,12 +48,36 @@ def deviation_of(
         y, x = divmod(number, _PARTS)
         part = photo.part(_share(rows, y), _share(columns, x))
         told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
-        square += (again(part, kernel, told) - kernel).square()
-    spread = square / _PARTS**2 / (_PARTS**2 - 1)
+        square += (aligned(again(part, kernel, told), kernel) - kernel).square()
+    spread = _CAUTION**2 * square / _PARTS**2 / (_PARTS**2 - 1)
+    spread = spread + (aligned(other, kernel) - kernel).square()
     pooled = torch.nn.functional.avg_pool2d(spread[None, None], _NEIGHBOURS, 1, _NEIGHBOURS // 2)[
         0, 0
     ]
-    return _CAUTION * pooled.sqrt()
+    return pooled.sqrt()
+
+
+def aligned(kernel: torch.Tensor, to: torch.Tensor) -> torch.Tensor:
+    """Moved, by parts of a pixel, to where it is most like another one of the same size: where the
+    scene lay nobody can tell."""
+    rows, columns = to.shape
+    period = (2 * rows, 2 * columns)
+    spectrum = torch.fft.fft2(kernel, s=period)
+    cross = spectrum.conj() * torch.fft.fft2(to, s=period)
+    fine = centred_pad(torch.fft.fftshift(cross), tuple(_FINER * n for n in period))
+    likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
+    place = int(likeness.argmax())
+    y, x = divmod(place, likeness.shape[1])
+    way = [
+        (at if at < n // 2 else at - n) / _FINER
+        for at, n in zip((y, x), likeness.shape, strict=True)
+    ]
+    turn = [
+        torch.exp(-2j * math.pi * torch.fft.fftfreq(n) * shift)
+        for n, shift in zip(period, way, strict=True)
+    ]
+    moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
+    return moved[:rows, :columns].to(kernel)
 
 
 def _share(length: int, number: int) -> slice:

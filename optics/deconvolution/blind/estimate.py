@@ -7,7 +7,7 @@ from functools import partial
 
 import torch
 
-from optics.deconvolution.blind.agreement import Again, deviation_of
+from optics.deconvolution.blind.agreement import deviation_of
 from optics.deconvolution.blind.found import Deblurred, Kernel
 from optics.deconvolution.blind.judged import most_natural
 from optics.deconvolution.blind.scales import middle_of, odd, window
@@ -16,7 +16,6 @@ from optics.deconvolution.blind.search import (
     Photograph,
     by_edges,
     by_statistics,
-    edges_again,
 )
 from optics.deconvolution.blind.specks import without_specks
 from optics.deconvolution.blind.statistics import SPREAD
@@ -35,6 +34,9 @@ _FAINT, _SMALL = 0.02, 0.02
 
 _LEAST_FRAME = 3
 """Sides of the photograph over the kernel's."""
+
+_CHAINS, _AGAIN = 2, 10
+"""Starts from which a kernel is found; rounds for a part of the photograph, from the kernel on."""
 
 _EVEN = 3.0
 """Standard deviations of the noise that a photograph's structure must have at least."""
@@ -72,12 +74,14 @@ def find_kernel(
     image: (rows, columns), light per pixel on any scale, an array of any kind. size: pixels that
     the kernel has at most, each way; a little more than it has is best. noise: standard deviation
     of a pixel, estimated if None. clipped: (rows, columns), True where the well was full; nothing
-    is read off there. The scene goes on beyond the frame, unknown. Nothing is drawn by chance.
+    is read off there. The scene goes on beyond the frame, unknown. Samples come
+    from a fixed seed: the same photograph gives the same kernel.
 
     Edges that stay when a picture may have only few tell a first kernel from coarse to fine (Cho
     and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013). Then the kernel alone is
     estimated, over all the pictures that natural statistics allow (Fergus et al. 2006, doi
-    10.1145/1141911.1141956; Levin et al. 2011, doi 10.1109/CVPR.2011.5995308).
+    10.1145/1141911.1141956; Levin et al. 2011, doi 10.1109/CVPR.2011.5995308), which are sampled:
+    see Latent. It is done from two starts, whose difference tells whether either can be trusted.
     Raises ValueError for photographs without structure, smaller than three kernels, or not finite.
     """
     psf, deviation, level, score = _found(image, size, noise, clipped, progress or Progress())
@@ -103,8 +107,9 @@ def _found(
     shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
     photo = Photograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
     wide = odd(_SLACK * size)
-    kernel, again = _likeliest(photo, wide, progress.part(0, 0.65))
-    deviation = deviation_of(photo, kernel, again, progress.part(0.65, 1))
+    kernel, other = _likeliest(photo, wide, progress.part(0, 0.75))
+    again = partial(by_statistics, rounds=_AGAIN)
+    deviation = deviation_of(photo, kernel, other, again, progress.part(0.75, 1))
     first = middle_of(kernel, size)
     psf, unsure = window(kernel, first, size), window(deviation, first, size)
     psf = psf / psf.sum()
@@ -112,21 +117,27 @@ def _found(
     return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
 
 
-def _likeliest(photo: Photograph, size: int, progress: Progress) -> tuple[torch.Tensor, Again]:
-    """The kernel with the most natural picture, and how it was found."""
+def _likeliest(
+    photo: Photograph, size: int, progress: Progress
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The kernel with the more natural picture of two, found from different starts; and the other
+    one."""
     count = len(TASTES)
-    ways = [
+    starts = [
         _cleaned(
-            by_edges(photo, size, taste, progress.part(0.5 * n / count, 0.5 * (n + 1) / count))
+            by_edges(photo, size, taste, progress.part(0.4 * n / count, 0.4 * (n + 1) / count))
         )
         for n, taste in enumerate(TASTES)
     ]
-    chosen = most_natural(photo, ways, progress.part(0.5, 0.6))
-    edges = ways[chosen]
-    fine = _cleaned(by_statistics(photo, edges, progress.part(0.6, 0.95)))
-    if most_natural(photo, [edges, fine], progress.part(0.95, 1)):
-        return fine, by_statistics
-    return edges, partial(edges_again, taste=TASTES[chosen])
+    best = most_natural(photo, starts, progress.part(0.4, 0.5))[:_CHAINS]
+    fine = [
+        _cleaned(
+            by_statistics(photo, starts[start], progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1)))
+        )
+        for n, start in enumerate(best)
+    ]
+    chosen, other = most_natural(photo, fine, progress.part(0.9, 1))
+    return fine[chosen], fine[other]
 
 
 def _cleaned(kernel: torch.Tensor) -> torch.Tensor:

@@ -17,13 +17,15 @@ _RIM = 5
 """Pixels beyond half a kernel that the border is taken to tell on."""
 
 
-def most_natural(photo: Photograph, kernels: Sequence[torch.Tensor], progress: Progress) -> int:
-    """Which kernel it is by which the restored picture is the least strange: see strangeness()."""
+def most_natural(
+    photo: Photograph, kernels: Sequence[torch.Tensor], progress: Progress
+) -> list[int]:
+    """Which kernels restore the least strange pictures, the best first: see strangeness()."""
     costs = []
     for number, kernel in enumerate(kernels):
         progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
         costs.append(strangeness(photo, kernel))
-    return min(range(len(costs)), key=lambda number: costs[number])
+    return sorted(range(len(costs)), key=lambda number: costs[number])
 
 
 def strangeness(photo: Photograph, kernel: torch.Tensor) -> float:

@@ -33,6 +33,12 @@ class Quadratic:
         eye = torch.eye(self.normal.shape[0], dtype=self.normal.dtype)
         return Quadratic(self.normal + weight * eye, self.pull)
 
+    def faded(self, kept: float, new: Quadratic) -> Quadratic:
+        """Mean with another one: kept is the weight of this one, 0 to 1."""
+        return Quadratic(
+            torch.lerp(new.normal, self.normal, kept), torch.lerp(new.pull, self.pull, kept)
+        )
+
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
     """No smaller, fast for an FFT, with an even number of columns."""

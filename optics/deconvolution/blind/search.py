@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
 
-from optics.deconvolution.blind.latent import Latent, Measured
-from optics.deconvolution.blind.quadratic import least
+from optics.deconvolution.blind.latent import Latent
+from optics.deconvolution.blind.quadratic import Quadratic, least
 from optics.deconvolution.blind.scales import centre_point, centred, factors, odd, resampled, shrunk
 from optics.deconvolution.blind.specks import without_specks
-from optics.deconvolution.blind.statistics import NATURAL, gradients
+from optics.deconvolution.blind.statistics import NATURAL
 from optics.deconvolution.blind.strong_edges import StrongEdges
 from optics.progress import Progress
 
@@ -39,11 +38,15 @@ _AT_EACH_SCALE = 5
 _PART = 0.1
 """Of a kernel's light that a connected part must have, or it is a speck."""
 
-_LOOSE, _ROUNDS = 2.0, 8
-"""Of the noise that is first assumed, and rounds until it's the noise itself."""
+_LOOSE, _ROUNDS, _SETTLING = 2.0, 20, 2
+"""Of the noise that is first assumed, rounds until it's the noise itself, and the first of them,
+which leave the kernel as it is."""
 
-_EXCESS = 1.0
-"""Of the noise at the end: what the model doesn't know of makes it more than it is."""
+_KEPT, _SEED = 0.75, 0
+"""Of what earlier samples tell, in each round; and of the samples."""
+
+_LEAST_NOISE = 1e-3
+"""Standard deviation, below which the model is no better than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +66,6 @@ class Photograph:
 
     def part(self, rows: slice, columns: slice) -> Photograph:
         return Photograph(self.image[rows, columns], self.known[rows, columns], self.noise)
-
-    @property
-    def gradients(self) -> Measured:
-        known = self.known
-        trusted = known[:-1, :-1] * known[:-1, 1:] * known[1:, :-1]
-        return Measured(gradients(self.image), trusted)
 
 
 def by_edges(photo: Photograph, size: int, taste: Taste, progress: Progress) -> torch.Tensor:
@@ -102,24 +99,21 @@ def edges_at(
     return kernel
 
 
-def edges_again(
-    photo: Photograph, kernel: torch.Tensor, progress: Progress, taste: Taste
+def by_statistics(
+    photo: Photograph, start: torch.Tensor, progress: Progress, rounds: int = _ROUNDS
 ) -> torch.Tensor:
-    """At the finest scale, from a kernel near by, with the last of the weights."""
-    return edges_at(photo, kernel, Taste(taste.weight / _LEAST_WEIGHT, taste.ridge), progress)
-
-
-def by_statistics(photo: Photograph, start: torch.Tensor, progress: Progress) -> torch.Tensor:
-    """At the finest scale, from a kernel near by: the likeliest one over all pictures."""
-    latent = Latent(photo.gradients, NATURAL, (start.shape[0], start.shape[1]))
-    kernel = start
-    noise = _EXCESS * math.sqrt(2) * max(photo.noise, _LEAST_NOISE)
-    for number in range(_ROUNDS):
-        progress.report(number / _ROUNDS, f"natural statistics {number + 1}/{_ROUNDS}")
-        latent.update(kernel, noise * _LOOSE ** (1 - number / (_ROUNDS - 1)))
-        kernel = least(latent.problem(kernel), kernel, sum_is_one=True)
+    """At the finest scale, from a kernel near by: the likeliest one over all pictures, by
+    stochastic expectation and maximisation (Delyon, Lavielle and Moulines 1999, doi
+    10.1214/aos/1018031103), with samples from a seed that is always the same."""
+    size = start.shape[0], start.shape[1]
+    latent = Latent(photo.image, photo.known, NATURAL, size, _SEED)
+    kernel, noise = start, max(photo.noise, _LEAST_NOISE)
+    told: Quadratic | None = None
+    for number in range(rounds):
+        progress.report(number / rounds, f"natural statistics {number + 1}/{rounds}")
+        latent.sample(kernel, noise * _LOOSE ** (1 - number / (rounds - 1)))
+        now = latent.problem(kernel)
+        told = now if told is None else told.faded(_KEPT, now)
+        if number >= _SETTLING:
+            kernel = least(told, kernel, sum_is_one=True)
     return kernel
-
-
-_LEAST_NOISE = 1e-3
-"""Standard deviation, below which the model is no better than that."""

@@ -123,8 +123,10 @@ class GeneralisedGaussian:
         return self.scale**power * math.exp(ratio)
 
 
-NATURAL = Mixture((0.25, 0.45, 0.30), (0.003, 0.02, 0.11))
-"""Gradients of sharp photographs whose light has a standard deviation of SPREAD."""
+NATURAL = Mixture((0.17, 0.43, 0.32, 0.08), (0.003, 0.0195, 0.068, 0.212))
+"""Gradients of sharp photographs whose light has a standard deviation of SPREAD: the likeliest for
+parts, 255 pixels wide, of 28 photographs (Kodak's and scikit-image's), the first of its deviations
+no smaller than what 8 bits hide."""
 
 
 @tensors_inside
