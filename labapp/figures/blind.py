@@ -10,6 +10,7 @@ import numpy as np
 import scipy.io
 import scipy.ndimage
 import scipy.signal
+import torch
 from numpy.typing import NDArray
 
 from labapp.figures import Figure
@@ -66,9 +67,13 @@ def photographs() -> list[Array]:
     except ImportError:
         pass
     else:
-        found += [data.camera(), *(255 * color.rgb2gray(one()) for one in _coloured(data))]
+        found += [*_grey(data), *(255 * color.rgb2gray(one()) for one in _coloured(data))]
     large = [one for one in found if one is not None and min(one.shape) >= _SIDE + 40]
     return [np.asarray(one, dtype=np.float64) / 255 for one in large]
+
+
+def _grey(data: Any) -> list[Any]:
+    return [data.camera()]
 
 
 def _coloured(data: Any) -> list[Any]:
@@ -92,7 +97,8 @@ def shaken(rng: np.random.Generator, size: int = 21) -> Array:
     path = steps.cumsum(0)
     path -= (path.max(0) + path.min(0)) / 2
     path *= (size / 2 - 3) / np.abs(path).max() * rng.uniform(0.5, 1)
-    drawn, _, _ = np.histogram2d(*path.T, bins=size, range=[[-size / 2, size / 2]] * 2)
+    edges = np.linspace(-size / 2, size / 2, size + 1)
+    drawn = np.histogram2d(path[:, 0], path[:, 1], bins=(edges, edges))[0]
     kernel: Array = scipy.ndimage.gaussian_filter(drawn, 0.6)
     return kernel
 
@@ -106,11 +112,11 @@ def _case(
     wide = _SIDE + max(kernel.shape) - 1
     y, x = (rng.integers(n - min(wide, n) + 1) for n in picture.shape)
     scene = picture[y : y + wide, x : x + wide]
-    seen = scipy.signal.fftconvolve(scene, kernel, mode="valid")
-    seen = seen + rng.normal(0, _NOISE, seen.shape)
+    clean: Array = np.asarray(scipy.signal.fftconvolve(scene, kernel, mode="valid"))
+    seen: Array = clean + rng.normal(0, _NOISE, clean.shape)
     top, left = (m - 1 - m // 2 for m in kernel.shape)
     truth = scene[top : top + seen.shape[0], left : left + seen.shape[1]]
-    found = find_kernel(seen, max(kernel.shape))
+    found = find_kernel(torch.from_numpy(seen), max(kernel.shape))
     return error_ratio(seen, np.asarray(found.psf), kernel, truth), found.score
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import EllipsisType
 
 import torch
 
@@ -108,7 +109,7 @@ class Latent:
     def _noise(self, like: torch.Tensor) -> torch.Tensor:
         return torch.randn(like.shape, generator=self._drawing, dtype=like.dtype)
 
-    def _from_first(self, rows: int, columns: int) -> tuple[object, slice, slice]:
+    def _from_first(self, rows: int, columns: int) -> tuple[EllipsisType, slice, slice]:
         y, x = self._first
         return (..., slice(y, y + rows), slice(x, x + columns))
 
