@@ -19,8 +19,8 @@ class Kernel:
     psf: (size, size), origin n // 2, nowhere negative, with a sum of 1; its centroid is as near to
     the origin as `size` allows, for where the scene lay before the blur nobody can tell. deviation:
     (size, size), standard deviation of each of its pixels, from how parts of the photograph
-    agree; an error that all parts share isn't in it. noise: standard deviation of a photograph's
-    pixel. score: 0 to 1, the share of the kernel's energy that isn't its expected error.
+    agree, and searches from two starts; an error that all share isn't in it. noise: standard
+    deviation of a photograph's pixel. score: 0 to 1, the share of the kernel's energy that isn't its expected error.
     """
 
     psf: torch.Tensor
@@ -32,12 +32,12 @@ class Kernel:
     def trust(self) -> str:
         """In words."""
         if self.score >= GOOD:
-            return "good: parts of the photograph agree"
+            return "good: parts of the photograph and searches from two starts agree"
         if self.score >= FAIR:
             return "fair: look for ringing in the restored picture"
         return (
-            "poor: parts of the photograph tell different kernels. Give a part with many sharp "
-            "edges in all directions, or a smaller size"
+            "poor: parts of the photograph, or two searches, tell different kernels. Give a part "
+            "with many sharp edges in all directions, or a smaller size"
         )
 
 
