@@ -20,7 +20,8 @@ class Kernel:
     the origin as `size` allows, for where the scene lay before the blur nobody can tell. deviation:
     (size, size), standard deviation of each of its pixels, from how parts of the photograph
     agree, and searches from two starts; an error that all share isn't in it. noise: standard
-    deviation of a photograph's pixel. score: 0 to 1, the share of the kernel's energy that isn't its expected error.
+    deviation of a photograph's pixel. score: 0 to 1, the share of the kernel's energy that isn't
+    its expected error.
     """
 
     psf: torch.Tensor
