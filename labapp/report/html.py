@@ -57,9 +57,9 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead><tr>{top}</tr></thead><tbody>{inner}</tbody></table>"
 
 
-def html_figure(data: bytes, text: str) -> str:
-    """A PNG file with a caption."""
-    source = "data:image/png;base64," + base64.b64encode(data).decode()
+def html_figure(data: bytes, text: str, kind: str = "png") -> str:
+    """A picture file with a caption. kind: png or gif."""
+    source = f"data:image/{kind};base64," + base64.b64encode(data).decode()
     under = f"<figcaption>{escape(text)}</figcaption>" if text else ""
     return f'<figure><img src="{source}" alt="{escape(text)}">{under}</figure>'
 

@@ -25,5 +25,10 @@ STUDIES: dict[str, Entry] = {
     "psf-shapes": Entry(
         "labapp.studies.psf_shapes", "Fig. 3.3", "PSFs of many shapes, by phase retrieval"
     ),
+    "psf-video": Entry("labapp.studies.psf_video", "Fig. 3.4", "a PSF that shrinks with time"),
+    "psf-stability": Entry(
+        "labapp.studies.psf_stability", "Fig. 3.5", "how smooth a phase video makes a PSF"
+    ),
+    "refocus": Entry("labapp.studies.refocus", "Fig. 3.6", "another focus by a lens on the SLM"),
 }
 """By name. Without what they need to run, so that help is instant."""

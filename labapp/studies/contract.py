@@ -53,15 +53,28 @@ class Plate:
 
 
 @dataclass(frozen=True, eq=False)
+class Movie:
+    """A moving picture of the study's page. data: a GIF file."""
+
+    title: str
+    data: bytes
+    caption: str
+
+
+@dataclass(frozen=True, eq=False)
 class Results:
-    """rows: at least one. plates: the first one is also written as study.png. notes: sentences
-    on what is beside the figures: what the study can't tell, and why ours may differ.
-    arrays: none are needed; further figures for programs, plain data."""
+    """What a study found.
+
+    rows: one at least. plates: one at least; the first is also written as study.png. notes:
+    sentences on what the study can't tell, and why ours may differ. data: further figures for
+    programs, plain and finite.
+    """
 
     rows: Sequence[Row]
     plates: Sequence[Plate]
     notes: Sequence[str] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
+    movies: Sequence[Movie] = ()
 
 
 @dataclass(frozen=True)

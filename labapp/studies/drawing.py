@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 _DECADES = 1e-4
@@ -40,7 +45,24 @@ def draw_panel(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
     _bare(axes, title)
 
 
+def animated(pictures: Sequence[NDArray[Any]], seconds: float = 0.2) -> bytes:
+    """A GIF file that shows pictures in turn, again and again, each so long; four decades."""
+    peak = max(float(picture.max()) for picture in pictures)
+    figure = Figure(figsize=(4.2, 4.2), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "movie.gif"
+        writer = PillowWriter(fps=1 / seconds)
+        with writer.saving(figure, path, dpi=100):
+            for picture in pictures:
+                axes.clear()
+                draw_log(axes, picture, "", peak)
+                writer.grab_frame()
+        return path.read_bytes()
+
+
 def _bare(axes: Axes, title: str) -> None:
+    axes.axis("on")
     axes.set_title(title, fontsize=11)
     axes.set_xticks([])
     axes.set_yticks([])

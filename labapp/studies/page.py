@@ -56,6 +56,10 @@ def page(account: Account, pictures: list[bytes]) -> str:
         f"<h2>{escape(plate.title)}</h2>" + html_figure(picture, plate.caption)
         for plate, picture in zip(results.plates, pictures, strict=True)
     ]
+    movies = [
+        f"<h2>{escape(movie.title)}</h2>" + html_figure(movie.data, movie.caption, "gif")
+        for movie in results.movies
+    ]
     return document(
         study.title,
         [
@@ -68,6 +72,7 @@ def page(account: Account, pictures: list[bytes]) -> str:
             html_table(["what", "published", "expected", "ours"], rows),
             *(f"<p>{escape(note)}</p>" for note in results.notes),
             *plates,
+            *movies,
             "<h2>Settings</h2>",
             html_table(["key", "value", "what it is"], _settings(account)),
             f"<p>Seed {account.seed}; record {escape(account.record.name)}.</p>",

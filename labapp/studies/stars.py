@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from labapp.analysis.brackets import Picture, merge_all
-from labapp.analysis.star import PSFReport, measure_psf
+from labapp.analysis.brackets import Picture, find, merge_all
+from labapp.analysis.star import PSFReport, centre_of, cut, measure_psf
 from labapp.files.plan_file import Reconstruction
 from labapp.record.reader import Record
 from optics.progress import Progress
@@ -44,6 +44,28 @@ def measured_psfs(
         progress.report(0.3 + 0.7 * number / len(patterns), f"PSF of {name}")
         roles = Reconstruction(coded=name, wavelength_nm=wavelength_nm, psf_window_px=window_px)
         found[name] = measure_psf(record, brackets, roles)
+    return found
+
+
+def summed_noise(
+    record: Record,
+    patterns: Sequence[str],
+    wavelength_nm: float,
+    window_px: int,
+    progress: Progress,
+) -> dict[str, float]:
+    """Variance of each measured PSF, summed over its window: what the camera's noise adds to the
+    square of a difference, on the scale of the neutral star's light."""
+    brackets = merge_all(record, record.plan, progress)
+    metres = wavelength_nm * 1e-9
+    neutral = find(brackets, "star", "neutral", metres, record.path).rate
+    centre = centre_of(neutral)
+    total = float(cut(neutral, centre, window_px).sum())
+    found = {}
+    for name in patterns:
+        variance = find(brackets, "star", name, metres, record.path).variance
+        known = np.where(np.isfinite(variance), variance, 0.0)
+        found[name] = float(cut(known, centre, window_px).sum()) / total**2
     return found
 
 
