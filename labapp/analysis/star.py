@@ -133,7 +133,8 @@ def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | N
     patterns, and for a logo, whose picture a record hasn't got."""
     frames = 1
     if isinstance(spec, VideoPattern) and spec.pattern is not None:
-        spec, frames = spec.pattern, spec.length
+        frames = spec.length
+        spec = spec.pattern
     if not isinstance(spec, RingPattern | PSFPattern) or isinstance(spec.target, LogoTarget):
         return None
     pitch = camera.sensor.pitch

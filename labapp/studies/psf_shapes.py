@@ -17,7 +17,7 @@ from labapp.files.reading import validate
 from labapp.record.reader import Record
 from labapp.studies.contract import Plate, Results, Row, Settings, Study
 from labapp.studies.drawing import draw_log, draw_tone
-from labapp.studies.published import RING_BAND, RING_ENERGY, published_ring, ring_sizes
+from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
 from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks
 from optics import metrics
 from optics.camera import Camera
@@ -179,7 +179,7 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Ro
 def ring_share(shape: Picture, camera: Camera, wavelength: float) -> float:
     """Light of a PSF in the band around the published ring, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
-    radius = np.hypot(y, x) / (ring_sizes(camera, wavelength)[0] / 30)
+    radius = np.hypot(y, x) / (ring_sizes(camera, wavelength)[0] / RADIUS)
     low, high = RING_BAND
     return float(shape[(radius > low) & (radius < high)].sum())
 
@@ -210,7 +210,7 @@ def _ring_plate(report: PSFReport, camera: Camera, settings: ShapesSettings) -> 
     draw_tone(left, grey, "published, computed by its authors (569 iterations)")
     draw_tone(right, report.shape, "ours, through the bench")
     # The same part of the image beside each other.
-    sample = ring_sizes(camera, settings.wavelength_nm * 1e-9)[0] / 30 / camera.sensor.pitch
+    sample = ring_sizes(camera, settings.wavelength_nm * 1e-9)[0] / RADIUS / camera.sensor.pitch
     middle = report.shape.shape[0] // 2
     reach = min(half_samples * sample, middle)
     right.set_xlim(middle - reach, middle + reach)

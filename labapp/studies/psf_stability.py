@@ -232,7 +232,7 @@ def _plate(
     found: Mapping[str, PSFReport], averaged: Sequence[Averaged], settings: StabilitySettings
 ) -> Plate:
     figure = Figure(figsize=(13, 9), dpi=100, layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.05])
+    top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1, 1.05]))
     axes = top.subplots(1, 3)
     first = averaged[0]
     pictures = {

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 from labapp.files.reading import bundled, read_grey
 from optics.camera import Camera
 
-_RADIUS, _WIDTH, _GRID = 30, 1.5, 1920
-"""Of the published ring, samples; and of the grid that its PSF was computed on."""
+RADIUS, _WIDTH = 30, 1.15
+"""Of the published ring, in samples of its PSF; the width is a standard deviation."""
+
+_SIDE = 1920 * 8e-6
+"""Of the authors' panel, metres, which is also the side of the square that they transform."""
 
 RING_BAND = (20, 40)
 """Samples from the axis, between which the ring's energy is counted."""
@@ -28,10 +31,10 @@ compute a PSF, by one Fourier transform of the pattern within 1920 x 1920 sample
 def ring_sizes(camera: Camera, wavelength: float) -> tuple[float, float]:
     """Radius and width (standard deviation) that the published ring has on a sensor, metres.
 
-    A sample is wavelength x image distance / (1920 panel pixels), as of the published transform.
+    A sample is wavelength x image distance / 15.36 mm, as of the published transform.
     """
-    sample = wavelength * camera.lever / (_GRID * camera.panel.pitch)
-    return _RADIUS * sample, _WIDTH * sample
+    sample = wavelength * camera.lever / _SIDE
+    return RADIUS * sample, _WIDTH * sample
 
 
 def published_ring() -> NDArray[np.uint8]:

@@ -333,7 +333,7 @@ def _scene_plate(
     settings: RefocusSettings,
 ) -> Plate:
     figure = Figure(figsize=(15, 9.8), dpi=100, layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[1.25, 1])
+    top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1.25, 1]))
     white = float(np.percentile(scenes[0], 99.8))
     titles = ("(a) no pattern", f"(b) Fresnel lens, in focus at {settings.near_m:g} m")
     for axes, scene, title in zip(top.subplots(1, 2), scenes, titles, strict=True):
