@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -13,27 +12,19 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from labapp.analysis.brackets import Bracket, Picture, find, merge_all
-from labapp.analysis.star import centre_of, cut
 from labapp.errors import UserError
 from labapp.files.pattern_table import Positive
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.files.scene_targets import LayersTable
 from labapp.record.reader import Record
+from labapp.studies.bricks import BRICKS, Region, regions_of, sharpened
 from labapp.studies.contract import Plate, Results, Row, Settings, Study
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
+from labapp.studies.focusing import DefocusedStar, Focus, focus_of, opening
 from labapp.studies.stars import NEUTRAL
 from optics.camera import Camera
 from optics.progress import Progress
 from optics.stop.shadow import in_focus
-
-_WINDOW = 192
-"""Sensor pixels across a defocused star."""
-
-_ARM = 6
-"""Pixels around the axes that are left to the diffraction of a rectangle in focus."""
-
-BRICKS = "bricks"
 
 
 class RefocusSettings(Settings):
@@ -104,21 +95,6 @@ def star_at(metres: float) -> str:
     return f"star-{round(100 * metres)}cm"
 
 
-@dataclass(frozen=True)
-class Focus:
-    """Blur of stars by their vergence, and the parabola through it.
-
-    vergences: 1 / distance, dioptres. squares: mean square radius of each star, m². best: the
-    vergence with the least blur. slope: m² a dioptre². least: m².
-    """
-
-    vergences: Sequence[float]
-    squares: Sequence[float]
-    best: float
-    slope: float
-    least: float
-
-
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> Results:
     """Where the focus lies without and with the lens, and what becomes of the bricks."""
     camera = record.bench.build_camera()
@@ -129,18 +105,20 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> R
         return find(brackets, target, pattern, metres, record.path)
 
     stars = [
-        _Star(distance, *(taken(star_at(distance), name).rate for name in ("neutral", "lens")))
+        DefocusedStar(
+            distance, *(taken(star_at(distance), name).rate for name in ("neutral", "lens"))
+        )
         for distance in sorted(settings.stars_m)
     ]
     nearest = min(stars, key=lambda star: abs(1 / star.distance - 1 / settings.near_m))
     halo = nearest.unmodulated
-    before = _focus(stars, [star.plain for star in stars], camera)
-    after = _focus(stars, [star.coded - halo * star.plain for star in stars], camera)
+    before = focus_of(stars, [star.plain for star in stars], camera)
+    after = focus_of(stars, [star.coded - halo * star.plain for star in stars], camera)
     progress.report(0.9, "bricks")
     scenes = [taken(BRICKS, name).rate for name in ("neutral", "lens")]
     rows = [*_rows(before, after, settings, camera), _halo(halo, nearest, camera)]
-    regions = _regions(record, camera)
-    rows += _sharpened(scenes, regions, settings)
+    regions = regions_of(record, camera)
+    rows += sharpened(scenes, regions, settings.near_m)
     plates = [
         _scene_plate(scenes, record.pattern("lens"), regions, settings),
         _focus_plate(before, after, nearest, settings, camera),
@@ -154,61 +132,6 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> R
         "subtracted before: it stays in focus where the lens was.",
     ]
     return Results(rows, plates, notes, data)
-
-
-class _Star:
-    """A star at a distance, without and with the lens: shares of its light, around its centre."""
-
-    def __init__(self, distance: float, plain: Picture, coded: Picture) -> None:
-        self.distance = distance
-        centre = centre_of(plain)
-        window = min(_WINDOW, *plain.shape)
-        total = float(cut(plain, centre, window).sum())
-        if not total > 0:
-            raise UserError(
-                f"the star at {distance:g} m is dark. Expose it longer: the setting 'star_ms'."
-            )
-        self.plain = cut(plain, centre, window) / total
-        self.coded = cut(coded, centre, window) / total
-
-    @property
-    def unmodulated(self) -> float:
-        """How much of the picture without the lens is in the one with it, beside its focus."""
-        y, x = np.abs(np.indices(self.plain.shape) - self.plain.shape[0] // 2)
-        beside = (y > _ARM) & (x > _ARM) & (self.plain > 0.2 * np.percentile(self.plain, 99))
-        if not beside.any():
-            return 0.0
-        plain, coded = self.plain[beside], self.coded[beside]
-        return float(np.clip((plain * coded).sum() / (plain * plain).sum(), 0, 1))
-
-
-def _focus(stars: Sequence[_Star], pictures: Sequence[Picture], camera: Camera) -> Focus:
-    vergences = [1 / star.distance for star in stars]
-    squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
-    slope, linear, constant = np.polyfit(vergences, squares, 2)
-    best = -linear / (2 * slope)
-    return Focus(vergences, squares, float(best), float(slope), float(constant - slope * best**2))
-
-
-def _mean_square(picture: Picture) -> float:
-    """Of the radius about the centroid, pixels."""
-    light = picture / picture.sum()
-    y, x = np.indices(picture.shape)
-    cy, cx = (y * light).sum(), (x * light).sum()
-    return float((((y - cy) ** 2 + (x - cx) ** 2) * light).sum())
-
-
-def opening(camera: Camera) -> float:
-    """Mean of x² + y² over the panel within the stop, m²: of a star's blur by a dioptre, over
-    the square of the image distance."""
-    panel = camera.panel
-    y, x = (
-        (np.arange(n) - (n - 1) / 2)[shape] * panel.pitch
-        for n, shape in zip(panel.shape, ((slice(None), None), (None, slice(None))), strict=True)
-    )
-    square = y**2 + x**2
-    inside = square <= (camera.lens.stop_diameter / 2) ** 2
-    return float(square[inside].mean())
 
 
 def _rows(before: Focus, after: Focus, settings: RefocusSettings, camera: Camera) -> list[Row]:
@@ -261,7 +184,7 @@ def _at(focus: Focus, vergence: float) -> float:
     return focus.least + focus.slope * (vergence - focus.best) ** 2
 
 
-def _halo(share: float, star: _Star, camera: Camera) -> Row:
+def _halo(share: float, star: DefocusedStar, camera: Camera) -> Row:
     return Row(
         f"halo: light of a star at {star.distance:g} m that stays out of focus",
         "a halo around each object (picture only)",
@@ -269,61 +192,6 @@ def _halo(share: float, star: _Star, camera: Camera) -> Row:
         f"{100 * share:.1f} %",
         share,
     )
-
-
-Region = tuple[float, slice, slice]
-"""Distance, rows and columns of a brick on the sensor."""
-
-
-def _regions(record: Record, camera: Camera) -> list[Region]:
-    """Where a simulated scene's bricks are seen, the nearest first; of a real one unknown."""
-    table = record.scene.targets.get(BRICKS) if record.scene else None
-    if not isinstance(table, LayersTable):
-        return []
-    found = []
-    for layer in table.layers:
-        if layer.picture.kind != "brick":
-            continue
-        scale = camera.magnification(layer.distance_m) / camera.sensor.pitch * 1e-3
-        sides = []
-        for offset, size, pixels in zip(
-            layer.picture.offset_mm, layer.picture.size_mm, camera.sensor.shape, strict=True
-        ):
-            middle, half = pixels / 2 + offset * scale, (size / 2 + 3) * scale
-            sides.append(slice(max(0, round(middle - half)), min(pixels, round(middle + half))))
-        found.append((layer.distance_m, sides[0], sides[1]))
-    return found
-
-
-def _sharpened(
-    scenes: Sequence[Picture], regions: Sequence[Region], settings: RefocusSettings
-) -> list[Row]:
-    rows = []
-    for distance, y, x in regions:
-        plain, coded = (steepness(scene[y, x]) for scene in scenes)
-        ratio = coded / plain
-        wanted = "more than 1" if abs(distance - settings.near_m) < 0.05 else "-"
-        if distance == max(one[0] for one in regions):
-            wanted = "less than 1"
-        rows.append(
-            Row(
-                f"steepest edges of the brick at {distance:g} m, with the lens over without",
-                "picture only",
-                wanted,
-                f"{ratio:.2f}",
-                ratio,
-            )
-        )
-    return rows
-
-
-def steepness(picture: Picture) -> float:
-    """Of the steepest edges, relative to the picture's range: 99th percentile of the gradient
-    over two pixels, so that noise counts little."""
-    y = picture[2:, 1:-1] - picture[:-2, 1:-1]
-    x = picture[1:-1, 2:] - picture[1:-1, :-2]
-    low, high = np.percentile(picture, [1, 99])
-    return float(np.percentile(np.hypot(y, x), 99) / (high - low))
 
 
 def _scene_plate(
@@ -351,7 +219,7 @@ def _scene_plate(
 
 
 def _focus_plate(
-    before: Focus, after: Focus, star: _Star, settings: RefocusSettings, camera: Camera
+    before: Focus, after: Focus, star: DefocusedStar, settings: RefocusSettings, camera: Camera
 ) -> Plate:
     figure = Figure(figsize=(14, 5), dpi=100, layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.7, 1, 1])

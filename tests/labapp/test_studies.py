@@ -24,24 +24,27 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled
 from labapp.record.reader import Record
 from labapp.studies import STUDIES
+from labapp.studies.bricks import steepness
 from labapp.studies.command import Asked, study
 from labapp.studies.finding import find_study, read_settings
+from labapp.studies.focusing import opening
 from labapp.studies.psf_stability import law
 from labapp.studies.psf_video import spread
 from labapp.studies.published import RING_BAND, RING_ENERGY, published_ring, ring_sizes
-from labapp.studies.refocus import opening, steepness
 from optics.camera import Camera, Lens, Panel
 
 FILES = {"run.h5", "study.png", "study.html", "study.json"}
 
 
-def coarse(folder: Path, pitch: float = 3.45, shape: tuple[int, int] = (192, 256)) -> Path:
-    """The virtual bench with a tenth of the panel's pixels along each axis, and a small sensor."""
+def coarse(
+    folder: Path, pitch: float = 3.45, shape: tuple[int, int] = (192, 256), coarser: int = 10
+) -> Path:
+    """The virtual bench with fewer, larger pixels of the panel, and a small sensor."""
     text = bundled("bench.toml").read_text()
     changes = {
-        "width = 1920": "width = 192",
-        "height = 1080": "height = 108",
-        "pitch_um = 8.0": "pitch_um = 80.0",
+        "width = 1920": f"width = {1920 // coarser}",
+        "height = 1080": f"height = {1080 // coarser}",
+        "pitch_um = 8.0": f"pitch_um = {8 * coarser}.0",
         "width = 768": f"width = {shape[1]}",
         "height = 512": f"height = {shape[0]}",
         "pitch_um = 3.45": f"pitch_um = {pitch}",
@@ -192,7 +195,7 @@ def test_the_law_of_averages_is_that_of_random_numbers():
 
 
 def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_path):
-    bench = coarse(tmp_path, 6.9, (256, 384))
+    bench = coarse(tmp_path, 6.9, (256, 384), 4)
     keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "scene_ms=[400]")
     said = done(tmp_path / "out", Asked("refocus", keys, bench=bench))
     (before,) = values(said, "distance in focus, no pattern")
