@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -73,7 +74,7 @@ def _default(field: FieldInfo) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple) and value:
-        return "[" + ", ".join(str(one) for one in value) + "]"
+        return json.dumps(value)
     return "none" if value is None or value == () else str(value)
 
 

@@ -52,10 +52,10 @@ def list_studies(*, as_json: bool) -> None:
         return
     for one in described:
         out.print(f"{one['name']}: {one['title']} ({one['source']})", style="bold", markup=False)
-        out.print(f"    {one['method']}", markup=False)
+        out.print(f"    {one['method']}", markup=False, soft_wrap=True)
         for key in one["settings"]:
             line = f"    {key['key']:<16}  {key['default']:<10}  {key['what']}"
-            out.print(line, markup=False)
+            out.print(line, markup=False, soft_wrap=True)
         out.print()
     out.print("For instance: labapp study refocus --out refocus")
 
