@@ -30,7 +30,7 @@ from optics.stop.shadow import in_focus
 class RefocusSettings(Settings):
     """What the lens on the SLM shall bring into focus, and where stars tell whether it does."""
 
-    QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0], "scene_ms": [400]}
+    QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0], "bricks": False}
 
     near_m: Annotated[
         Positive, Field(description="distance that the lens on the SLM is to bring into focus")
@@ -39,6 +39,7 @@ class RefocusSettings(Settings):
         tuple[Positive, ...],
         Field(min_length=3, description="distances of stars: targets star-160cm and so on"),
     ] = (1.4, 1.6, 1.8, 2.0, 2.4)
+    bricks: Annotated[bool, Field(description="photograph them, before and after")] = True
     wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
     star_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
@@ -66,6 +67,8 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
         "wavelengths_nm": [settings.wavelength_nm],
         "interleave": [{"role": "dark", "frames": 4}],
     }
+    bracket = {"targets": [BRICKS], "exposures_ms": list(settings.scene_ms)}
+    scene = [block | bracket] if settings.bricks else []
     data = {
         "version": 1,
         "title": STUDY.title,
@@ -84,7 +87,7 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
                 "targets": [star_at(metres) for metres in settings.stars_m],
                 "exposures_ms": list(settings.star_ms),
             },
-            block | {"targets": [BRICKS], "exposures_ms": list(settings.scene_ms)},
+            *scene,
         ],
     }
     return validate(data, PlanFile, "study refocus")
@@ -114,15 +117,14 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> R
     halo = nearest.unmodulated
     before = focus_of(stars, [star.plain for star in stars], camera)
     after = focus_of(stars, [star.coded - halo * star.plain for star in stars], camera)
-    progress.report(0.9, "bricks")
-    scenes = [taken(BRICKS, name).rate for name in ("neutral", "lens")]
     rows = [*_rows(before, after, settings, camera), _halo(halo, nearest, camera)]
-    regions = regions_of(record, camera)
-    rows += sharpened(scenes, regions, settings.near_m)
-    plates = [
-        _scene_plate(scenes, record.pattern("lens"), regions, settings),
-        _focus_plate(before, after, nearest, settings, camera),
-    ]
+    plates = [_focus_plate(before, after, nearest, settings, camera)]
+    if settings.bricks:
+        progress.report(0.9, "bricks")
+        scenes = [taken(BRICKS, name).rate for name in ("neutral", "lens")]
+        regions = regions_of(record, camera)
+        rows += sharpened(scenes, regions, settings.near_m)
+        plates.insert(0, _scene_plate(scenes, record.pattern("lens"), regions, settings))
     data = {"before": vars(before), "after": vars(after)}
     notes = [
         "A star that is out of focus is the projection of the pupil: its mean square radius is "

@@ -196,7 +196,7 @@ def test_the_law_of_averages_is_that_of_random_numbers():
 
 def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_path):
     bench = coarse(tmp_path, 6.9, (256, 384), 4)
-    keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "scene_ms=[400]")
+    keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "bricks=false")
     said = done(tmp_path / "out", Asked("refocus", keys, bench=bench))
     (before,) = values(said, "distance in focus, no pattern")
     (after,) = values(said, "distance in focus, Fresnel lens of 8 m")
@@ -209,9 +209,6 @@ def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_
     )
     (halo,) = values(said, "halo")
     assert halo == pytest.approx(0.05, abs=0.015)
-    (near,), (far,) = values(said, "brick at 1.6 m"), values(said, "brick at 2 m")
-    assert near > 1.3
-    assert far < 0.8
 
 
 def test_the_opening_is_that_of_a_rectangle_or_a_disc():
