@@ -13,7 +13,7 @@ from typing import Any
 # isort: off
 from labapp.cli.app import app
 from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
-from labapp.cli import training, plans, bench
+from labapp.cli import studying, training, plans, bench
 from labapp.memory import keep_freed_memory
 
 # isort: on
@@ -31,6 +31,7 @@ __all__ = [
     "refining",
     "runs",
     "simulating",
+    "studying",
     "training",
 ]
 
