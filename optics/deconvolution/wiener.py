@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -67,7 +68,10 @@ def _penalty(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch
         shape, best = _noise_to_signal(seen, frequency), 1.0
     else:
         shape = torch.ones_like(frequency) if smooth == "flat" else frequency.square()
-        best = _best(seen, shape, frequency) if weight is None else 0.0
+        best = 0.0
+        if weight is None:
+            power = seen.power.to(torch.float64)
+            best = least_error(seen, lambda k: power / (power + k * shape).clamp(min=1e-30))
     used = best if weight is None else weight
     return (used * shape).to(seen.power), used
 
@@ -79,12 +83,17 @@ def _noise_to_signal(seen: Blurred, frequency: torch.Tensor) -> torch.Tensor:
     return noise / (max(law.strength, 1e-30) * at**-law.slope)
 
 
-def _best(seen: Blurred, shape: torch.Tensor, frequency: torch.Tensor) -> float:
-    """The weight with the least mean square error that the photograph's spectrum predicts."""
-    signal, power = 1 / _noise_to_signal(seen, frequency), seen.power.to(torch.float64)
+def least_error(seen: Blurred, through: Callable[[float], torch.Tensor]) -> float:
+    """The weight with the least mean square error that the photograph's spectrum predicts.
 
-    def error(weight: torch.Tensor) -> torch.Tensor:
-        k = weight * shape
-        return ((k.square() * signal + power) / (power + k).square().clamp(min=1e-30)).mean()
+    through: of a weight, the share of the scene that gets through blur and filter at each frequency
+    of the whole period.
+    """
+    signal = 1 / _noise_to_signal(seen, radii(seen.whole))
+    lost = seen.power.to(torch.float64).clamp(min=1e-30)
 
-    return float(_GRID[int(torch.stack([error(one) for one in _GRID]).argmin())])
+    def error(weight: float) -> float:
+        share = through(weight).to(torch.float64)
+        return float(((1 - share).square() * signal + share.square() / lost).mean())
+
+    return min(_GRID.tolist(), key=error)
