@@ -75,20 +75,32 @@ def spectrum_of(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
     is there. A photograph that isn't blurred shows its noise badly: the answer then has what the
     picture's finest detail looks like.
     """
+    transfer = transfer_function(psf.to(torch.float64), (image.shape[0], image.shape[1]))
+    return spectrum_through(image, squared(transfer))
+
+
+@torch.no_grad()
+def spectrum_through(
+    image: torch.Tensor, let: torch.Tensor, region: torch.Tensor | None = None
+) -> PowerLaw:
+    """The same, of what lets a share of each frequency's power through, on the photograph's rfft2
+    grid: several PSFs let the mean of theirs. region: a smooth window, of which part of it."""
     image, shape = image.to(torch.float64), (int(image.shape[0]), int(image.shape[1]))
     if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
-    transfer = transfer_function(psf.to(torch.float64), shape)
-    power, frequency, let = _tapered(image), radii(shape), squared(transfer)
+    power, frequency = _tapered(image, region), radii(shape)
+    let = let.to(torch.float64)
     used = frequency > _LOWEST / min(shape)
     return _fitted(power[used], frequency[used], let[used])
 
 
-def _tapered(image: torch.Tensor) -> torch.Tensor:
+def _tapered(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
     """Power of the frame times a window that falls to 0 at its border; of white noise its
     variance."""
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
+    if region is not None:
+        window = window * region.to(window)
     square = window.square()
     detail = (image - (image * square).sum() / square.sum()) * window
     spectrum = rfft2(detail)

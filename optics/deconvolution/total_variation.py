@@ -12,7 +12,7 @@ from optics.edge import require_positive
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_STEP = 0.2
+STEP = 0.2
 """Of the picture's standard deviation: the gradient that a first iteration takes for none. A fifth
 is fastest."""
 
@@ -47,7 +47,7 @@ def total_variation(
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    gradients = TotalVariation(seen.whole, _STEP * seen.scale, power, seen.image.dtype)
+    gradients = TotalVariation(seen.whole, STEP * seen.scale, power, seen.image.dtype)
     bounded = positive or seen.border == "dark"
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)

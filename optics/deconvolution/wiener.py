@@ -54,15 +54,15 @@ def wiener(
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
     equations = NormalEquations(seen)
-    penalty, used = _penalty(seen, weight, smooth)
+    penalty, used = penalty_of(seen, weight, smooth)
     spectrum, taken = equations.solved(penalty, equations.start(penalty), steps)
     picture, residual = equations.picture(spectrum), equations.residual(spectrum)
     name = f"Wiener, {smooth}"
     return Restored(seen.frame(picture), name, seen.noise, residual, used, 1 + taken)
 
 
-def _penalty(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
-    """K of each frequency, and its weight."""
+def penalty_of(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
+    """K of each frequency of the whole period, and its weight: see wiener()."""
     frequency = radii(seen.whole)
     if smooth == "spectrum":
         shape, best = _noise_to_signal(seen, frequency), 1.0
