@@ -99,7 +99,7 @@ def separable_figure(folder: Path) -> list[Figure]:
 
 def _same_as(answer: torch.Tensor, seen: Blurred, weight: float) -> Restored:
     """The two-dimensional restoration by as few steps as come so near."""
-    for steps in (5, 10, 20, 40, 80, 160, 320):
+    for steps in (5, 10, 15, 20, 30, 40, 80, 160, 320):
         full = wiener(seen, weight, "flat", steps=steps)
         left = torch.linalg.vector_norm(full.image - answer) / torch.linalg.vector_norm(answer)
         if float(left) <= _SAME:
@@ -145,7 +145,7 @@ def depths_figure(folder: Path) -> list[Figure]:
     truth, layers = _cut(cover * near + (1 - cover) * far), _cut(1 - cover).astype(np.int64)
     frame = _noisy(_cut(light))
     seen = layered(frame.astype(np.float32), psfs, layers)
-    ways = {
+    ways: dict[str, Callable[[], torch.Tensor]] = {
         "one PSF": lambda: total_variation(_fresh(frame, psfs[1])).image,
         "pasted": lambda: pasted(seen, total_variation),
         "together": lambda: depths(seen).image,
@@ -190,7 +190,7 @@ def _photograph(side: int) -> Array:
         raise FileNotFoundError("photograph.jpg isn't in labapp's data; install labapp again")
     rows, columns = (max(side - n, 0) for n in grey.shape)
     wide = np.pad(grey, ((0, rows), (0, columns)), mode="reflect")
-    photograph: Array = wide[:side, 100 : 100 + side] / 255.0
+    photograph: Array = wide[:side, 100 : 100 + side].astype(np.float64) / 255.0
     return photograph
 
 

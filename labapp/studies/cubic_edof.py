@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, ClassVar
 
-import cv2
 import numpy as np
 import torch
 from matplotlib.figure import Figure
@@ -191,9 +190,11 @@ def frame_layers(shape: tuple[int, ...]) -> NDArray[np.int64]:
     side = _COVER * max(rows / depth.shape[0], columns / depth.shape[1])
     y = (np.arange(rows) - rows // 2) / side + depth.shape[0] // 2
     x = (np.arange(columns) - columns // 2) / side + depth.shape[1] // 2
-    grid = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
-    placed = cv2.remap(depth, *grid, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-    return np.where(placed == _NEAR, 0, 1)
+    down, along = (
+        np.clip(np.rint(at), 0, n - 1).astype(np.int64)
+        for at, n in zip((y, x), depth.shape, strict=True)
+    )
+    return np.where(depth[down[:, None], along] == _NEAR, 0, 1)
 
 
 def _slit(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
@@ -346,4 +347,5 @@ STUDY = Study(
     plan=plan,
     evaluate=evaluate,
     scene="studies/edof.toml",
+    bench="studies/edof-bench.toml",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from labapp.studies.drawing import draw_grey, draw_log
 from labapp.studies.stars import NEUTRAL, star_blocks
 from optics.camera import Camera
 from optics.deconvolution.measured import measured
+from optics.deconvolution.restored import Restored
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
@@ -97,7 +99,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         psf.astype(np.float32),
         weights=None if known.all() else known.astype(np.float32),
     )
-    ways = {
+    ways: dict[str, Callable[[], Restored]] = {
         "Wiener, one weight for all frequencies": lambda: wiener(seen, smooth="flat"),
         "Wiener, gradient": lambda: wiener(seen),
         "Richardson-Lucy": lambda: richardson_lucy(seen, settings.lucy),
