@@ -52,6 +52,7 @@ def measurements() -> dict[str, Measurement]:
         psf,
         retrieval,
         sensor_emva,
+        separable,
         startup,
         troubles,
         work_saved,
@@ -95,6 +96,8 @@ def measurements() -> dict[str, Measurement]:
         "edge": edge_mtf.edge_figure,
         "live": live.live_figures,
         "depth": depth.depth_figure,
+        "separable": separable.separable_figure,
+        "layers": separable.depths_figure,
     }
 
 

@@ -30,5 +30,11 @@ STUDIES: dict[str, Entry] = {
         "labapp.studies.psf_stability", "Fig. 3.5", "how smooth a phase video makes a PSF"
     ),
     "refocus": Entry("labapp.studies.refocus", "Fig. 3.6", "another focus by a lens on the SLM"),
+    "cubic-edof": Entry(
+        "labapp.studies.cubic_edof", "Fig. 2.15-2.17", "more depth of field, by a cubic phase"
+    ),
+    "deconvolution": Entry(
+        "labapp.studies.deconvolution", "Fig. 2.9", "a blurred photograph, restored"
+    ),
 }
 """By name. Without what they need to run, so that help is instant."""

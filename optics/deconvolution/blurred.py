@@ -124,8 +124,11 @@ class Blurred:
     @property
     def explained(self) -> Explained:
         """What the best linear filter gets from that."""
-        transfer = transfer_function(self.psf / self.gain, self._middle)
-        return self.law.explained(squared(transfer), self._middle)
+        return self.law.explained(self._let(self._middle), self._middle)
+
+    def _let(self, shape: tuple[int, int]) -> torch.Tensor:
+        """|H|² on a period of that shape."""
+        return squared(transfer_function(self.psf / self.gain, shape))
 
     @property
     def _middle(self) -> tuple[int, int]:
