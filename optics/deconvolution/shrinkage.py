@@ -44,7 +44,7 @@ def kept(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
     place.mul_(threshold * coupling ** (-1 / (2 - power)) * _ENTRIES)
     lost = place > _ENTRIES
     # Lengths are told apart by their inverse: from endless ones at 0 to the threshold at the end.
-    below = place.clamp_(max=_ENTRIES - 0.5).long()
+    below = place.clamp_(max=_ENTRIES).long().clamp_(max=_ENTRIES - 1)
     share = torch.lerp(table[below], table[below + 1], place - below)
     return share.masked_fill_(lost, 0.0)
 

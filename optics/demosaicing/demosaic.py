@@ -58,8 +58,9 @@ def demosaic(
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
     if method != "prior":
-        told = dict(response=response, psf=psf, weights=weights, clipped=clipped, weight=weight)
-        given = [name for name, value in told.items() if value is not None]
+        names = ("response", "psf", "weights", "clipped", "weight")
+        told = (response, psf, weights, clipped, weight)
+        given = [name for name, value in zip(names, told, strict=True) if value is not None]
         if given:
             raise ValueError(f"method {method!r} takes no {', '.join(given)}; take 'prior'")
         return interpolated(raw, rows, method)[["RGB".index(letter) for letter in channels]]

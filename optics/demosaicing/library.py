@@ -39,11 +39,11 @@ def interpolated(
         )
     if min(raw.shape) < _LEAST:
         raise ValueError(f"raw is {tuple(raw.shape)}; OpenCV needs {_LEAST} x {_LEAST} pixels")
-    kind = np.uint8 if interpolation == "vng" else np.uint16
-    top = float(np.iinfo(kind).max)
+    top = 255 if interpolation == "vng" else 65535
     low, high = float(raw.min()), float(raw.max())
     unit = (high - low) / top if high > low else 1.0
-    whole = ((raw.double() - low) / unit).round().numpy().astype(kind)
+    whole = ((raw.detach().double() - low) / unit).round().numpy()
+    whole = whole.astype(np.uint8) if interpolation == "vng" else whole.astype(np.uint16)
     code = getattr(cv2, f"COLOR_Bayer{name}2RGB{_SUFFIX[interpolation]}")
     colours = torch.from_numpy(np.ascontiguousarray(cv2.cvtColor(whole, code)))
     return (colours.to(torch.float64).movedim(-1, 0) * unit + low).to(raw.dtype)

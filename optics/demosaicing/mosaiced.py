@@ -12,8 +12,6 @@ import torch
 from optics.deconvolution.blurred import require_psf
 from optics.edge import require_finite
 from optics.operators.blur import blur_shape, transfer_function
-from optics.operators.contract import Operator
-from optics.operators.spectral import SpectralMosaic
 from optics.plane import centred_crop
 
 _MARGIN = (8, 8)
@@ -26,9 +24,9 @@ class Mosaiced:
 
     filters: (bands, rows, columns), what each pixel's filter lets through of each band. noise:
     standard deviation of a pixel. psf: (rows, columns) of all bands, or one for each; origin at
-    n // 2; None for a sharp picture. trust: 0 where a pixel tells nothing, else its weight. clipped:
-    True where the light is at least what was measured, at trust 0. Beyond the frame the scene is
-    unknown. Raises ValueError for what doesn't fit, or isn't finite.
+    n // 2; None for a sharp picture. trust: 0 where a pixel tells nothing, else its weight.
+    clipped: True where the light is at least what was measured, at trust 0. Beyond the frame the
+    scene is unknown. Raises ValueError for what doesn't fit, or isn't finite.
     """
 
     raw: torch.Tensor
@@ -103,16 +101,11 @@ class Mosaiced:
 
     @cached_property
     def transfer(self) -> torch.Tensor | None:
-        """Of the PSF on that period, (1 or bands, rows, columns // 2 + 1); None where it's sharp."""
+        """Of the PSF on that period, (1 or bands, rows, columns // 2 + 1); None if sharp."""
         if self.psf is None:
             return None
         psf = self.psf if self.psf.ndim == 3 else self.psf[None]
         return transfer_function(psf.to(self.raw), self.whole)
-
-    @cached_property
-    def camera(self) -> Operator:
-        """From the light of each band in the frame to the numbers."""
-        return SpectralMosaic(self.filters)
 
     def seen(self, whole: torch.Tensor) -> torch.Tensor:
         """What of the period lies in the frame, a view."""

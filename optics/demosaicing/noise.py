@@ -11,7 +11,7 @@ from scipy.stats import chi2
 _BLOCK = 16
 """Samples of one filter along each side of a block that is looked at."""
 
-_SMOOTHEST = 0.1
+_SMOOTHEST = 0.02
 """Quantile of the blocks that is taken for smooth."""
 
 _BEND = (1.0, -2.0, 1.0)
@@ -25,9 +25,9 @@ def noise_of(raw: torch.Tensor, period: Sequence[int]) -> float:
     (rows, columns).
 
     Of what second differences both ways leave of the samples of one filter (Immerkaer 1996, doi
-    10.1006/cviu.1996.0060), in blocks, that quantile which white noise would have in a tenth of
-    them. The scene's finest detail counts as noise where nothing is smooth; 0 for frames of less
-    than three samples a filter.
+    10.1006/cviu.1996.0060), in blocks: the smoothest few, as white noise would have them. The
+    scene's finest detail counts as noise where nothing is smooth; 0 for frames of less than three
+    samples a filter.
     """
     found = [
         value
@@ -39,7 +39,7 @@ def noise_of(raw: torch.Tensor, period: Sequence[int]) -> float:
         return 0.0
     smooth = float(torch.quantile(torch.stack(found), _SMOOTHEST))
     count = (_BLOCK / _INDEPENDENT) ** 2
-    expected = float(chi2.ppf(_SMOOTHEST, count)) / count if len(found) > 10 else 1.0
+    expected = float(chi2.ppf(_SMOOTHEST, count)) / count if len(found) > 1 / _SMOOTHEST else 1.0
     return math.sqrt(smooth / expected)
 
 
