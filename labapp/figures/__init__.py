@@ -36,6 +36,7 @@ def measurements() -> dict[str, Measurement]:
         chain_cost,
         chains,
         closed_forms,
+        demosaicing,
         depth,
         durability,
         edge_mtf,
@@ -50,6 +51,7 @@ def measurements() -> dict[str, Measurement]:
         problems,
         promptness,
         psf,
+        restoration_priors,
         retrieval,
         sensor_emva,
         startup,
@@ -95,6 +97,8 @@ def measurements() -> dict[str, Measurement]:
         "edge": edge_mtf.edge_figure,
         "live": live.live_figures,
         "depth": depth.depth_figure,
+        "restoration-priors": restoration_priors.restoration_figures,
+        "demosaicing": demosaicing.demosaicing_figures,
     }
 
 
