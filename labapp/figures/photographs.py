@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -36,7 +37,8 @@ def grey_photograph() -> NDArray[np.float64]:
         grey = _read(_OWN[0]).mean(0)
         top, left = ((n - 512) // 2 for n in grey.shape)
         return np.asarray(grey[top : top + 512, left : left + 512])
-    return np.asarray(data.camera() / 255.0)
+    camera: Callable[[], NDArray[np.uint8]] = data.camera
+    return np.asarray(camera() / 255.0)
 
 
 def _read(file: Path) -> Colours:
