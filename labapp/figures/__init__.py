@@ -36,6 +36,7 @@ def measurements() -> dict[str, Measurement]:
         chain_cost,
         chains,
         closed_forms,
+        demosaicing,
         depth,
         durability,
         edge_mtf,
@@ -50,6 +51,7 @@ def measurements() -> dict[str, Measurement]:
         problems,
         promptness,
         psf,
+        restoration_priors,
         retrieval,
         sensor_emva,
         separable,
@@ -98,6 +100,8 @@ def measurements() -> dict[str, Measurement]:
         "depth": depth.depth_figure,
         "separable": separable.separable_figure,
         "layers": separable.depths_figure,
+        "restoration-priors": restoration_priors.restoration_figures,
+        "demosaicing": demosaicing.demosaicing_figures,
     }
 
 
