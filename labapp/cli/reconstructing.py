@@ -26,12 +26,13 @@ def reconstruct(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(help="auto, wiener, richardson-lucy, tv or hyper-laplacian.")
+        str,
+        typer.Option(help="auto, wiener, richardson-lucy, tv, hyper-laplacian, plug-and-play."),
     ] = "auto",
     budget: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="Processor seconds to choose a method by.", show_default="unlimited"
+            metavar="S", help="Processor seconds to stay within.", show_default="the usual"
         ),
     ] = None,
     noise: Annotated[

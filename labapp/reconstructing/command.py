@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from labapp.reconstructing.methods import Wish
 from labapp.reconstructing.problem import Problem
 from labapp.reconstructing.records import is_record
 from labapp.reconstructing.restoring import Judged, Outcome, judged, restore_picture
+from labapp.speed import machine_speed
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ def reconstruct(
     with watched() as progress:
         problem = asked.problem(progress.part(0, 0.3))
         truth = None if files.truth is None else _truth(files.truth, asked, problem)
+        if wish.budget is not None:
+            wish = replace(wish, speed=machine_speed(progress))
         outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
         score = None if truth is None else judged(problem.light, outcome.light, *truth)
