@@ -105,7 +105,7 @@ def written(path: Path, light: Light, coded: bool, full: float) -> bytes:
 def require_ending(path: Path) -> None:
     """UserError for a file that `written` doesn't know."""
     if path.suffix.lower() not in (".npy", ".png", *_TIFF):
-        raise UserError(f"--out {path}: the ending says the kind; choose .tiff, .npy or .png.")
+        raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
 
 
 def coded(light: NDArray[Any]) -> NDArray[np.uint8]:

@@ -69,7 +69,7 @@ def verdict(residual: float) -> str:
     if residual > _MOST:
         return "above 1.2: model, PSF or noise doesn't fit"
     if residual < _LEAST:
-        return "below 0.8: the noise is less than it was taken for, or was made detail of"
+        return "below 0.8: the noise is less than it was taken for, or some was made detail"
     return "good: what is left looks like noise"
 
 
