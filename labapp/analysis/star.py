@@ -60,6 +60,43 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
     UserError if the star frames are missing or dark.
     """
+    star = cut_star(record, brackets, roles)
+    measured, straight, window = star.measured, star.neutral, star.measured.shape[0]
+    share = _share_of(straight, measured)
+    shape = measured - share * straight
+    camera = record.bench.build_camera()
+    target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
+    predicted = _predict(record, camera, roles, star.wavelength, window)
+    return PSFReport(
+        measured,
+        straight,
+        shape,
+        target,
+        predicted,
+        star.inside,
+        share,
+        None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
+        None if target is None else _contrast(shape, target),
+        None if predicted is None else metrics.relative_error(measured, predicted),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Star:
+    """A star as it was seen, in a window around the neutral one's peak.
+
+    measured, neutral: share of the neutral star's light on each pixel, with the coded pattern and
+    without. inside: share of the coded star's light that falls in the window. wavelength: metres.
+    """
+
+    measured: Picture
+    neutral: Picture
+    inside: float
+    wavelength: float
+
+
+def cut_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> Star:
+    """The star with the coded pattern; UserError if its frames are missing or dark."""
     neutral, coded = (
         find(brackets, roles.star, pattern, roles.wavelength, record.path)
         for pattern in (roles.neutral, roles.coded)
@@ -72,23 +109,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     measured = cut(coded.rate, centre, window) / total
     inside = float(measured.sum()) * total / max(float(coded.rate.sum()), total)
     straight = cut(neutral.rate, centre, window) / total
-    share = _share_of(straight, measured)
-    shape = measured - share * straight
-    camera = record.bench.build_camera()
-    target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
-    predicted = _predict(record, camera, roles, coded.wavelength, window)
-    return PSFReport(
-        measured,
-        straight,
-        shape,
-        target,
-        predicted,
-        inside,
-        share,
-        None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
-        None if target is None else _contrast(shape, target),
-        None if predicted is None else metrics.relative_error(measured, predicted),
-    )
+    return Star(measured, straight, inside, coded.wavelength)
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:
