@@ -173,7 +173,7 @@ def inside(case: Taken, picture: Array) -> float | None:
 
 
 def _print(case: Taken, rows: list[DeconvolutionRow]) -> None:
-    columns = ["method", "iterations ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "predicted ", ""]
+    columns = ["method", "count ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "expected ", ""]
     cells = [
         [
             row.method,

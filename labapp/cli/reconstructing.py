@@ -27,7 +27,9 @@ def reconstruct(
     ] = None,
     method: Annotated[
         str,
-        typer.Option(help="auto, wiener, richardson-lucy, tv, hyper-laplacian, plug-and-play."),
+        typer.Option(
+            help="auto, wiener, richardson-lucy, tv, hyper-laplacian, l-bfgs-b, plug-and-play."
+        ),
     ] = "auto",
     budget: Annotated[
         float | None,

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, partial
-
-import numpy as np
-import torch
+from functools import partial
 
 from labapp.errors import UserError
-from labapp.files.reading import bundled
+from labapp.networks import packaged_denoiser
 from optics.accuracy import MachineSpeed
 from optics.deconvolution import choice
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.denoiser import denoiser_of
-from optics.deconvolution.plug_and_play import Denoise
 from optics.deconvolution.restored import Restored
-from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 
 AUTO = "auto"
-
-_NATURAL = 0.6
-"""Power of gradients' lengths in photographs (Krishnan and Fergus 2009)."""
 
 
 @dataclass(frozen=True)
@@ -66,56 +57,25 @@ Restore = Callable[[Blurred, Wish, Progress], Restored]
 
 
 def _by_choice(name: str | None, seen: Blurred, wish: Wish, progress: Progress) -> Restored:
-    denoise = learned_denoiser() if name is None or choice.METHODS[name].learned else None
-    if name is not None and choice.METHODS[name].learned and denoise is None:
-        raise UserError(f"--method {name}: needs a trained denoiser, and none is installed.")
+    learned = name is None or choice.METHODS[name].learned
     return choice.restore(
         seen,
         wish.budget,
         name,
         progress,
         weight=wish.weight,
-        denoise=denoise,
+        denoise=packaged_denoiser() if learned else None,
         speed=wish.speed,
     )
-
-
-def _hyper_laplacian(seen: Blurred, wish: Wish, progress: Progress) -> Restored:
-    """At the cost of total variation, and as many iterations."""
-    usual = choice.METHODS["total-variation"]
-    counts = [n for n in usual.gains if _fits(usual.seconds(seen, n, wish.speed), wish.budget)]
-    if not counts:
-        raise UserError(
-            f"--budget {wish.budget:g}: is too short for hyper-laplacian. Allow more, or take "
-            "--method auto."
-        )
-    count = usual.usual if wish.budget is None else max(counts)
-    return total_variation(seen, wish.weight, power=_NATURAL, iterations=count, progress=progress)
-
-
-def _fits(seconds: float, budget: float | None) -> bool:
-    return budget is None or seconds <= budget
 
 
 METHODS: dict[str, Restore] = {
     AUTO: partial(_by_choice, None),
     **{name: partial(_by_choice, name) for name in choice.METHODS},
     "tv": partial(_by_choice, "total-variation"),
-    "hyper-laplacian": _hyper_laplacian,
 }
 
 
 def listed() -> str:
     """The methods' names, for a person."""
     return ", ".join(METHODS)
-
-
-@cache
-def learned_denoiser() -> Denoise | None:
-    """The denoiser whose weights are installed, None where there are none."""
-    file = bundled("denoiser.npz")
-    if not file.is_file():
-        return None
-    with np.load(file, allow_pickle=False) as stored:
-        weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
-    return denoiser_of(weights).denoised
