@@ -17,8 +17,11 @@ from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
 
 _WAYS: dict[str, tuple[float, Callable[[Blurred], Restored]]] = {
-    "hyper-Laplacian, power 2/3": (27.3, hyper_laplacian),
-    "L-BFGS-B within 0 to 1, total variation": (
+    "hyper-Laplacian restoration, disk of 7, noise .01, period known and not": (
+        27.3,
+        hyper_laplacian,
+    ),
+    "total variation within 0 to 1 by L-BFGS-B, disk of 7, noise .01, period known and not": (
         27.0,
         lambda seen: bounded(seen, upper=1.0, iterations=100),
     ),
@@ -32,9 +35,9 @@ def restoration_figures(folder: Path) -> list[Figure]:
     weights found by the methods."""
     scene, figures = camera(), []
     for name, (goal, way) in _WAYS.items():
-        title, asked = f"{name}: disk of 7, noise .01, period known and not", f"≥ {goal} dB"
+        asked = f"≥ {goal} dB"
         if scene is None:
-            figures.append(Figure(title, asked, "not measured: no scikit-image", None))
+            figures.append(Figure(name, asked, "not measured: no scikit-image", None))
             continue
         cases = [
             taken("period", scene, disk(7), 0.01, 0, "periodic"),
@@ -46,7 +49,7 @@ def restoration_figures(folder: Path) -> list[Figure]:
             f"{other_ms:.0f} ms)"
             for case, own, ms, other, other_ms in found
         )
-        figures.append(Figure(title, asked, told, all(own >= goal for _, own, *_ in found)))
+        figures.append(Figure(name, asked, told, all(own >= goal for _, own, *_ in found)))
     return figures
 
 

@@ -79,7 +79,7 @@ def separable_figure(folder: Path) -> list[Figure]:
     }
     return [
         Figure(
-            f"cubic plate, {_SIDE}², unknown border: separable against full 2-D, flat Wiener",
+            "cubic plate, 512², unknown border: separable filter against the full 2-D one",
             f"same picture within {_SAME:g} L2; work and time shown",
             f"{difference:.1e} L2, at most {largest:.1e} of white; {planned.multiplications:.1e} "
             f"multiplications against {work:.1e} in {full.iterations} steps; "
@@ -89,8 +89,8 @@ def separable_figure(folder: Path) -> list[Figure]:
             difference <= _SAME,
         ),
         Figure(
-            "the same plate, PSNR by prior",
-            "shown; neighbours better than flat",
+            "the same plate, separable: neighbours' prior against a flat one",
+            "better",
             ", ".join(f"{name} {_psnr(one, truth):.1f} dB" for name, one in quality.items()),
             _psnr(quality["neighbours"], truth) > _psnr(quality["flat"], truth),
         ),
@@ -163,8 +163,8 @@ def depths_figure(folder: Path) -> list[Figure]:
         )
     return [
         Figure(
-            "two depths through a cubic plate, 256², nearer hides: PSF of each depth",
-            f"together ≥ {_PASTED_DB:g} dB better than pasted along the edges",
+            "two depths in one photograph, PSF of each: together against pasted, along the edges",
+            f"≥ {_PASTED_DB:g} dB better",
             ", ".join(told),
             found["together"] >= found["pasted"] + _PASTED_DB,
         )
