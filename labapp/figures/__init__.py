@@ -32,6 +32,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
     from labapp.figures import (
+        budget,
         calibration,
         chain_cost,
         chains,
@@ -103,6 +104,7 @@ def measurements() -> dict[str, Measurement]:
         "scikit-image": deconvolution.against_scikit_image,
         "weights": deconvolution.weights_figure,
         "learned": deconvolution.learned_figure,
+        "budget": budget.budget_figure,
         "separable": separable.separable_figure,
         "layers": separable.depths_figure,
         "restoration-priors": restoration_priors.restoration_figures,
