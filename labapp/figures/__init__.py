@@ -32,6 +32,7 @@ Measurement = Callable[[Path], Iterable[Figure]]
 def measurements() -> dict[str, Measurement]:
     """The measurements by name; each may yield several figures that it finds in one go."""
     from labapp.figures import (
+        blind,
         budget,
         calibration,
         chain_cost,
@@ -109,6 +110,7 @@ def measurements() -> dict[str, Measurement]:
         "layers": separable.depths_figure,
         "restoration-priors": restoration_priors.restoration_figures,
         "demosaicing": demosaicing.demosaicing_figures,
+        "blind": blind.blind_figures,
     }
 
 

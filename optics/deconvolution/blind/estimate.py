@@ -1,0 +1,183 @@
+"""The blur of a photograph from the photograph alone."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import torch
+
+from optics.deconvolution.blind.agreement import Again, deviation_of
+from optics.deconvolution.blind.found import Deblurred, Kernel
+from optics.deconvolution.blind.judged import most_natural
+from optics.deconvolution.blind.scales import middle_of, odd, window
+from optics.deconvolution.blind.search import (
+    TASTES,
+    Photograph,
+    by_edges,
+    by_statistics,
+    edges_again,
+)
+from optics.deconvolution.blind.specks import without_specks
+from optics.deconvolution.blind.statistics import SPREAD
+from optics.deconvolution.blurred import LEAST_NOISE
+from optics.deconvolution.measured import measured
+from optics.deconvolution.total_variation import total_variation
+from optics.edge import floating, require_finite, tensors_inside
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_SLACK = 1.15
+"""Of the size, in which a kernel is looked for, so that it may wander."""
+
+_FAINT, _SMALL = 0.02, 0.02
+"""Of the peak, and of the light: what is taken for a speck of the kernel."""
+
+_LEAST_FRAME = 3
+"""Sides of the photograph over the kernel's."""
+
+_EVEN = 3.0
+"""Standard deviations of the noise that a photograph's structure must have at least."""
+
+_MOST_CLIPPED = 0.5
+"""Share of the pixels."""
+
+
+def blind_deconvolution(
+    image: torch.Tensor,
+    size: int,
+    *,
+    noise: float | None = None,
+    clipped: torch.Tensor | None = None,
+    progress: Progress | None = None,
+) -> Deblurred:
+    """A photograph's unknown blur and the photograph with it undone: find_kernel(), and then
+    total_variation() with the weight by the evidence. Arguments and errors are theirs."""
+    progress = progress or Progress()
+    kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
+    seen = measured(image, kernel.psf, noise, clipped=clipped)
+    return Deblurred(kernel, total_variation(seen, progress=progress.part(0.95, 1)))
+
+
+def find_kernel(
+    image: torch.Tensor,
+    size: int,
+    *,
+    noise: float | None = None,
+    clipped: torch.Tensor | None = None,
+    progress: Progress | None = None,
+) -> Kernel:
+    """The blur, the same everywhere, that a photograph has (thesis Fig. 2.9 f, g).
+
+    image: (rows, columns), light per pixel on any scale, an array of any kind. size: pixels that
+    the kernel has at most, each way; a little more than it has is best. noise: standard deviation
+    of a pixel, estimated if None. clipped: (rows, columns), True where the well was full; nothing
+    is read off there. The scene goes on beyond the frame, unknown. Nothing is drawn by chance.
+
+    Edges that stay when a picture may have only few tell a first kernel from coarse to fine (Cho
+    and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013). Then the kernel alone is
+    estimated, over all the pictures that natural statistics allow (Fergus et al. 2006, doi
+    10.1145/1141911.1141956; Levin et al. 2011, doi 10.1109/CVPR.2011.5995308).
+    Raises ValueError for photographs without structure, smaller than three kernels, or not finite.
+    """
+    psf, deviation, level, score = _found(image, size, noise, clipped, progress or Progress())
+    return Kernel(psf, deviation, level, score)
+
+
+@tensors_inside
+@single_threaded
+@torch.no_grad()
+def _found(
+    image: torch.Tensor,
+    size: int,
+    noise: float | None,
+    clipped: torch.Tensor | None,
+    progress: Progress,
+) -> tuple[torch.Tensor, torch.Tensor, float, float]:
+    _require(image, size, noise, clipped)
+    image = floating(image).to(torch.float64)
+    known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
+    level = noise_of(image, known) if noise is None else float(noise)
+    spread = _structure(image, known, level)
+    scale = SPREAD / spread
+    shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
+    photo = Photograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
+    wide = odd(_SLACK * size)
+    kernel, again = _likeliest(photo, wide, progress.part(0, 0.65))
+    deviation = deviation_of(photo, kernel, again, progress.part(0.65, 1))
+    first = middle_of(kernel, size)
+    psf, unsure = window(kernel, first, size), window(deviation, first, size)
+    psf = psf / psf.sum()
+    score = 1 - float(unsure.square().sum() / psf.square().sum())
+    return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
+
+
+def _likeliest(photo: Photograph, size: int, progress: Progress) -> tuple[torch.Tensor, Again]:
+    """The kernel with the most natural picture, and how it was found."""
+    count = len(TASTES)
+    ways = [
+        _cleaned(
+            by_edges(photo, size, taste, progress.part(0.5 * n / count, 0.5 * (n + 1) / count))
+        )
+        for n, taste in enumerate(TASTES)
+    ]
+    chosen = most_natural(photo, ways, progress.part(0.5, 0.6))
+    edges = ways[chosen]
+    fine = _cleaned(by_statistics(photo, edges, progress.part(0.6, 0.95)))
+    if most_natural(photo, [edges, fine], progress.part(0.95, 1)):
+        return fine, by_statistics
+    return edges, partial(edges_again, taste=TASTES[chosen])
+
+
+def _cleaned(kernel: torch.Tensor) -> torch.Tensor:
+    return without_specks(kernel, _FAINT, _SMALL)
+
+
+def noise_of(image: torch.Tensor, known: torch.Tensor) -> float:
+    """Standard deviation of the noise of a blurred photograph, by the median of what is left of it
+    in the finest diagonal detail (Donoho and Johnstone 1994, doi 10.1093/biomet/81.3.425)."""
+    detail = (image[:-1, :-1] - image[1:, :-1] - image[:-1, 1:] + image[1:, 1:]) / 2
+    sound = (known[:-1, :-1] * known[1:, :-1] * known[:-1, 1:] * known[1:, 1:]) > 0
+    return float(detail[sound].abs().median()) / 0.6745 if bool(sound.any()) else 0.0
+
+
+def _structure(image: torch.Tensor, known: torch.Tensor, noise: float) -> float:
+    """Standard deviation of the picture's light."""
+    light = image[known > 0]
+    spread = float(light.std(correction=0))
+    if spread <= max(_EVEN * noise, LEAST_NOISE * float(light.abs().mean())):
+        raise ValueError(
+            f"image has a standard deviation of {spread:.3g}, with noise of {noise:.3g}: it shows "
+            "nothing that a blur could be told by; give a part with sharp edges, or more light"
+        )
+    return spread
+
+
+def _require(
+    image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
+) -> None:
+    if image.ndim != 2:
+        raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
+    require_finite("image", floating(image))
+    if not (isinstance(size, int) and size >= 3):
+        raise ValueError(f"size is {size!r}; give a whole number of pixels, 3 or more")
+    if min(image.shape) < _LEAST_FRAME * size:
+        raise ValueError(
+            f"image is {tuple(image.shape)} and size {size}; the photograph must be at least "
+            f"{_LEAST_FRAME} kernels wide and high: give a size of at most "
+            f"{min(image.shape) // _LEAST_FRAME}, or a larger part"
+        )
+    if noise is not None and not (noise >= 0 and math.isfinite(noise)):
+        raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
+    if clipped is None:
+        return
+    if clipped.shape != image.shape:
+        raise ValueError(
+            f"clipped is {tuple(clipped.shape)} and image {tuple(image.shape)}; they must be alike"
+        )
+    share = float(clipped.to(torch.float64).mean())
+    if share > _MOST_CLIPPED:
+        raise ValueError(
+            f"{share:.0%} of the pixels are clipped; at most {_MOST_CLIPPED:.0%} may be: expose "
+            "for less time, or give a part that isn't burnt"
+        )

@@ -1,0 +1,42 @@
+"""Which of several kernels gives the picture that is most like a natural one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+
+from optics.deconvolution.blind.search import Photograph
+from optics.deconvolution.blind.statistics import gradients
+from optics.deconvolution.measured import measured
+from optics.deconvolution.total_variation import total_variation
+from optics.progress import Progress
+
+_RIM = 5
+"""Pixels beyond half a kernel that the border is taken to tell on."""
+
+
+def most_natural(photo: Photograph, kernels: Sequence[torch.Tensor], progress: Progress) -> int:
+    """Which kernel it is by which the restored picture is the least strange: see strangeness()."""
+    costs = []
+    for number, kernel in enumerate(kernels):
+        progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
+        costs.append(strangeness(photo, kernel))
+    return min(range(len(costs)), key=lambda number: costs[number])
+
+
+def strangeness(photo: Photograph, kernel: torch.Tensor) -> float:
+    """Mean length of the restored picture's gradients over their rms: high where blur has spread
+    edges, and where a wrong kernel has made them ring (Krishnan, Tay and Fergus 2011, doi
+    10.1109/CVPR.2011.5995521). Times the factor by which what the restoration leaves of the
+    photograph isn't the noise: a wrong kernel is made up for by detail that isn't there."""
+    seen = measured(photo.image, kernel, photo.noise or None, clipped=photo.known == 0)
+    answer = total_variation(seen)
+    rim = min(kernel.shape[0] // 2 + _RIM, min(answer.image.shape) // 4)
+    inside = gradients(answer.image[rim:-rim, rim:-rim])
+    size = float(inside.square().mean().sqrt())
+    if size == 0:
+        return math.inf
+    left = max(answer.residual, 1e-3)
+    return float(inside.abs().mean()) / size * max(left, 1 / left)

@@ -1,0 +1,90 @@
+"""A picture of few edges that a blurred one may have come from, and the kernel between both."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from optics.deconvolution.blind.quadratic import (
+    fast_period,
+    least,
+    padded_spectrum,
+    quadratic_of,
+)
+from optics.deconvolution.blind.statistics import gradients
+from optics.deconvolution.border import continued
+from optics.deconvolution.noise import squared
+from optics.fourier import irfft2, rfft2
+from optics.operators.blur import transfer_function
+from optics.plane import centred_crop
+
+_STRONGEST = 1e3
+"""Coupling of the picture to its edges by which they are settled."""
+
+
+class StrongEdges:
+    """Of a photograph, (rows, columns) with a standard deviation of SPREAD or so, and kernels of no
+    more than `size`."""
+
+    def __init__(self, image: torch.Tensor, known: torch.Tensor, size: tuple[int, int]) -> None:
+        self._image, self._size = image, size
+        rows, columns = image.shape
+        self._whole = fast_period(rows + 2 * size[0], columns + 2 * size[1])
+        self._spectrum = rfft2(continued(image, self._whole))
+        self._laplacian = _laplacian(self._whole).to(image)
+        trusted = (known[1:, 1:] * known[:-1, :-1] * known[1:, :-1] * known[:-1, 1:])[None]
+        self._measured = gradients(image) * trusted
+        # Edges far enough inside that all of their light was measured.
+        unseen = torch.nn.functional.max_pool2d(
+            1 - trusted, (2 * size[0] + 1, 2 * size[1] + 1), 1, (size[0], size[1])
+        )
+        down, along = size[0] // 2, size[1] // 2
+        self._inside = torch.zeros_like(trusted)
+        frame = (..., slice(down, rows - 1 - down), slice(along, columns - 1 - along))
+        self._inside[frame] = 1 - unseen[frame]
+
+    def picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
+        """The least of |k * x - image|² + weight * (number of pixels where x has a gradient), by
+        half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
+
+        kernel: origin at n // 2. The photograph's border is blended into its opposite one.
+        """
+        transfer = transfer_function(kernel, self._whole)
+        told, power = transfer.conj() * self._spectrum, squared(transfer)
+        x, coupling = irfft2(self._spectrum, self._whole), 2 * weight
+        while coupling < _STRONGEST:
+            along, down = torch.roll(x, -1, 1) - x, torch.roll(x, -1, 0) - x
+            weak = along.square() + down.square() < weight / coupling
+            along.masked_fill_(weak, 0)
+            down.masked_fill_(weak, 0)
+            kept = torch.roll(along, 1, 1) - along + torch.roll(down, 1, 0) - down
+            wanted = told + coupling * rfft2(kept)
+            x = irfft2(wanted / (power + coupling * self._laplacian), self._whole)
+            coupling *= 2
+        return centred_crop(x, self._image.shape)
+
+    def kernel(self, picture: torch.Tensor, start: torch.Tensor, ridge: float) -> torch.Tensor:
+        """From a picture of few edges to the photograph, with ridge * |k|² for what they don't
+        tell; its sum is 1. Zeros where the picture has no edges."""
+        edges = gradients(picture) * self._inside
+        rows, columns = self._size
+        period = fast_period(edges.shape[-2] + rows, edges.shape[-1] + columns)
+        shift = _shifted(self._measured, rows // 2, columns // 2)
+        problem = quadratic_of(
+            padded_spectrum(edges, period), padded_spectrum(shift, period), self._size
+        )
+        found = least(problem.ridged(ridge), start, sum_is_one=False, steps=100)
+        total = float(found.sum())
+        return found / total if total > 0 else start
+
+
+def _shifted(measured: torch.Tensor, down: int, along: int) -> torch.Tensor:
+    """Lags of -n // 2 become 0."""
+    return torch.nn.functional.pad(measured, (along, 0, down, 0))
+
+
+def _laplacian(shape: tuple[int, int]) -> torch.Tensor:
+    y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
+    x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
+    return y[:, None] + x
