@@ -25,6 +25,12 @@ def reconstruct(
             show_default="the star of the record",
         ),
     ] = None,
+    blind: Annotated[
+        int | None,
+        typer.Option(
+            min=3, metavar="SIZE", help="Look for an unknown PSF of so many pixels at most."
+        ),
+    ] = None,
     method: Annotated[
         str,
         typer.Option(
@@ -109,7 +115,9 @@ def reconstruct(
     Colour is restored band by band. The noise is estimated and the weight chosen, if you don't
     say them. The border of the frame, clipped and dead (NaN) pixels aren't guessed: the
     restoration is of what was measured. A residual of about 1 is good: what is left of the
-    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. A PSF's sum is made 1,
+    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. **--blind SIZE** finds a
+    blur that nobody measured from sharp edges in the picture, writes it beside the answer, and
+    says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.
     """
     one_thread()
@@ -122,6 +130,7 @@ def reconstruct(
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     chosen = Choice(target, pattern, wavelength, frame, star)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
+    told["blind"] = blind
     asked = AskedProblem(source, psf, chosen, linear, **told)
     files = Files(out, picture, truth)
     restore(asked, Wish(method, budget, weight), files, force=force, as_json=json)

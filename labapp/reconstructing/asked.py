@@ -24,7 +24,8 @@ _RATE = "electrons per second"
 class AskedProblem:
     """What the command line asks for.
 
-    psf: its file; None for the star of the record that `source` is. linear: whether levels are
+    psf: its file; None for the star of the record that `source` is. blind: pixels at most of a PSF
+    that nobody knows, and that is looked for in the picture. linear: whether levels are
     proportional to light; None: all but those of 8-bit pictures. noise: standard deviation of a
     pixel's light. clip: level of a full well, None for what the picture shows. dark: level that is
     subtracted.
@@ -38,12 +39,15 @@ class AskedProblem:
     border: Border = "unknown"
     clip: float | None = None
     dark: float | None = None
+    blind: int | None = None
 
     def __post_init__(self) -> None:
         if self.border not in BORDERS:
             raise UserError(f"--border {self.border}: take one of {', '.join(BORDERS)}.")
         if self.noise is not None and not (self.noise > 0 and math.isfinite(self.noise)):
             raise UserError(f"--noise {self.noise:g}: give a number above 0.")
+        if self.blind is not None and self.psf is not None:
+            raise UserError("--blind and --psf are both given. A PSF in a file isn't unknown.")
         for name in ("clip", "dark"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -59,17 +63,24 @@ class AskedProblem:
         choice = self.choice
         if choice.target is not None:
             raise UserError(f"--target {choice.target}: {self.source} is no record. Leave it out.")
-        if self.psf is None:
-            raise UserError(f"{self.source}: what has blurred it? Give its PSF: --psf FILE.")
+        if self.psf is None and self.blind is None:
+            raise UserError(
+                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
+                "looked for: --blind SIZE."
+            )
         progress.report(0, f"reading {self.source.name}")
         read = read_photograph(self.source, linear=self.linear, frame=choice.frame)
-        psf, notes = psf_of_file(self.psf, len(read.levels), choice)
+        light, clipped = read.light - self._dark(read), self._clipped(read)
+        if self.psf is None:
+            psf, told, notes = self._sought(light, clipped, progress)
+        else:
+            (psf, notes), told = psf_of_file(self.psf, len(read.levels), choice), str(self.psf)
         unit = "of white" if read.coded else "levels"
         return self._problem(
-            read.light - self._dark(read),
+            light,
             psf,
-            self._clipped(read),
-            (str(self.source), str(self.psf)),
+            clipped,
+            (str(self.source), told),
             unit,
             full=_full(read),
             coded=read.coded or read.levels.dtype.kind == "f",
@@ -82,11 +93,15 @@ class AskedProblem:
                 raise UserError(
                     f"--{name}: {self.source} is a record, which knows its own. Leave it out."
                 )
-        found = photograph_of(self.source, self.choice, progress, star=self.psf is None)
+        unknown = self.psf is None and self.blind is None
+        found = photograph_of(self.source, self.choice, progress, star=unknown)
         seen, notes = found.photograph, list[str]()
         clipped = ~np.isfinite(seen.variance)[None]
         psf: NDArray[np.floating]
-        if self.psf is not None:
+        light = np.where(clipped, 0, seen.rate[None])
+        if self.blind is not None:
+            psf, told, notes = self._sought(light, clipped, progress)
+        elif self.psf is not None:
             told = str(self.psf)
             choice = Choice(None, seen.pattern, seen.wavelength, None, self.choice.star)
             psf, notes = psf_of_file(self.psf, 1, choice)
@@ -100,8 +115,23 @@ class AskedProblem:
         source = f"{self.source}, {seen.name}"
         if self.choice.frame is not None:
             source += f", frame {self.choice.frame}"
-        light = np.where(clipped, 0, seen.rate[None])
         return self._problem(light, psf, clipped, (source, told), _RATE, notes=tuple(notes))
+
+    def _sought(
+        self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
+    ) -> tuple[Light, str, list[str]]:
+        """The PSF that the picture itself tells, of all bands; where it is from, and how surely."""
+        from optics.deconvolution.blind import find_kernel
+
+        assert self.blind is not None
+        unseen = clipped | ~np.isfinite(light)
+        grey = np.where(unseen, 0, light).mean(0)
+        kernel = find_kernel(
+            grey, self.blind, noise=self.noise, clipped=unseen.any(0), progress=progress
+        )
+        surely = f"score {kernel.score:.2f}, {kernel.trust}"
+        psf = np.asarray(kernel.psf, dtype=np.float32)[None]
+        return psf, "looked for in the picture itself", [f"the blur that was found: {surely}"]
 
     def _problem(
         self,

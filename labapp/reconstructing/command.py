@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,7 +41,7 @@ def reconstruct(
     asked: AskedProblem, wish: Wish, files: Files, *, force: bool, as_json: bool
 ) -> None:
     """Restore, judge, write both files, and say how far to trust it; UserError if it can't be."""
-    data, picture = _places(asked, files, force)
+    data, picture, found = _places(asked, files, force)
     with watched() as progress:
         problem = asked.problem(progress.part(0, 0.3))
         truth = None if files.truth is None else _truth(files.truth, asked, problem)
@@ -55,17 +56,29 @@ def reconstruct(
         progress.report(1, "writing")
     write_whole(data, encoded)
     write_whole(picture, drawn)
+    if found is not None:
+        write_whole(found, _array(problem.psf[0]))
     if as_json:
-        print_json(_as_data(problem, outcome, score, data, picture))
+        print_json(_as_data(problem, outcome, score, data, picture, found))
         return
     table(problem.source, ["", "value"], _rows(problem, outcome, score))
     for note in problem.notes:
         say(f"note: {note}")
-    out.print(f"wrote {data}\nwrote {picture}", markup=False, soft_wrap=True)
+    for file in (data, picture, found):
+        if file is not None:
+            out.print(f"wrote {file}", markup=False, soft_wrap=True)
 
 
-def _places(asked: AskedProblem, files: Files, force: bool) -> tuple[Path, Path]:
-    """Where both files go; UserError before anything is computed, if one can't."""
+def _array(psf: Any) -> bytes:
+    """As a .npy file's bytes."""
+    buffer = io.BytesIO()
+    np.save(buffer, psf)
+    return buffer.getvalue()
+
+
+def _places(asked: AskedProblem, files: Files, force: bool) -> tuple[Path, Path, Path | None]:
+    """Where the files go, the last a PSF that nobody knew; UserError before anything is computed,
+    if one can't."""
     data, picture = files.beside(asked.source)
     require_ending(data)
     if picture.suffix.lower() != ".png":
@@ -77,7 +90,10 @@ def _places(asked: AskedProblem, files: Files, force: bool) -> tuple[Path, Path]
         if any(file.resolve() == one.resolve() for one in read):
             raise UserError(f"{option} {file}: is a file that is read. Choose another name.")
         require_writable(file, force=force)
-    return data, picture
+    found = None if asked.blind is None else data.with_name(f"{data.stem}_psf.npy")
+    if found is not None:
+        require_writable(found, force=force)
+    return data, picture, found
 
 
 def _truth(path: Path, asked: AskedProblem, problem: Problem) -> tuple[Any, float]:
@@ -130,7 +146,12 @@ def _each(values: list[float]) -> str:
 
 
 def _as_data(
-    problem: Problem, outcome: Outcome, score: Judged | None, data: Path, picture: Path
+    problem: Problem,
+    outcome: Outcome,
+    score: Judged | None,
+    data: Path,
+    picture: Path,
+    found: Path | None,
 ) -> dict[str, Any]:
     bands = outcome.bands
     return {
@@ -158,4 +179,5 @@ def _as_data(
         "notes": list(problem.notes),
         "file": str(data),
         "picture": str(picture),
+        "psf_file": None if found is None else str(found),
     }

@@ -361,3 +361,43 @@ def test_the_demos_photograph_is_restored_from_its_record(labapp, demo, tmp_path
     middle = (slice(26, -26), slice(39, -39))
     after = np.load(out) / white
     assert psnr(after[middle], truth[middle]) > psnr(coded[middle], truth[middle]) + 6
+
+
+def test_an_unknown_blur_is_looked_for_written_and_judged(labapp, tmp_path):
+    """A stroke over disks: the picture gets nearer to the truth than it was."""
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[:170, :180]
+    sharp = np.full((170, 180), 0.3)
+    for _ in range(40):
+        at = np.hypot(y - rng.uniform(0, 170), x - rng.uniform(0, 180)) < rng.uniform(4, 25)
+        sharp[at] = rng.uniform(0, 1)
+    stroke = np.zeros((9, 9))
+    stroke[range(1, 8), range(1, 8)] = 1 / 7
+    truth, frame = valid(sharp, stroke)
+    np.save(tmp_path / "frame.npy", noisy(frame, 0.003).astype(np.float32))
+    code, printed, errors = labapp(
+        "reconstruct", tmp_path / "frame.npy", "--blind", 9, "--out", tmp_path / "out.npy", "--json"
+    )
+    assert code == 0, errors
+    told = json.loads(printed)
+    assert "looked for" in told["psf"]
+    assert "score" in told["notes"][0]
+    found = np.load(told["psf_file"])
+    assert found.shape == (9, 9)
+    assert found.sum() == pytest.approx(1, abs=1e-5)
+    inside = slice(8, -8), slice(8, -8)
+    answer = np.load(tmp_path / "out.npy")
+    left = min(
+        np.abs((np.roll(answer, shift, (0, 1)) - truth)[inside]).mean()
+        for shift in ((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1))
+    )
+    assert left < 0.8 * np.abs((frame - truth)[inside]).mean()
+
+
+def test_a_known_blur_is_not_looked_for(labapp, grey, tmp_path):
+    code, _, errors = labapp(
+        "reconstruct", tmp_path / "frame.npy", "--psf", tmp_path / "psf.npy", "--blind", 9
+    )
+    assert code == 1
+    assert "--blind and --psf are both given" in errors
+    assert not list(tmp_path.glob("*restored*"))
