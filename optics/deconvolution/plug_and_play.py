@@ -60,8 +60,9 @@ def plug_and_play(
 
     Half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914): in turn the
     denoised picture z, and the x of the least |H x - y|² + K |x - z|², trusted pixels alone, from
-    a restoration by total variation on. K grows evenly in logarithms up to `strength`. The
-    denoiser is told the noise that the step before leaves in x, which K and the blur tell.
+    a restoration by total variation on. K grows evenly in logarithms up to `strength`, or as far
+    as there is noise. The denoiser is told the noise that the step before leaves in x, which K and
+    the blur tell.
     Raises ValueError for a strength that isn't positive, or no round.
     """
     require_positive("strength", strength, "")
@@ -72,8 +73,10 @@ def plug_and_play(
     assert start is not None
     white = max(float(torch.quantile(_some(seen.frame(start)), _WHITE)), seen.scale)
     left = _Left.of(seen, white)
-    loosest = min(left.penalty_for(_FIRST), strength)
-    penalties = torch.logspace(math.log10(loosest), math.log10(strength), rounds).tolist()
+    # Where next to no noise is left, the data need no help.
+    tightest = min(left.penalty_for(_LEAST), strength)
+    loosest = min(left.penalty_for(_FIRST), tightest)
+    penalties = torch.logspace(math.log10(loosest), math.log10(tightest), rounds).tolist()
     equations = NormalEquations(seen)
     picture, spectrum, change = start, rfft2(start - equations.mean), list[float]()
     for number, penalty in enumerate(penalties):

@@ -41,7 +41,6 @@ def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monke
     person.waits(window.actions_["restore"].isEnabled)
 
     person.chooses(view.method, "Total variation")
-    person.types(view.budget, "20")
     person.clicks(view.start)
     person.waits(lambda: bench.last(PictureRestored) is not None)
     result = bench.last(PictureRestored)
