@@ -157,7 +157,7 @@ def against_scikit_image(folder: Path) -> list[Figure]:
         (
             "Richardson-Lucy beside scikit-image's, whole frame",
             lambda: restoration.richardson_lucy(case.frame, case.psf, num_iter=30),
-            lambda: richardson_lucy(_anew(told), 30),
+            lambda: richardson_lucy(_anew(told), 10),
         ),
     ]
     return [_beside(what, goal, case, theirs, ours) for what, theirs, ours in pairs]

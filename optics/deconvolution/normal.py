@@ -35,7 +35,7 @@ class NormalEquations:
     def start(self, penalty: torch.Tensor) -> torch.Tensor:
         """The solution if the smooth continuation of the photograph had been measured."""
         spectrum = rfft2(self._seen.continued - self.mean).mul_(self._seen.back)
-        return spectrum / self._below(penalty)
+        return spectrum * self._below(penalty).reciprocal()
 
     def solved(
         self,
