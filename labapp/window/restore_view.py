@@ -22,6 +22,8 @@ METHODS = {
     "Automatic": "auto",
     "Total variation": "total-variation",
     "Hyper-Laplacian": "hyper-laplacian",
+    "Learned denoiser": "plug-and-play",
+    "L-BFGS-B": "l-bfgs-b",
     "Richardson-Lucy": "richardson-lucy",
     "Wiener": "wiener",
 }
