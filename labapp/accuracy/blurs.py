@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,6 +14,10 @@ from scipy.fft import irfft2, rfft2
 from scipy.signal import fftconvolve
 
 from labapp.errors import UserError
+from labapp.files.photograph_file import read_photograph
+from labapp.files.reading import bundled
+from labapp.reconstructing.psfs import psf_of_file
+from labapp.reconstructing.records import Choice
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.metrics import psnr, ssim
@@ -71,6 +76,46 @@ def taken(
         truth = scene[_within(psf.shape[0], len(frame)), _within(psf.shape[1], len(frame.T))]
     noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
     return Taken(name, truth, noisy, psf, noise, border)
+
+
+def asked_photograph(
+    picture: Path | None,
+    blur: str,
+    psf: Path | None,
+    noise: float,
+    border: str,
+    size: int,
+    seed: int,
+) -> Taken:
+    """What a command line asks for; UserError for what can't be."""
+    if blur not in BLURS:
+        raise UserError(f"--blur {blur}: is unknown. Take one of {', '.join(BLURS)}.")
+    borders: dict[str, Border] = {"unknown": "unknown", "periodic": "periodic"}
+    if border not in borders:
+        raise UserError(f"--border {border}: is no such one. Take {' or '.join(borders)}.")
+    kernel = BLURS[blur]() if psf is None else _first(psf_of_file(psf, 1, Choice())[0])
+    levels = read_photograph(picture or bundled("photograph.jpg"), linear=True).light
+    grey = levels.mean(0, dtype=np.float64)
+    if not (np.isfinite(grey).all() and grey.max() > 0):
+        raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")
+    scene = _middle(grey / _full(levels), size)
+    name = f"{blur if psf is None else psf.name}, noise {noise:g}, {scene.shape}, {border} border"
+    return taken(name, scene, kernel, noise, seed, borders[border])
+
+
+def _full(levels: NDArray[np.float32]) -> float:
+    """White: of 8 or 16 bits where the levels are such, else the brightest."""
+    brightest = float(levels.max())
+    return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
+
+
+def _first(bands: NDArray[np.float32]) -> Array:
+    return bands[0].astype(np.float64)
+
+
+def _middle(picture: Array, size: int) -> Array:
+    rows, columns = (slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in picture.shape)
+    return np.ascontiguousarray(picture[rows, columns])
 
 
 def _within(psf: int, seen: int) -> slice:

@@ -33,6 +33,8 @@ _SHORT = 2.0
 
 _REPEATS = 3
 
+_MORE = ("black", "navy", "olive", "maroon", "teal", "indigo", "peru", "lime", "gold", "crimson")
+
 
 @dataclass(frozen=True)
 class DeconvolutionRow(Row):
@@ -173,7 +175,7 @@ def inside(case: Taken, picture: Array) -> float | None:
 
 
 def _print(case: Taken, rows: list[DeconvolutionRow]) -> None:
-    columns = ["method", "iterations ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "predicted ", ""]
+    columns = ["method", "count ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "expected ", ""]
     cells = [
         [
             row.method,
@@ -203,21 +205,22 @@ def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
 
 def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:
     """PSNR and SSIM against time, a curve a method."""
-    figure = Figure(figsize=(11, 5), dpi=110, layout="constrained")
+    figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure and row.iterations]
     left, right = figure.subplots(1, 2)
-    for method in dict.fromkeys(row.method for row in good):
+    for number, method in enumerate(dict.fromkeys(row.method for row in good)):
         own = [row for row in good if row.method == method]
         times = [1e3 * (row.cpu_s or 0) for row in own]
         mark = "x--" if method.startswith("scikit") else "o-"
-        left.semilogx(times, [row.psnr_db or 0 for row in own], mark, label=method)
-        right.semilogx(times, [row.ssim or 0 for row in own], mark, label=method)
+        style = {"label": method, "color": f"C{number}" if number < 10 else _MORE[number % 10]}
+        left.semilogx(times, [row.psnr_db or 0 for row in own], mark, **style)
+        right.semilogx(times, [row.ssim or 0 for row in own], mark, **style)
     before = rows[0]
     for axes, name, value in ((left, "PSNR, dB", before.psnr_db), (right, "SSIM", before.ssim)):
         axes.axhline(value or 0, color="gray", lw=1, ls=":", label="as it is")
         axes.set_title(name, fontsize=10)
         axes.grid(alpha=0.3, which="both")
         axes.set_xlabel("processor time, ms (one thread)")
-    left.legend(fontsize=8)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside right center", fontsize=8)
     figure.suptitle(f"{case.name}. {machine()}.", fontsize=9)
     return figure

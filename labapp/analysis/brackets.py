@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,16 +49,21 @@ class Bracket:
         return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
 
 
-def merge_all(record: Record, plan: PlanFile, progress: Progress) -> list[Bracket]:
-    """Every target, pattern and wavelength of a record, but the dark frames themselves."""
+def merge_all(
+    record: Record, plan: PlanFile, progress: Progress, targets: Collection[str] | None = None
+) -> list[Bracket]:
+    """Every target, pattern and wavelength of a record, but the dark frames themselves.
+
+    targets: the only ones that are merged, if given.
+    """
     sensor = record.bench.build_camera().sensor
-    dark = plan.reconstruct.dark if plan.reconstruct else "dark"
+    dark = dark_of(plan)
     wanted = [
         {"target": target, "pattern": pattern, "wavelength_asked": wavelength}
         for target in record.target_names
         for pattern in record.pattern_names
         for wavelength in sorted(set(record.column("wavelength_asked").tolist()))
-        if target != dark
+        if target != dark and (targets is None or target in targets)
     ]
     found = [(one, indices) for one in wanted if (indices := record.select(**one))]
     merged = []
@@ -65,6 +71,17 @@ def merge_all(record: Record, plan: PlanFile, progress: Progress) -> list[Bracke
         progress.report(number / len(found), f"merging {one['target']}, {one['pattern']}")
         merged.append(_merge(record, indices, dark, sensor))
     return merged
+
+
+def merge_frame(record: Record, index: int) -> Bracket:
+    """One frame by itself, as a bracket of one exposure."""
+    sensor = record.bench.build_camera().sensor
+    return _merge(record, [index], dark_of(record.plan), sensor)
+
+
+def dark_of(plan: PlanFile) -> str:
+    """The target of a plan's dark frames."""
+    return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
 def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:

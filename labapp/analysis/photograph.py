@@ -12,6 +12,7 @@ from labapp.stopwatch import Stopwatch
 from optics import metrics
 from optics.deconvolution.measured import measured
 from optics.deconvolution.richardson_lucy import richardson_lucy
+from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
 from optics.progress import Progress
 
@@ -57,13 +58,16 @@ def reconstruct(
         sharp = wiener(seen)
     with watch.stage("Richardson-Lucy"):
         deblurred = richardson_lucy(
-            seen, iterations, accelerated=False, past_noise=True, progress=progress.part(0.1, 1)
+            seen, iterations, accelerated=False, past_noise=True, progress=progress.part(0.1, 0.7)
         )
+    with watch.stage("total variation"):
+        edged = total_variation(seen, progress=progress.part(0.7, 1))
     return {
         "neutral": neutral.rate / white,
         "coded": coded.rate / white,
         "wiener": sharp.image.double().numpy(),
         "richardson-lucy": deblurred.image.double().numpy(),
+        "total-variation": edged.image.double().numpy(),
     }
 
 

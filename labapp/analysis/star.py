@@ -13,7 +13,7 @@ import torch
 from labapp.analysis.brackets import Bracket, Picture, find
 from labapp.designing.predicted import mean_psf
 from labapp.errors import UserError
-from labapp.files.pattern_table import Pattern, PSFPattern, RingPattern
+from labapp.files.pattern_table import Pattern, PSFPattern, RingPattern, VideoPattern
 from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
 from labapp.files.target_table import LogoTarget
@@ -60,35 +60,56 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
     UserError if the star frames are missing or dark.
     """
-    neutral, coded = (
-        find(brackets, roles.star, pattern, roles.wavelength, record.path)
-        for pattern in (roles.neutral, roles.coded)
-    )
-    centre = _centre(neutral.rate)
-    window = min(roles.psf_window_px, *neutral.rate.shape)
-    total = float(_cut(neutral.rate, centre, window).sum())
-    if not total > 0:
-        raise UserError(f"{record.path}: the neutral star frames are dark. Expose them longer.")
-    measured = _cut(coded.rate, centre, window) / total
-    inside = float(measured.sum()) * total / max(float(coded.rate.sum()), total)
-    straight = _cut(neutral.rate, centre, window) / total
+    star = cut_star(record, brackets, roles)
+    measured, straight, window = star.measured, star.neutral, star.measured.shape[0]
     share = _share_of(straight, measured)
     shape = measured - share * straight
     camera = record.bench.build_camera()
     target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
-    predicted = _predict(record, camera, roles, coded.wavelength, window)
+    predicted = _predict(record, camera, roles, star.wavelength, window)
     return PSFReport(
         measured,
         straight,
         shape,
         target,
         predicted,
-        inside,
+        star.inside,
         share,
         None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
         None if target is None else _contrast(shape, target),
         None if predicted is None else metrics.relative_error(measured, predicted),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Star:
+    """A star as it was seen, in a window around the neutral one's peak.
+
+    measured, neutral: share of the neutral star's light on each pixel, with the coded pattern and
+    without. inside: share of the coded star's light that falls in the window. wavelength: metres.
+    """
+
+    measured: Picture
+    neutral: Picture
+    inside: float
+    wavelength: float
+
+
+def cut_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> Star:
+    """The star with the coded pattern; UserError if its frames are missing or dark."""
+    neutral, coded = (
+        find(brackets, roles.star, pattern, roles.wavelength, record.path)
+        for pattern in (roles.neutral, roles.coded)
+    )
+    centre = centre_of(neutral.rate)
+    window = min(roles.psf_window_px, *neutral.rate.shape)
+    total = float(cut(neutral.rate, centre, window).sum())
+    if not total > 0:
+        raise UserError(f"{record.path}: the neutral star frames are dark. Expose them longer.")
+    measured = cut(coded.rate, centre, window) / total
+    inside = float(measured.sum()) * total / max(float(coded.rate.sum()), total)
+    straight = cut(neutral.rate, centre, window) / total
+    return Star(measured, straight, inside, coded.wavelength)
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:
@@ -98,14 +119,14 @@ def _contrast(shape: Picture, target: Picture) -> float | None:
     return metrics.speckle_contrast(shape, target) if lit else None
 
 
-def _centre(rate: Picture) -> tuple[int, int]:
+def centre_of(rate: Picture) -> tuple[int, int]:
     """The pixel at the centroid of what is brighter than a fifth of the peak."""
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
 
 
-def _cut(image: Picture, centre: tuple[int, int], window: int) -> Picture:
+def cut(image: Picture, centre: tuple[int, int], window: int) -> Picture:
     """A square around a pixel, which becomes its origin; beyond the picture there is none."""
     y, x = (c - window // 2 for c in centre)
     cut = np.zeros((window, window))
@@ -129,19 +150,24 @@ def _share_of(straight: Picture, measured: Picture, reach: int = 3) -> float:
 
 
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
-    """What the pattern's PSF was asked to be; None for other patterns, and for a logo, whose
-    picture a record hasn't got."""
+    """What the pattern's PSF was asked to be, of a video the mean of its moments; None for other
+    patterns, and for a logo, whose picture a record hasn't got."""
+    frames = 1
+    if isinstance(spec, VideoPattern) and spec.pattern is not None:
+        frames = spec.length
+        spec = spec.pattern
     if not isinstance(spec, RingPattern | PSFPattern) or isinstance(spec.target, LogoTarget):
         return None
     pitch = camera.sensor.pitch
     plane = Plane((window, window), (pitch, pitch))
     try:
-        return spec.target.at(1, Path())[0].on(plane).numpy()
+        moments = [moment.on(plane) for moment in spec.target.at(frames, Path())]
     except ValueError as error:
         raise UserError(
             f"the PSF's window is {window} pixels: {error}, or a larger 'psf_window_px' in the "
             "plan's [reconstruct] table."
         ) from error
+    return torch.stack(moments).mean(0).numpy()
 
 
 def _predict(

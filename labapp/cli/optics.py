@@ -300,6 +300,54 @@ def accuracy_retrieval_(
     accuracy_retrieval(goal, name, frames=frames, budget=budget, data=json, plot=plot, force=force)
 
 
+@accuracy.command("deconvolve")
+def accuracy_deconvolve_(
+    picture: Annotated[
+        Path | None,
+        typer.Argument(metavar="[PICTURE]", help="A sharp one.", show_default="the demo's"),
+    ] = None,
+    blur: Annotated[
+        str, typer.Option(metavar="NAME", help="A wrong one lists them; lengths in pixels.")
+    ] = "disk of 7",
+    psf: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Picture or .npy of a PSF, in the blur's place."),
+    ] = None,
+    noise: Annotated[
+        float, typer.Option(min=0, help="Standard deviation of a pixel; white is 1.")
+    ] = 0.01,
+    border: Annotated[
+        str, typer.Option(help="unknown: what a camera sees; or periodic: a period seen whole.")
+    ] = "unknown",
+    size: Annotated[
+        int, typer.Option(min=32, help="Pixels of a side that are cut from the middle, at most.")
+    ] = 512,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="Also scikit-image, where installed.")
+    ] = False,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw quality against time (.png, .svg).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure quality and time of every method that undoes a blur, on a picture.
+
+    The picture is blurred and made noisy; each method then finds noise and weights by itself.
+    No other row beats one on the front in both time and error: it is by this front that
+    **labapp reconstruct --budget** chooses. Failures are rows too.
+    """
+    from labapp.accuracy.blurs import asked_photograph
+    from labapp.accuracy.deconvolve import accuracy_deconvolve
+    from labapp.networks import packaged_denoiser
+
+    case = asked_photograph(picture, blur, psf, noise, border, size, seed)
+    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot, force=force)
+
+
 @app.command()
 def figures(
     only: Annotated[

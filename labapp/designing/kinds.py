@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any, cast, get_args
 
-from pydantic.fields import FieldInfo
-
 from labapp.console import out, print_json
 from labapp.errors import UserError
+from labapp.files.keys import described_keys, read_keys
 from labapp.files.pattern_table import Greys, Phases, PSFPattern, Still
 from labapp.files.phase_table import PhasePattern
 from labapp.files.reading import FileModel, validate
 from labapp.files.target_table import Shapes
-
-_UNITS = {
-    "um_per_nm": "µm a nm",
-    "_nm": "nm",
-    "_um": "µm",
-    "_mm": "mm",
-    "_m": "m",
-    "_rad": "rad",
-    "_deg": "°",
-    "_px": "pixels",
-    "_s": "s",
-}
 
 
 def _by_name(models: Sequence[type[FileModel]], tag: str) -> dict[str, type[FileModel]]:
@@ -68,7 +54,7 @@ def list_patterns(*, as_json: bool) -> None:
     common = tuple(PhasePattern.model_fields)
     _print(_described(PATTERNS, "kind", common))
     out.print("All but constant, grating and image also have:")
-    for key in _keys(PhasePattern, ()):
+    for key in described_keys(PhasePattern):
         out.print(f"    {key['key']:<16}{key['default']:<10}  {key['what']}", markup=False)
     out.print(
         "\nFor instance: labapp pattern lens focal_length_m=20 --out lens.png\n"
@@ -90,30 +76,10 @@ def list_targets(*, as_json: bool) -> None:
 def _values(
     name: str, keys: Sequence[str], models: Mapping[str, type[FileModel]], what: str
 ) -> dict[str, Any]:
-    """KEY=VALUE, read as TOML unless the key is for text."""
+    """KEY=VALUE of a kind that is known."""
     if name not in models:
         raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(models)}.")
-    fields, values = models[name].model_fields, {}
-    for given in keys:
-        key, equals, text = given.partition("=")
-        if not equals:
-            raise UserError(
-                f"{given!r} is no KEY=VALUE. The keys are {', '.join(_own(models[name]))}."
-            )
-        is_text = key in fields and fields[key].annotation is str
-        values[key] = text if is_text else _as_toml(text)
-    return values
-
-
-def _as_toml(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-
-
-def _own(model: type[FileModel]) -> list[str]:
-    return [key for key in model.model_fields if key not in ("kind", "shape")]
+    return read_keys(keys, models[name], ("kind", "shape"))
 
 
 def _described(
@@ -123,35 +89,10 @@ def _described(
         {
             tag: name,
             "what": " ".join((model.__doc__ or "").split("\n\n")[0].split()),
-            "keys": _keys(model, (tag, *common)),
+            "keys": described_keys(model, (tag, *common)),
         }
         for name, model in models.items()
     ]
-
-
-def _keys(model: type[FileModel], but: Sequence[str]) -> list[dict[str, Any]]:
-    return [
-        {"key": key, "default": _default(field), "what": _what(key, field)}
-        for key, field in model.model_fields.items()
-        if key not in but
-    ]
-
-
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
-        return "needed"
-    value = field.default
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "none" if value is None or value == () else str(value)
-
-
-def _what(key: str, field: FieldInfo) -> str:
-    described = field.description or ""
-    unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-    return f"{unit}, {described}" if unit else described
 
 
 def _print(described: Sequence[Mapping[str, Any]]) -> None:

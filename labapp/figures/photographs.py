@@ -1,4 +1,4 @@
-"""Photographs that no network of ours has learned from, to measure restorations on."""
+"""Photographs to measure restorations on."""
 
 from __future__ import annotations
 
@@ -11,6 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+_ROOT = Path(__file__).parents[2]
+
+_BESIDE = _ROOT.parent / "shared/data/natural"
+
+_PACKAGED = ("photograph.jpg", "scenes/motorcycle.jpg")
+"""Our own, JPEG: halved, which takes the traces of it."""
 
 _SETS = ("set12", "mcmaster", "cbsd68")
 """Test pictures of the field, where they lie beside the checkout."""
@@ -33,10 +40,9 @@ def camera() -> Array | None:
 
 
 def squares(count: int, side: int) -> tuple[list[Array], str]:
-    """So many squares of grey pictures, white at 1, and where they are from; none where there is
-    nothing."""
-    beside = Path(__file__).parents[3] / "shared/data/natural"
-    files = [file for name in _SETS for file in sorted((beside / name).glob("*.*"))]
+    """So many squares of grey pictures that no network of ours has learned from, white at 1, and
+    where they are from; none where there is nothing."""
+    files = [file for name in _SETS for file in sorted((_BESIDE / name).glob("*.*"))]
     found = list(_cut(files, side, 1))
     if len(found) >= count:
         chosen = np.linspace(0, len(found) - 1, count).round().astype(int)
@@ -46,6 +52,27 @@ def squares(count: int, side: int) -> tuple[list[Array], str]:
         return [], "not measured: scikit-image isn't installed"
     found = list(_cut([folder / name for name in _OWN if (folder / name).is_file()], side, 2))
     return found[:count], "of scikit-image's pictures"
+
+
+def colour_photographs() -> list[Array]:
+    """(3, rows, columns), red, green, blue, 0 to 1: Kodak's without loss, where they lie beside
+    the checkout."""
+    files = sorted((_BESIDE / "kodak").glob("*.png"))
+    if files:
+        return [_colours(file) for file in files]
+    return [_halved(_colours(_ROOT / "labapp/data" / name)) for name in _PACKAGED]
+
+
+def _colours(file: Path) -> Array:
+    stored = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    if stored is None:
+        raise FileNotFoundError(f"{file} is no picture that can be read")
+    return np.ascontiguousarray(np.moveaxis(stored[..., ::-1] / 255.0, -1, 0))
+
+
+def _halved(picture: Array) -> Array:
+    size = [n // 2 for n in picture.shape[:0:-1]]
+    return np.stack([cv2.resize(band, size, interpolation=cv2.INTER_AREA) for band in picture])
 
 
 def _scikit_image() -> Path | None:

@@ -19,6 +19,8 @@ _DECADES = 1e-4
 
 _GAMMA = 1 / 2.2
 
+_DETAIL = "detail"
+
 _MOST_PICTURES = 12
 
 _MOST_CURVES = 10
@@ -36,9 +38,9 @@ def overview(analysis: Analysis) -> Figure:
     """The whole run on one page: PSF, photographs, exposures."""
     if analysis.psf is None:
         return gallery(analysis)
-    figure = Figure(figsize=(16, 17.5), dpi=110, layout="constrained")
+    figure = Figure(figsize=(16, 14.6), dpi=110, layout="constrained")
     figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
-    top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 2.75, 0.85]))
+    top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 1.95, 0.85]))
     _psf_row(top, analysis)
     _photographs(middle, analysis)
     left, right = bottom.subplots(1, 2)
@@ -135,15 +137,38 @@ def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -
 
 
 def _photographs(figure: FigureBase, analysis: Analysis) -> None:
-    axes = figure.subplots(2, 2).ravel()
-    order = ("neutral", "coded", "wiener", "richardson-lucy")
+    axes = figure.subplots(2, 3).ravel()
+    order = ("neutral", "coded", "total-variation", "wiener", "richardson-lucy", _DETAIL)
     for one, name in zip(axes, order, strict=True):
+        if name == _DETAIL:
+            _detail(one, analysis)
+            continue
         one.imshow(displayed(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
         one.set_title(caption(analysis, name))
         one.set_xticks([])
         if name == "neutral":
             one.set_xlabel(analysis.credit, fontsize=8, color="gray")
         one.set_yticks([])
+
+
+def _detail(axes: Axes, analysis: Analysis) -> None:
+    """The middle of the neutral photograph, and beside it what was restored of it."""
+    name = analysis.best or "coded"
+    cuts = [_middle(displayed(analysis.images[one])) for one in ("neutral", name)]
+    axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
+    axes.axvline(cuts[0].shape[1] - 0.5, color="white", linewidth=1)
+    axes.set_title(f"Detail: neutral, and {NAMES[name]}")
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Half of its height, and three quarters of that wide."""
+    rows, columns = picture.shape
+    tall = max(rows // 2, 1)
+    wide = min(max(round(0.75 * tall), 1), columns)
+    top, left = (rows - tall) // 2, (columns - wide) // 2
+    return picture[top : top + tall, left : left + wide]
 
 
 def caption(analysis: Analysis, name: str) -> str:

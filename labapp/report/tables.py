@@ -13,6 +13,7 @@ NAMES = {
     "coded": "coded photograph",
     "wiener": "Wiener",
     "richardson-lucy": "Richardson-Lucy",
+    "total-variation": "total variation",
 }
 
 

@@ -28,6 +28,7 @@ from labapp.window.pattern_panel import PatternPanel
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
 from labapp.window.remembered import Remembered
+from labapp.window.restore_view import RestoreView
 from labapp.window.run_panel import RunPanel
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
@@ -55,12 +56,16 @@ class MainWindow(QMainWindow):
         self.tabs = QTabWidget(self)
         self.tabs.addTab(self.live_view, "Live")
         self.tabs.addTab(self.reconstruction, "Reconstruction")
+        self.restored = RestoreView(self.actions_["restore"], self)
+        self.tabs.addTab(self.restored, "Before and after")
         self.call = CallLine(self.actions_["pause"], self)
         self.setCentralWidget(self._central())
         self.devices = DeviceList(self)
         self.settings = SettingsPanel(self)
         self.pattern = PatternPanel(self)
-        self.run = RunPanel([self.actions_["acquire"], self.actions_["reconstruct"]], self)
+        self.run = RunPanel(
+            [self.actions_[name] for name in ("acquire", "reconstruct", "restore")], self
+        )
         files = [self.actions_[name] for name in ("plan", "resume", "open")]
         self.queue = QueuePanel(files, self)
         self.effects = EffectsPanel(self)
@@ -179,6 +184,8 @@ class MainWindow(QMainWindow):
             "wavelength_nm": self.settings.wavelength,
             "exposure_ms": self.settings.exposure,
             "folder": self.run.folder,
+            "restore_method": self.restored.method,
+            "restore_s": self.restored.budget,
             "pattern": form.kind,
             "pattern_file": form.file,
         }

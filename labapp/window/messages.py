@@ -130,6 +130,22 @@ class Reconstruct:
 
 
 @dataclass(frozen=True)
+class Restore:
+    """Undo the blur of a record's photograph. budget: processor seconds; None: the usual."""
+
+    path: Path
+    method: str
+    budget: float | None
+
+
+@dataclass(frozen=True)
+class SaveRestored:
+    """Write what was restored last to a file."""
+
+    path: Path
+
+
+@dataclass(frozen=True)
 class Cancel:
     """Stop the work that is under way; runs that wait go on waiting."""
 
@@ -156,6 +172,8 @@ Command = (
     | Answer
     | Reconnect
     | Reconstruct
+    | Restore
+    | SaveRestored
     | Cancel
     | FrameSeen
 )
@@ -376,6 +394,33 @@ class Reconstructed:
     scores: dict[str, tuple[float, float]]
 
 
+@dataclass(frozen=True, eq=False)
+class PictureRestored:
+    """A photograph before and after, (rows, columns) as a screen shows them, and how it went.
+
+    noise: standard deviation of a pixel, in `unit`. residual: of the photograph, over the noise.
+    verdict: on it, in words.
+    """
+
+    path: Path
+    source: str
+    before: NDArray[np.uint8]
+    after: NDArray[np.uint8]
+    method: str
+    noise: float
+    unit: str
+    weight: float | None
+    iterations: int
+    residual: float
+    verdict: str
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class PictureSaved:
+    path: Path
+
+
 @dataclass(frozen=True)
 class JobEnded:
     """A job that leaves nothing behind: it was cancelled, or it failed and said so."""
@@ -410,6 +455,8 @@ Report = (
     | RunEnded
     | Reconnected
     | Reconstructed
+    | PictureRestored
+    | PictureSaved
     | JobEnded
     | Failure
     | OpeningFailed

@@ -16,10 +16,10 @@ from labapp.window.thumbnail import Thumbnail
 _TITLES = {
     "neutral": "Neutral (reference)",
     "coded": "Coded",
-    "wiener": "Wiener",
     "richardson-lucy": "Richardson-Lucy",
+    "total-variation": "Total variation",
 }
-_PLACES = {"neutral": (0, 0), "coded": (0, 1), "wiener": (1, 0), "richardson-lucy": (1, 1)}
+_PLACES = {"neutral": (0, 0), "coded": (0, 1), "richardson-lucy": (1, 0), "total-variation": (1, 1)}
 _GAMMA = 2.2
 _DECADES = 4
 _INSET = 104

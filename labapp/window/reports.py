@@ -17,6 +17,8 @@ from labapp.window.messages import (
     LiveFrame,
     OpeningFailed,
     PatternPreview,
+    PictureRestored,
+    PictureSaved,
     QueueState,
     Reconnected,
     Reconstructed,
@@ -55,6 +57,8 @@ class Reports:
             Reconnected: self._reconnected,
             RunEnded: self._run_ended,
             Reconstructed: self._reconstructed,
+            PictureRestored: self._restored,
+            PictureSaved: lambda report: window.message.say(f"Saved: {report.path}."),
             Failure: lambda report: window.message.complain(report.message),
             OpeningFailed: self._opening_failed,
         }
@@ -111,7 +115,7 @@ class Reports:
         self._session.bench_stands(report)
 
     def _job_progress(self, report: JobProgress) -> None:
-        if report.job == "reconstruction":
+        if report.job in ("reconstruction", "restoration"):
             self._window.run.show_progress(report)
 
     def _job_ended(self, report: JobEnded) -> None:
@@ -160,6 +164,14 @@ class Reports:
         window.reconstruction.show_result(report)
         window.tabs.setCurrentWidget(window.reconstruction)
         window.message.say(f"Reconstructed from {report.path}.")
+
+    def _restored(self, report: PictureRestored) -> None:
+        window = self._window
+        self._session.finish()
+        window.run.show_end("restored", done=True)
+        window.restored.show_result(report)
+        window.tabs.setCurrentWidget(window.restored)
+        window.message.say(f"Restored from {report.path}.")
 
     def _opening_failed(self, report: OpeningFailed) -> None:
         self._why_not_open = report.message

@@ -18,6 +18,9 @@ from optics.plane import centred_crop, centred_pad
 LEAST_NOISE = 1e-6
 """Standard deviation, relative to the photograph's own: what single precision leaves."""
 
+_SCALE_ROWS = 7
+"""Binary digits of the number of rows from which lengths are taken, at least."""
+
 _MIDDLE, _PSFS = 512, 4
 """Pixels of a photograph's side whose spectrum tells enough of it, or so many sides of the PSF."""
 
@@ -100,7 +103,7 @@ class Blurred:
     def scale(self) -> float:
         """Of the scene's light, by which lengths and weights are chosen: the photograph's standard
         deviation, or a share of its mean where it is even; 1 where nothing shines."""
-        image = self.image.detach().to(torch.float64)
+        image = self.image.detach()[:: max(1, len(self.image) >> _SCALE_ROWS)].to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.gain if spread > 0 else 1.0
 
@@ -124,8 +127,11 @@ class Blurred:
     @property
     def explained(self) -> Explained:
         """What the best linear filter gets from that."""
-        transfer = transfer_function(self.psf / self.gain, self._middle)
-        return self.law.explained(squared(transfer), self._middle)
+        return self.law.explained(self._let(self._middle), self._middle)
+
+    def _let(self, shape: tuple[int, int]) -> torch.Tensor:
+        """|H|² on a period of that shape."""
+        return squared(transfer_function(self.psf / self.gain, shape))
 
     @property
     def _middle(self) -> tuple[int, int]:

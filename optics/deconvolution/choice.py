@@ -10,6 +10,8 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.bounded import bounded
+from optics.deconvolution.hyper_laplacian import hyper_laplacian
 from optics.deconvolution.plug_and_play import Denoise, plug_and_play
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.richardson_lucy import richardson_lucy
@@ -106,6 +108,16 @@ def _total_variation(seen: Blurred, wanted: Wanted) -> Restored:
     return total_variation(seen, wanted.weight, iterations=wanted.count, progress=wanted.progress)
 
 
+def _hyper_laplacian(seen: Blurred, wanted: Wanted) -> Restored:
+    return hyper_laplacian(
+        seen, weight=wanted.weight, rounds=wanted.count, progress=wanted.progress
+    )
+
+
+def _bounded(seen: Blurred, wanted: Wanted) -> Restored:
+    return bounded(seen, wanted.weight, iterations=wanted.count, progress=wanted.progress)
+
+
 def _plug_and_play(seen: Blurred, wanted: Wanted) -> Restored:
     if wanted.denoise is None:
         raise ValueError("method is plug-and-play, and no denoiser is given; give one")
@@ -131,6 +143,15 @@ def _multiplicative(_: Blurred) -> Work:
     return Work(4, 60)
 
 
+def _rounds(seen: Blurred) -> Work:
+    return Work(2, 60) if seen.complete else Work(14, 200)
+
+
+def _evaluation(_: Blurred) -> Work:
+    """Of an objective and its gradient, in double precision."""
+    return Work(8, 300)
+
+
 def _round(seen: Blurred) -> Work:
     """A denoised picture, and where part of the period was seen, conjugate gradients."""
     network = Work(2, 100, 1.4 * _WEIGHTS)
@@ -150,9 +171,18 @@ METHODS: dict[str, Method] = {
         "few edges, sharp ones (Eq. 2.27)",
         _total_variation, {6: 3.0, 8: 3.2, 12: 3.4, 20: 3.5}, 12, _PREPARED, _splitting,
     ),
+    "hyper-laplacian": Method(
+        "gradients with the heavy tails of natural pictures",
+        _hyper_laplacian, {5: 3.0, 10: 3.3}, 10, _PREPARED, _rounds,
+    ),
+    "l-bfgs-b": Method(
+        "few edges, light never negative, by a general minimiser (Eq. 2.32)",
+        _bounded, {50: 2.8, 100: 3.3}, 100, _PREPARED, _evaluation,
+    ),
     "plug-and-play": Method(
         "a learned denoiser for a prior",
-        _plug_and_play, {4: 4.0, 8: 4.3}, 8, _PREPARED.plus(Work(60, 800)), _round, learned=True,
+        _plug_and_play, {8: 3.9, 12: 4.1}, 12, _PREPARED.plus(Work(60, 800)), _round,
+        learned=True,
     ),
 }  # fmt: skip
 

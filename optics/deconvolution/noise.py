@@ -75,20 +75,31 @@ def spectrum_of(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
     is there. A photograph that isn't blurred shows its noise badly: the answer then has what the
     picture's finest detail looks like.
     """
+    transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
+    return spectrum_through(image, squared(transfer))
+
+
+@torch.no_grad()
+def spectrum_through(
+    image: torch.Tensor, let: torch.Tensor, region: torch.Tensor | None = None
+) -> PowerLaw:
+    """The same, of what lets a share of each frequency's power through, on the photograph's rfft2
+    grid: several PSFs let the mean of theirs. region: a smooth window, of which part of it."""
     shape = int(image.shape[0]), int(image.shape[1])
     if min(shape) < 2 * _LOWEST + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
-    power, squares = _tapered(image), squared_radii(shape).to(image)
-    let = squared(transfer_function(psf.to(image), shape))
+    power, squares = _tapered(image, region), squared_radii(shape).to(image)
     used = (squares > (_LOWEST / min(shape)) ** 2).flatten().nonzero()[:, 0]
-    return _fitted(*(each.flatten()[used] for each in (power, squares, let)))
+    return _fitted(*(each.flatten()[used] for each in (power, squares, let.to(image))))
 
 
-def _tapered(image: torch.Tensor) -> torch.Tensor:
+def _tapered(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
     """Power of the frame times a window that falls to 0 at its border; of white noise its
     variance."""
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
+    if region is not None:
+        window = window * region.to(window)
     square = window.square()
     detail = (image - (image * square).sum() / square.sum()) * window
     spectrum = rfft2(detail)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import torch
@@ -34,7 +35,7 @@ class NormalEquations:
     def start(self, penalty: torch.Tensor) -> torch.Tensor:
         """The solution if the smooth continuation of the photograph had been measured."""
         spectrum = rfft2(self._seen.continued - self.mean).mul_(self._seen.back)
-        return spectrum / self._below(penalty)
+        return spectrum * self._below(penalty).reciprocal()
 
     def solved(
         self,
@@ -53,21 +54,9 @@ class NormalEquations:
         wanted = self._data if near is None else self._data + near * penalty
         if self._seen.complete:
             return wanted * inverse, 1
-        enough = _SOLVED**2 * self._inner(wanted, wanted * inverse)
-        left = wanted - self._normal(spectrum, penalty)
-        turned = left * inverse
-        way, length = turned.clone(), self._inner(left, turned)
-        taken = 0
-        while taken < steps and length > enough:
-            bent = self._normal(way, penalty)
-            far = length / self._inner(way, bent)
-            spectrum = spectrum.add(way, alpha=far)
-            left = left.sub_(bent, alpha=far)
-            turned = left * inverse
-            before, length = length, self._inner(left, turned)
-            way = way.mul_(length / before).add_(turned)
-            taken += 1
-        return spectrum, taken
+        return conjugate_gradients(
+            lambda x: self._normal(x, penalty), wanted, spectrum, inverse, self._count, steps
+        )
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """On the whole period, with its brightness."""
@@ -89,7 +78,38 @@ class NormalEquations:
         kept = inside if trust is None else inside * trust
         return rfft2(centred_pad(kept, self._seen.whole)).mul_(self._seen.back)
 
-    @torch.no_grad()
-    def _inner(self, a: torch.Tensor, b: torch.Tensor) -> float:
-        products = (a.real * b.real + a.imag * b.imag) * self._count
-        return float(products.sum(dtype=torch.float64))
+
+def conjugate_gradients(
+    normal: Callable[[torch.Tensor], torch.Tensor],
+    wanted: torch.Tensor,
+    spectrum: torch.Tensor,
+    inverse: torch.Tensor,
+    count: torch.Tensor,
+    steps: int,
+) -> tuple[torch.Tensor, int]:
+    """The spectrum of the x with normal(x) = wanted, and how many steps it took from the one that
+    is given (Hestenes and Stiefel 1952, doi 10.6028/jres.049.044).
+
+    inverse: about that of `normal`, of each frequency. count: see optics.fourier.half_counts().
+    """
+    enough = _SOLVED**2 * _inner(wanted, wanted * inverse, count)
+    left = wanted - normal(spectrum)
+    turned = left * inverse
+    way, length = turned.clone(), _inner(left, turned, count)
+    taken = 0
+    while taken < steps and length > enough:
+        bent = normal(way)
+        far = length / _inner(way, bent, count)
+        spectrum = spectrum.add(way, alpha=far)
+        left = left.sub_(bent, alpha=far)
+        turned = left * inverse
+        before, length = length, _inner(left, turned, count)
+        way = way.mul_(length / before).add_(turned)
+        taken += 1
+    return spectrum, taken
+
+
+@torch.no_grad()
+def _inner(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
+    products = (a.real * b.real + a.imag * b.imag) * count
+    return float(products.sum(dtype=torch.float64))

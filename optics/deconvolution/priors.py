@@ -66,7 +66,7 @@ class TotalVariation(Penalty):
         self, shape: tuple[int, int], step: float, power: float, dtype: torch.dtype
     ) -> None:
         self._step, self._power = step, power
-        self.square = _laplacian(shape).to(dtype)
+        self.square = laplacian(shape).to(dtype)
         self._down, self._along = (torch.zeros(shape, dtype=dtype) for _ in range(2))
         self._size, self._kept = (torch.empty(shape, dtype=dtype) for _ in range(2))
         self._last: torch.Tensor | None = None
@@ -81,7 +81,7 @@ class TotalVariation(Penalty):
     def step(self, x: torch.Tensor) -> None:
         self._last = x
         down, along, size, kept = self._down, self._along, self._size, self._kept
-        _add_gradient(x, down, along)
+        add_gradient(x, down, along)
         torch.mul(down, down, out=size).addcmul_(along, along)
         # The share of it that the penalty takes: all of what is shorter than a step.
         size.rsqrt_().mul_(self._step)
@@ -93,7 +93,7 @@ class TotalVariation(Penalty):
         wanted = down * kept, along * kept
         down.mul_(size)
         along.mul_(size)
-        self.back = _divergence(*wanted, out=kept)
+        self.back = gradient_adjoint(*wanted, out=kept)
 
 
 class Bounds(Prior):
@@ -118,21 +118,23 @@ class Bounds(Prior):
         self.back = allowed.sub_(self._dual)
 
 
-def _laplacian(shape: tuple[int, int]) -> torch.Tensor:
+def laplacian(shape: tuple[int, int]) -> torch.Tensor:
+    """The gradient's adjoint times itself, on the frequencies of a period: (rows, columns // 2 + 1)
+    in double precision."""
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
     return y[:, None] + x[None, :]
 
 
-def _add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
-    """Forward differences, around the period."""
+def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
+    """Forward differences, around the period, added to what is there."""
     down[:-1].add_(x[1:]).sub_(x[:-1])
     down[-1].add_(x[0]).sub_(x[-1])
     along[:, :-1].add_(x[:, 1:]).sub_(x[:, :-1])
     along[:, -1].add_(x[:, 0]).sub_(x[:, -1])
 
 
-def _divergence(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
+def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
     """The adjoint of the gradient."""
     torch.add(down, along, out=out).neg_()
     out[1:].add_(down[:-1])
@@ -153,13 +155,13 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
     """div(∇x / |∇x|), of a gradient whose length is smoothed by a length."""
     down, along = torch.zeros_like(x), torch.zeros_like(x)
-    _add_gradient(x, down, along)
+    add_gradient(x, down, along)
     length = torch.addcmul(down * down, along, along).add_(smooth**2).rsqrt_()
-    return _divergence(down.mul_(length), along.mul_(length), length).neg_()
+    return gradient_adjoint(down.mul_(length), along.mul_(length), length).neg_()
 
 
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
     """∇²x by differences, around the period."""
     down, along = torch.zeros_like(x), torch.zeros_like(x)
-    _add_gradient(x, down, along)
-    return _divergence(down, along, torch.empty_like(x)).neg_()
+    add_gradient(x, down, along)
+    return gradient_adjoint(down, along, torch.empty_like(x)).neg_()

@@ -87,10 +87,11 @@ class _Likelihood:
 
     seen: Blurred
     transfer: torch.Tensor
+    back: torch.Tensor
     data: torch.Tensor
     measured: torch.Tensor
     step: torch.Tensor
-    known: torch.Tensor
+    known: torch.Tensor | None
     level: float
 
     @classmethod
@@ -100,7 +101,8 @@ class _Likelihood:
         data = seen.data.clamp(min=0)
         trust = torch.ones_like(data) if seen.trust is None else seen.trust
         measured = centred_pad(trust, seen.whole)
-        reached = irfft2(rfft2(measured) * transfer.conj(), seen.whole)
+        back = transfer.conj().resolve_conj()
+        reached = irfft2(rfft2(measured) * back, seen.whole)
         least = _LEAST_SEEN * float(reached.max())
         # Where almost no light comes from into the picture, nothing is known: leave it be.
         known = reached > least
@@ -110,12 +112,13 @@ class _Likelihood:
         light = float((data.detach() * trust).sum() / trust.sum() / transfer[0, 0].real)
         level = max(light, float(torch.finfo(data.dtype).tiny))
         data = centred_pad(data, seen.whole)
-        return cls(seen, transfer, data, measured, step, known, level)
+        everywhere = bool(known.all())
+        return cls(seen, transfer, back, data, measured, step, None if everywhere else known, level)
 
     def start(self) -> torch.Tensor:
         """Even light; none where nothing shines."""
         even = torch.full_like(self.data, self.level)
-        return even if self.seen.lit is None else even * self.known
+        return even if self.seen.lit is None or self.known is None else even * self.known
 
     def blurred(self, picture: torch.Tensor) -> torch.Tensor:
         return irfft2(rfft2(picture) * self.transfer, self.seen.whole)
@@ -126,11 +129,11 @@ class _Likelihood:
         """Eq. 2.30. expected: the picture as it falls on the sensor."""
         ratio = self.data / expected.clamp(min=_FLOOR * self.level)
         ratio.mul_(self.measured)
-        moved = irfft2(rfft2(ratio).mul_(self.transfer.conj()), self.seen.whole)
+        moved = irfft2(rfft2(ratio).mul_(self.back), self.seen.whole)
         moved.mul_(self.step).clamp_(min=0).mul_(picture)
         if factor is not None:
             moved.mul_(factor)
-        return torch.where(self.known, moved, picture)
+        return moved if self.known is None else torch.where(self.known, moved, picture)
 
 
 class _Path:
@@ -146,8 +149,8 @@ class _Path:
         if not self._accelerated or self._way is None or len(self._gains) < 2:
             return self.now
         before, last = self._gains
-        length = float((before * before).sum())
-        share = float((last * before).sum()) / length if length > 0 else 0.0
+        length = float(torch.dot(before.flatten(), before.flatten()))
+        share = float(torch.dot(last.flatten(), before.flatten())) / length if length > 0 else 0.0
         share = min(max(share, 0.0), 1.0)
         return torch.add(self.now, self._way, alpha=share).clamp_(min=0)
 

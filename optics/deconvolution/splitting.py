@@ -64,6 +64,12 @@ def split(
     return _Splitting(seen, penalty, others, steps).restored(method, progress)
 
 
+def towards(wanted: float, weight: float, first: float, farthest: float = _FARTHEST) -> float:
+    """The next weight on the way to one that is wanted, not too far from the first."""
+    wanted = min(max(wanted, first / farthest), first * farthest)
+    return weight * (wanted / weight) ** _DAMPED
+
+
 class _Data(ABC):
     """What the photograph wants of the picture."""
 
@@ -225,6 +231,4 @@ class _Splitting:
         """Towards the weight by the evidence."""
         freedom = max(1 - self._data.squares, LEAST_FREEDOM)
         wanted = self._penalty.weight(self._seen.deviation, freedom)
-        first = self._steps.first
-        wanted = min(max(wanted, first / _FARTHEST), first * _FARTHEST)
-        self._weight *= (wanted / self._weight) ** _DAMPED
+        self._weight = towards(wanted, self._weight, self._steps.first)

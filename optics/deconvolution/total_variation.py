@@ -12,7 +12,7 @@ from optics.edge import require_positive
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_STEP = 0.2
+STEP = 0.2
 """Of the picture's standard deviation: the gradient that a first iteration takes for none. A fifth
 is fastest."""
 
@@ -51,13 +51,18 @@ def total_variation(
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    step = _STEP if seen.clipped is None or not bool(seen.clipped.any()) else _STEP_CLIPPED
-    gradients = TotalVariation(seen.whole, step * seen.scale, power, seen.image.dtype)
+    gradients = TotalVariation(seen.whole, _step_for(seen), power, seen.image.dtype)
     bounded = positive or seen.border == "dark"
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     return split(seen, gradients, bounds, steps, name, progress or Progress())
+
+
+def _step_for(seen: Blurred) -> float:
+    """Length of a gradient that a first iteration takes for none."""
+    bright = seen.clipped is not None and bool(seen.clipped.any())
+    return (_STEP_CLIPPED if bright else STEP) * seen.scale
 
 
 def first_weight(seen: Blurred, power: float = 1.0) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -17,6 +18,9 @@ from optics.threads import single_threaded
 Smooth = Literal["spectrum", "gradient", "flat"]
 
 SMOOTH: tuple[Smooth, ...] = ("gradient", "spectrum", "flat")
+
+Frequencies = tuple[slice, slice]
+"""Rows and columns of an rfft2 grid."""
 
 _STEPS = 30
 """Of conjugate gradients, after which what isn't measured hardly changes what lies inside."""
@@ -57,21 +61,24 @@ def wiener(
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
     equations = NormalEquations(seen)
-    penalty, used = _penalty(seen, weight, smooth)
+    penalty, used = penalty_of(seen, weight, smooth)
     spectrum, taken = equations.solved(penalty, equations.start(penalty), steps)
     picture, residual = equations.picture(spectrum), equations.residual(spectrum)
     name = f"Wiener, {smooth}"
     return Restored(seen.frame(picture), name, seen.noise, residual, used, 1 + taken)
 
 
-def _penalty(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
-    """K of each frequency, and its weight."""
+def penalty_of(seen: Blurred, weight: float | None, smooth: Smooth) -> tuple[torch.Tensor, float]:
+    """K of each frequency of the whole period, and its weight: see wiener()."""
     squares = squared_radii(seen.whole)
     if smooth == "spectrum":
         shape, best = _noise_to_signal(seen, squares), 1.0
     else:
-        shape = torch.ones_like(squares) if smooth == "flat" else squares
-        best = _best(seen, shape, squares) if weight is None else 0.0
+        shape, best = torch.ones_like(squares) if smooth == "flat" else squares, 0.0
+        if weight is None:
+            power = seen.power.to(torch.float64, copy=True)
+            power.clamp_(min=1e-30)
+            best = least_error(seen, lambda k, at: power[at] / (power[at] + k * shape[at]))
     used = best if weight is None else weight
     return (used * shape).to(seen.power), used
 
@@ -84,15 +91,19 @@ def _noise_to_signal(seen: Blurred, squares: torch.Tensor) -> torch.Tensor:
     return noise / (max(law.strength, 1e-30) * at ** (-law.slope / 2))
 
 
-def _best(seen: Blurred, shape: torch.Tensor, squares: torch.Tensor) -> float:
-    """The weight with the least mean square error that the photograph's spectrum predicts."""
-    every = max(1, math.isqrt(seen.power.numel() // _SOME))
-    some = slice(None, None, every), slice(None, None, every)
-    signal = 1 / _noise_to_signal(seen, squares[some])
-    shape, power = shape[some], seen.power[some].to(torch.float64)
+def least_error(seen: Blurred, through: Callable[[float, Frequencies], torch.Tensor]) -> float:
+    """The weight with the least mean square error that the photograph's spectrum predicts.
 
-    def error(weight: torch.Tensor) -> torch.Tensor:
-        k = weight * shape
-        return ((k.square() * signal + power) / (power + k).square().clamp(min=1e-30)).mean()
+    through: of a weight, the share of the scene that gets through blur and filter at some of the
+    frequencies of the whole period.
+    """
+    every = slice(None, None, max(1, math.isqrt(seen.power.numel() // _SOME)))
+    at = every, every
+    signal = 1 / _noise_to_signal(seen, squared_radii(seen.whole)[at])
+    lost = seen.power[at].to(torch.float64).clamp(min=1e-30)
 
-    return float(_GRID[int(torch.stack([error(one) for one in _GRID]).argmin())])
+    def error(weight: float) -> float:
+        share = through(weight, at).to(torch.float64)
+        return float(((1 - share).square() * signal + share.square() / lost).mean())
+
+    return min(_GRID.tolist(), key=error)

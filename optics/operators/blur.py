@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-import scipy.fft
 import torch
 
 from optics.edge import floating, require_finite, tensors_inside
-from optics.fourier import irfft2, rfft2
+from optics.fourier import irfft2, quick_length, rfft2
 from optics.operators.contract import Operator
 from optics.operators.gram import Gram
 from optics.operators.pixels import Window
@@ -77,8 +76,7 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
     """(rows, columns) of a period on which the frame gets no light from its opposite side: a fast
     size for an FFT that holds the frame and half a PSF on every side."""
     rows, columns = (
-        scipy.fft.next_fast_len(int(n) + int(m), real=True)
-        for n, m in zip(frame[-2:], psf[-2:], strict=True)
+        quick_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
     )
     return rows, columns
 

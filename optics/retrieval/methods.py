@@ -207,7 +207,7 @@ METHODS: dict[str, Method] = {
     "independent": Method(
         _several(independent),
         "frames that know nothing of each other",
-        2,
+        1,
         MOST_FRAMES,
         _superpixels,
     ),

@@ -12,7 +12,11 @@ from judges import gaussian_psf, natural_image
 from numpy.typing import NDArray
 
 from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
+from labapp.networks import packaged_denoiser
+from optics.deconvolution.bounded import bounded
+from optics.deconvolution.hyper_laplacian import hyper_laplacian
 from optics.deconvolution.measured import measured
+from optics.deconvolution.plug_and_play import plug_and_play
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
@@ -39,6 +43,21 @@ def edged(image: Any, psf: Any) -> Any:
     return _as_given(image, total_variation(measured(image, psf)).image)
 
 
+def heavy_tailed(image: Any, psf: Any) -> Any:
+    """By gradients to the power 2/3, noise and weight estimated."""
+    return _as_given(image, hyper_laplacian(measured(image, psf)).image)
+
+
+def within_bounds(image: Any, psf: Any) -> Any:
+    """By L-BFGS-B, light never negative, noise and weight estimated."""
+    return _as_given(image, bounded(measured(image, psf)).image)
+
+
+def by_a_denoiser(image: Any, psf: Any) -> Any:
+    """By plug-and-play with the packaged network, noise estimated."""
+    return _as_given(image, plug_and_play(measured(image, psf), packaged_denoiser()).image)
+
+
 def _as_given(image: Any, restored: torch.Tensor) -> Any:
     return restored if isinstance(image, torch.Tensor) else restored.numpy()
 
@@ -48,7 +67,15 @@ DIFFERENTIABLE: dict[str, Restore] = {
     "Richardson-Lucy": likeliest,
 }
 
-RESTORATIONS: dict[str, Restore] = {**DIFFERENTIABLE, "total variation": edged}
+EXPLICIT: dict[str, Restore] = {
+    **DIFFERENTIABLE,
+    "total variation": edged,
+    "hyper-Laplacian": heavy_tailed,
+    "L-BFGS-B": within_bounds,
+}
+"""Their priors are formulas, which leave a constant be."""
+
+RESTORATIONS: dict[str, Restore] = {**EXPLICIT, "plug-and-play": by_a_denoiser}
 
 
 def numbers(value: Any, tol: float) -> NDArray[Any]:
@@ -158,7 +185,7 @@ CASES: list[Case] = [
     *for_each("almost nothing", "beyond the reach of the PSF all is 0 / 0",
               "one bright pixel on black", almost_nothing, "the pixel itself", DIFFERENTIABLE),
     *for_each("constant pictures", "no detail to restore, no noise to measure",
-              "0, 1e-30, 1, 1e6", constants, "the constant"),
+              "0, 1e-30, 1, 1e6", constants, "the constant", EXPLICIT),
     *for_each("a PSF larger than the picture", "most of the light comes from outside",
               "33x33 on 1x1, 1x9, 8x9", a_psf_larger_than_the_picture, "the constant"),
     *for_each("negative data", "what is left after dark subtraction is noise around zero",

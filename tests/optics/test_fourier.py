@@ -14,6 +14,7 @@ from optics.fourier import (
     MatrixTransform,
     NonuniformTransform,
     plan_transform,
+    quick_length,
     transforms,
 )
 from optics.plane import Plane
@@ -272,3 +273,19 @@ def test_stretch_and_shift_have_the_derivatives_of_the_integral(kind):
         down[place] -= step
         truth = (summed(*up) - summed(*down)) / (2 * step)
         assert float(number.grad) == pytest.approx(truth, rel=1e-6)
+
+
+@pytest.mark.parametrize("least", [1, 2, 13, 97, 497, 1055])
+def test_a_quick_length_is_no_shorter_little_longer_and_has_small_factors(least):
+    length = quick_length(least)
+    assert least <= length <= 1.125 * least + 1
+    left = length
+    for factor in (2, 3, 5, 7, 11):
+        while left % factor == 0:
+            left //= factor
+    assert left == 1 or length == least <= 13
+
+
+def test_a_power_of_two_is_taken_where_it_is_near():
+    assert quick_length(500) == 512
+    assert quick_length(1024) == 1024

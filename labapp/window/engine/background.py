@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,19 @@ from labapp.window.engine.designer import Designer
 from labapp.window.engine.failures import failure
 from labapp.window.engine.jobs import Jobs
 from labapp.window.engine.plan import pattern_name, read_pattern
-from labapp.window.messages import Preview, Reconstruct, Show
+from labapp.window.messages import (
+    PictureSaved,
+    Preview,
+    Reconstruct,
+    Restore,
+    SaveRestored,
+    Show,
+)
 from optics.camera import Camera
 from optics.progress import Cancelled, Progress
+
+if TYPE_CHECKING:
+    from labapp.window.engine.restoration import Restoration
 
 _THREADS = 2
 """A pattern need not wait for a reconstruction."""
@@ -37,6 +48,7 @@ class Background:
     def __init__(self, camera: Camera, channel: Channel, jobs: Jobs, top: Benchtop) -> None:
         self._channel, self._jobs, self._top = channel, jobs, top
         self._designer = Designer(camera)
+        self._restored: Restoration | None = None
         self._threads = ThreadPoolExecutor(_THREADS, "beside")
 
     def close(self) -> None:
@@ -65,6 +77,23 @@ class Background:
             self._channel.send(reconstruct(command.path, progress))
 
         self._start("reconstruction", work)
+
+    def restore(self, command: Restore) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.restoration import restore
+
+            self._restored = restore(command, progress)
+            self._channel.send(self._restored.report)
+
+        self._start("restoration", work)
+
+    def save_restored(self, command: SaveRestored) -> None:
+        def work(progress: Progress) -> None:
+            if self._restored is not None:
+                self._restored.save(command.path)
+                self._channel.send(PictureSaved(command.path))
+
+        self._start("saving", work)
 
     def _start(self, job: str, work: Callable[[Progress], None]) -> None:
         progress = self._jobs.begin(job)

@@ -1,0 +1,90 @@
+"""The command that does the thesis' experiments again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.options import (
+    BenchOption,
+    FaultsOption,
+    ForceOption,
+    JsonOption,
+    SceneOption,
+    SpeedOption,
+    YesOption,
+)
+from labapp.studies import STUDIES
+
+
+def _help() -> str:
+    listed = "\n".join(
+        f"- **{name}**: {entry.line} ({entry.figure})" for name, entry in STUDIES.items()
+    )
+    return f"""Do an experiment of the thesis again, on the bench, beside what was published.
+
+    A study is an ordinary run, and what its record tells: it leaves **run.h5**, **study.png**,
+    a page **study.html** and **study.json** in a folder, and prints what was published, what
+    physics expects, and what was found here.
+
+{listed}
+
+**labapp study list** tells their settings with units and defaults. For instance
+
+**labapp study refocus near_m=1.7 --out refocus**
+
+Ctrl-C leaves the bench safe and the record as it is: **labapp resume** takes the rest, and
+**labapp study NAME --record run.h5 --out FOLDER** evaluates it. On a bench of your own
+(--bench) targets go by the names that the study's plan gives them, such as star and dark.
+"""
+
+
+@app.command(help=_help())
+def study(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A study, or 'list'.")],
+    settings: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its settings.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where record and page go.")
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record", metavar="RUN.h5", help="Evaluate a record of it; take no pictures."
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Smaller settings: seconds instead of a minute.")
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="All chance comes from it.")] = 1,
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    faults: FaultsOption = None,
+    speed: SpeedOption = float("inf"),
+    yes: YesOption = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    from labapp.errors import UserError
+    from labapp.running import Manner
+    from labapp.studies.command import Asked, evaluate_record, list_studies, run_study
+    from labapp.studies.finding import find_study
+
+    if name == "list":
+        list_studies(as_json=json)
+        return
+    find_study(name)
+    if out is None:
+        raise UserError("there is no --out. Name a folder for record, picture and page.")
+    manner = Manner(force, yes, speed, json)
+    if record is not None:
+        if settings or quick:
+            raise UserError("--record: its settings are in it. Leave the others out.")
+        evaluate_record(name, record, out, manner)
+        return
+    asked = Asked(name, tuple(settings or ()), seed, quick, bench, scene, faults)
+    run_study(asked, out, manner)

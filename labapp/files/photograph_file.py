@@ -1,0 +1,214 @@
+"""Photographs to be restored: levels as files hold them, and the light that they stand for."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from labapp.errors import UserError
+
+Light = NDArray[np.float32]
+
+_RUN = 3
+"""Pixels in a row at a picture's highest level that are a sign of a full well."""
+
+_SPIKE = 2.0
+"""Of a full well's level in the histogram, over the level below."""
+
+_TIFF = (".tif", ".tiff")
+_BANDS = (1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph, (bands, rows, columns); a colour one is red, green and blue.
+
+    levels: as in the file. coded: whether they are sRGB's 8 bits, and not linear.
+    """
+
+    path: Path
+    levels: NDArray[Any]
+    coded: bool
+
+    @property
+    def light(self) -> Light:
+        """Linear; white is 1 where the levels are coded, else in the file's levels."""
+        if not self.coded:
+            return self.levels.astype(np.float32)
+        return _LINEAR[self.levels]
+
+    def full_level(self) -> float | None:
+        """The level at which the camera was full, if the picture shows one: pixels at its highest
+        level lie side by side, and are more than those of the level below."""
+        levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
+        top = levels.max()
+        at = levels == top
+        if at.all() or not (_has_run(at) or _has_run(at.swapaxes(-1, -2))):
+            return None
+        if np.array_equal(levels, np.rint(levels)):
+            below = int((levels == top - 1).sum())
+            if int(at.sum()) < _SPIKE * below:
+                return None
+        return float(top)
+
+
+def read_photograph(
+    path: Path, *, linear: bool | None = None, frame: int | None = None
+) -> Photograph:
+    """A JPEG, PNG, TIFF or NumPy array, grey or colour.
+
+    linear: whether levels are proportional to light; None: all are but 8-bit pictures. frame: of a
+    TIFF of several. UserError says what is wrong with a file.
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    if path.suffix.lower() == ".npy":
+        levels, coded = _array(path), False
+    else:
+        levels = _decoded(path, frame)
+        coded = levels.dtype == np.uint8 if linear is None else not linear
+        if coded and levels.dtype != np.uint8:
+            raise UserError(f"{path}: has {levels.dtype} values; only 8-bit ones are sRGB's.")
+    return Photograph(path, levels, coded)
+
+
+def written(path: Path, light: Light, coded: bool, full: float) -> bytes:
+    """A picture's file, by its ending: floating-point light in .npy and .tiff; levels in .png.
+
+    light: (bands, rows, columns). A .png has 8 bits of sRGB where the picture it came from did,
+    else 16 linear ones; `full` is the light of its highest level.
+    """
+    ending = path.suffix.lower()
+    shown = light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
+    buffer = io.BytesIO()
+    if ending == ".npy":
+        np.save(buffer, shown)
+    elif ending in _TIFF:
+        kind = "minisblack" if len(light) == 1 else "rgb"
+        tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
+    else:
+        levels = _coded(shown / full) if coded else _sixteen(shown / full)
+        done, data = cv2.imencode(".png", levels[..., ::-1] if levels.ndim == 3 else levels)
+        if not done:
+            raise UserError(f"{path}: could not be encoded.")
+        buffer.write(data.tobytes())
+    return buffer.getvalue()
+
+
+def require_ending(path: Path) -> None:
+    """UserError for a file that `written` doesn't know."""
+    if path.suffix.lower() not in (".npy", ".png", *_TIFF):
+        raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
+
+
+def coded(light: NDArray[Any]) -> NDArray[np.uint8]:
+    """Light, white at 1, as sRGB's 8 bits (IEC 61966-2-1)."""
+    return _coded(light)
+
+
+def _coded(light: NDArray[Any]) -> NDArray[np.uint8]:
+    light = np.clip(np.nan_to_num(light), 0, 1)
+    levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.rint(255 * levels).astype(np.uint8)
+
+
+def _sixteen(light: NDArray[Any]) -> NDArray[np.uint16]:
+    return np.rint(65535 * np.clip(np.nan_to_num(light), 0, 1)).astype(np.uint16)
+
+
+def _linear() -> NDArray[np.float32]:
+    level = np.linspace(0, 1, 256)
+    light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    return light.astype(np.float32)
+
+
+_LINEAR = _linear()
+
+
+def _has_run(at: NDArray[np.bool_]) -> bool:
+    """Whether _RUN pixels of a row are set side by side."""
+    side = at.shape[-1] - _RUN + 1
+    if side < 1:
+        return False
+    run = at[..., :side].copy()
+    for step in range(1, _RUN):
+        run &= at[..., step : step + side]
+    return bool(run.any())
+
+
+def _array(path: Path) -> NDArray[Any]:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"{path}: cannot be read as a NumPy array: {error}.") from error
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "iuf":
+        kind = getattr(values, "dtype", type(values).__name__)
+        raise UserError(f"{path}: holds {kind} values. Give real numbers.")
+    return _bands(path, values)
+
+
+def _decoded(path: Path, frame: int | None) -> NDArray[Any]:
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    number = _page(path, frame)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+    try:
+        if number is None:
+            image = cv2.imdecode(data, flags) if data.size else None
+        else:
+            pages = cv2.imdecodemulti(data, flags, range=(number, number + 1))[1]
+            image = pages[0] if pages else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise UserError(
+            f"{path}: is not a picture that can be read. Give a JPEG, PNG, TIFF or .npy."
+        )
+    return _bands(path, image[..., ::-1] if image.ndim == 3 else image)
+
+
+def _page(path: Path, frame: int | None) -> int | None:
+    """Which picture of a file to take; None for the only one."""
+    count = _pages(path)
+    if count > 1 and frame is None:
+        raise UserError(f"{path}: holds {count} pictures. Name one: --frame 0 to {count - 1}.")
+    if frame is not None and not 0 <= frame < max(count, 1):
+        raise UserError(f"--frame {frame}: {path} holds {count} pictures, counted from 0.")
+    return frame if count > 1 else None
+
+
+def _pages(path: Path) -> int:
+    if path.suffix.lower() not in _TIFF:
+        return 1
+    try:
+        with tifffile.TiffFile(path) as file:
+            return len(file.pages)
+    except (tifffile.TiffFileError, OSError, ValueError) as error:
+        raise UserError(f"{path}: is not a TIFF that can be read: {error}.") from error
+
+
+def _bands(path: Path, values: NDArray[Any]) -> NDArray[Any]:
+    """(rows, columns) or (rows, columns, bands), bands first."""
+    if values.ndim == 2:
+        bands = values[None]
+    elif values.ndim == 3 and values.shape[-1] in _BANDS:
+        bands = np.moveaxis(values, -1, 0)
+    else:
+        raise UserError(
+            f"{path}: is {' x '.join(map(str, values.shape))}; give rows x columns, or rows x "
+            "columns x 3."
+        )
+    if not bands.size:
+        raise UserError(f"{path}: has no pixels.")
+    if not np.isfinite(bands).any():
+        raise UserError(f"{path}: has no finite value. Give a picture.")
+    return np.ascontiguousarray(bands)

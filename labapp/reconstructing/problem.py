@@ -1,0 +1,66 @@
+"""What is to be restored, whatever it was read from: light, PSF, and what is known of pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.photograph_file import Light
+from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.measured import measured
+from optics.operators.blur import Border
+
+_WHITE = 99.9
+"""Percentile of a picture that is drawn white, where nothing says what white is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A blurred picture and its PSF.
+
+    light: (bands, rows, columns), NaN where a pixel is dead. psf: (1 or bands, rows, columns),
+    origin at n // 2; its sum is the share of light that arrives. clipped: of the same shape as
+    light, where the well was full. unit: of the light, in words. full: the light of a .png's
+    highest level, None for white; coded: whether that file has sRGB's 8 bits. noise: standard
+    deviation of a pixel, estimated if None. source, psf_source: where the two are from, in words.
+    notes: what a person should know.
+    """
+
+    light: Light
+    psf: Light
+    clipped: NDArray[np.bool_]
+    source: str
+    psf_source: str
+    unit: str
+    full: float | None = None
+    coded: bool = True
+    noise: float | None = None
+    border: Border = "unknown"
+    notes: tuple[str, ...] = field(default=())
+
+    def bands(self) -> list[Blurred]:
+        """Each band by itself."""
+        return [self._band(number) for number in range(len(self.light))]
+
+    def _band(self, number: int) -> Blurred:
+        light, clipped = self.light[number], self.clipped[number]
+        sound = np.isfinite(light)
+        return measured(
+            np.where(sound, light, 0),
+            self.psf[min(number, len(self.psf) - 1)],
+            self.noise,
+            self.border,
+            weights=None if sound.all() else sound.astype(np.float32),
+            clipped=clipped if clipped.any() else None,
+        )
+
+    @cached_property
+    def white(self) -> float:
+        """The light that is drawn white."""
+        if self.full is not None and self.coded:
+            return self.full
+        bright = float(np.nanpercentile(self.light, _WHITE))
+        return bright if bright > 0 else 1.0

@@ -1,0 +1,68 @@
+"""Bricks at several distances, and how sharp their edges are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from labapp.analysis.brackets import Picture
+from labapp.files.scene_targets import LayersTable
+from labapp.record.reader import Record
+from labapp.studies.contract import Row
+from optics.camera import Camera
+
+BRICKS = "bricks"
+"""The target's name."""
+
+Region = tuple[float, slice, slice]
+"""Distance, rows and columns of a brick on the sensor."""
+
+
+def regions_of(record: Record, camera: Camera) -> list[Region]:
+    """Where a simulated scene's bricks are seen, the nearest first; of a real one unknown."""
+    table = record.scene.targets.get(BRICKS) if record.scene else None
+    if not isinstance(table, LayersTable):
+        return []
+    found = []
+    for layer in table.layers:
+        if layer.picture.kind != "brick":
+            continue
+        scale = camera.magnification(layer.distance_m) / camera.sensor.pitch * 1e-3
+        sides = []
+        for offset, size, pixels in zip(
+            layer.picture.offset_mm, layer.picture.size_mm, camera.sensor.shape, strict=True
+        ):
+            middle, half = pixels / 2 + offset * scale, (size / 2 + 3) * scale
+            sides.append(slice(max(0, round(middle - half)), min(pixels, round(middle + half))))
+        found.append((layer.distance_m, sides[0], sides[1]))
+    return found
+
+
+def sharpened(scenes: Sequence[Picture], regions: Sequence[Region], near: float) -> list[Row]:
+    rows = []
+    for distance, y, x in regions:
+        plain, coded = (steepness(scene[y, x]) for scene in scenes)
+        ratio = coded / plain
+        wanted = "more than 1" if abs(distance - near) < 0.05 else "-"
+        if distance == max(one[0] for one in regions):
+            wanted = "less than 1"
+        rows.append(
+            Row(
+                f"steepest edges of the brick at {distance:g} m, with the lens over without",
+                "picture only",
+                wanted,
+                f"{ratio:.2f}",
+                ratio,
+            )
+        )
+    return rows
+
+
+def steepness(picture: Picture) -> float:
+    """Of the steepest edges, relative to the picture's range: 99th percentile of the gradient
+    over two pixels, so that noise counts little."""
+    y = picture[2:, 1:-1] - picture[:-2, 1:-1]
+    x = picture[1:-1, 2:] - picture[1:-1, :-2]
+    low, high = np.percentile(picture, [1, 99])
+    return float(np.percentile(np.hypot(y, x), 99) / (high - low))

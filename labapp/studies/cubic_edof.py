@@ -1,0 +1,351 @@
+"""Extended depth of field by a cubic phase on the SLM (thesis Fig. 2.15 to 2.17)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydantic import Field
+
+from labapp.analysis.brackets import Bracket, Picture, find, merge_all
+from labapp.analysis.photograph import Score, score
+from labapp.analysis.star import measure_psf
+from labapp.files.pattern_table import Positive
+from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.files.reading import bundled, read_grey, validate
+from labapp.record.reader import Record
+from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.drawing import draw_grey, draw_log, draw_panel
+from labapp.studies.stars import NEUTRAL, correlation
+from optics.camera import Camera
+from optics.deconvolution.depths import depths, pasted
+from optics.deconvolution.layered import layered
+from optics.deconvolution.measured import measured
+from optics.deconvolution.richardson_lucy import richardson_lucy
+from optics.deconvolution.separable import separable_parts
+from optics.deconvolution.total_variation import total_variation
+from optics.progress import Progress
+from optics.transfer import ambiguity, defocused_transfer
+
+STARS = {"star": 2.0, "star-far": 2.2}
+"""Their distances, metres: of the layers as well, the near one in focus."""
+
+_NEAR = 2
+"""In the picture of depths."""
+
+_COVER = 1.05
+"""Side of the photograph over that of the frame."""
+
+_WINDOW = 128
+"""Sensor pixels across a PSF."""
+
+_SLIT = 129
+"""Samples of the polar display along each axis."""
+
+
+class EdofSettings(Settings):
+    """How strong the plate is, and how the pictures are exposed."""
+
+    QUICK: ClassVar[dict[str, Any]] = {"scene_ms": [400], "iterations": 6}
+
+    strength_rad: Annotated[
+        Positive, Field(description="cubic phase at the panel's longer half")
+    ] = 40.0
+    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    star_ms: Annotated[
+        tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
+    ] = (4.0, 64.0, 512.0)
+    scene_ms: Annotated[
+        tuple[Positive, ...], Field(min_length=1, description="bracket of the photographs")
+    ] = (100.0, 400.0, 1600.0)
+    iterations: Annotated[int, Field(ge=1, le=200, description="of the joint restoration")] = 15
+
+
+def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
+    """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
+    scene = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.scene_ms)}
+    stars = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.star_ms)}
+    darks = {"interleave": [{"role": "dark", "frames": 4}]}
+    both = ["neutral", "cubic"]
+    data = {
+        "version": 1,
+        "title": STUDY.title,
+        "patterns": {
+            "neutral": dict(NEUTRAL),
+            "cubic": {"kind": "cubic", "strength_rad": settings.strength_rad},
+        },
+        "acquire": [
+            {"targets": list(STARS), "patterns": both} | stars | darks,
+            {"targets": ["depths"], "patterns": both} | scene | darks,
+            {"targets": ["sharp"], "patterns": ["neutral"]} | scene,
+        ],
+    }
+    return validate(data, PlanFile, "study cubic-edof")
+
+
+def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Results:
+    """How alike the PSFs are, what the transfer functions do, and the pictures restored."""
+    brackets = merge_all(record, record.plan, progress.part(0, 0.2))
+    camera = record.bench.build_camera()
+    psfs = {
+        (star, pattern): _psf(record, brackets, star, pattern, settings)
+        for star in STARS
+        for pattern in ("neutral", "cubic")
+    }
+    pictures = _restored(record, brackets, psfs, settings, progress.part(0.3, 0.95))
+    scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
+    waves, strength = _slit(camera, settings)
+    rows = [
+        _alike_row(psfs),
+        _zeros_row(waves, strength),
+        _separable_row(psfs),
+        *_score_rows(scores),
+    ]
+    plates = [
+        _pictures_plate(pictures, scores),
+        _psf_plate(record, psfs),
+        _ambiguity_plate(waves, strength),
+    ]
+    notes = [
+        "The photograph's near part is at 2 m, in focus, its far part at 2.2 m; nearer things hide "
+        "farther ones. PSNR (peak 1) and SSIM are against a picture of all of it in focus, over "
+        "the central 90 %.",
+        "The thesis' Fig. 2.17 is a simulation on another photograph, restored by Richardson-Lucy "
+        "with a known PSF; it prints no numbers. Our plate is truncated by the panel, 1920 x 1080 "
+        "pixels, so that it is stronger along its longer side.",
+        "Unmodulated light, 5 %, adds a peak to the plate's PSF, which then is no product of a "
+        "column and a row.",
+    ]
+    data = {
+        name: {"psnr_db": one.psnr, "ssim": one.ssim}
+        for name, one in scores.items()
+        if name != "sharp"
+    }
+    return Results(rows, plates, notes, {"scores": data, "waves": waves})
+
+
+PSFs = dict[tuple[str, str], Picture]
+
+
+def _psf(
+    record: Record, brackets: list[Bracket], star: str, pattern: str, settings: EdofSettings
+) -> Picture:
+    roles = Reconstruction(
+        star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
+    )
+    return measure_psf(record, brackets, roles).measured
+
+
+def _restored(
+    record: Record,
+    brackets: list[Bracket],
+    psfs: PSFs,
+    settings: EdofSettings,
+    progress: Progress,
+) -> dict[str, Picture]:
+    """All pictures on the sharp one's scale, white about 1."""
+    wavelength = settings.wavelength_nm * 1e-9
+    sharp, still, coded = (
+        find(brackets, target, pattern, wavelength, record.path).rate
+        for target, pattern in (("sharp", "neutral"), ("depths", "neutral"), ("depths", "cubic"))
+    )
+    white = float(np.percentile(sharp, 99.9))
+    image = (coded / white).astype(np.float32)
+    layers = frame_layers(image.shape)
+    each = [psfs[star, "cubic"].astype(np.float32) for star in STARS]
+    one = measured(image, each[0])
+    seen = layered(image, each, layers)
+    progress.report(0, "one PSF for all depths")
+    found = {
+        "sharp": sharp / white,
+        "open aperture": still / white,
+        "cubic, as taken": coded / white,
+        "one PSF, Richardson-Lucy": _array(richardson_lucy(one, 60).image),
+        "one PSF, total variation": _array(total_variation(one).image),
+        "PSF of each depth, pasted": _array(pasted(seen, total_variation)),
+    }
+    together = depths(seen, iterations=settings.iterations, progress=progress.part(0.3, 0.65))
+    found["PSF of each depth, together"] = _array(together.image)
+    opened = [psfs[star, "neutral"].astype(np.float32) for star in STARS]
+    plain = layered((still / white).astype(np.float32), opened, layers)
+    sharpened = depths(plain, iterations=settings.iterations, progress=progress.part(0.65, 1))
+    found["open aperture, PSF of each depth"] = _array(sharpened.image)
+    return found
+
+
+def _array(image: torch.Tensor) -> Picture:
+    found: Picture = image.double().numpy()
+    return found
+
+
+def frame_layers(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Of each pixel of a frame whether it sees the near layer, 0, or the far one, 1."""
+    depth = read_grey(bundled("studies/edof-depth.png"))
+    rows, columns = shape[-2:]
+    # Of the photograph's pixels on the sensor, as it just covers the frame and a little more.
+    side = _COVER * max(rows / depth.shape[0], columns / depth.shape[1])
+    y = (np.arange(rows) - rows // 2) / side + depth.shape[0] // 2
+    x = (np.arange(columns) - columns // 2) / side + depth.shape[1] // 2
+    down, along = (
+        np.clip(np.rint(at), 0, n - 1).astype(np.int64)
+        for at, n in zip((y, x), depth.shape, strict=True)
+    )
+    return np.where(depth[down[:, None], along] == _NEAR, 0, 1)
+
+
+def _slit(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
+    """Waves of defocus of the far star at the panel's longer half, and the plate's strength."""
+    half = camera.panel.shape[1] * camera.panel.pitch / 2
+    near, far = STARS.values()
+    vergence = 1 / near - 1 / far
+    return half**2 * vergence / 2 / (settings.wavelength_nm * 1e-9), settings.strength_rad
+
+
+def _alike_row(psfs: PSFs) -> Row:
+    """In focus and out of it."""
+    alike = {
+        pattern: correlation(psfs["star", pattern], psfs["star-far", pattern])
+        for pattern in ("neutral", "cubic")
+    }
+    return Row(
+        "PSFs in focus and out of it, correlation",
+        "depth-invariant with the plate (Fig. 2.16, p. of section 2.5; no number)",
+        "nearer to 1 with the plate than without",
+        f"open {alike['neutral']:.2f}, plate {alike['cubic']:.2f}",
+        alike["cubic"],
+    )
+
+
+def _zeros_row(waves: float, strength: float) -> Row:
+    """Of a slit as long as the panel, below half of its cut-off."""
+    u = np.linspace(0.02, 1.0, 200)
+    least = {}
+    for name, phase in (("open", None), ("plate", _cubic(strength))):
+        focused, defocused = (
+            np.abs(np.asarray(defocused_transfer(phase, u, np.asarray(w)))) for w in (0.0, waves)
+        )
+        least[name] = float((defocused / focused).min())
+    return Row(
+        "least MTF out of focus over that in focus, to half the cut-off, by the ambiguity function",
+        "the plate's lines don't pass through zeros (Eq. 2.40; no number)",
+        "0 for the open aperture",
+        f"open {least['open']:.3f}, plate {least['plate']:.2f} at {waves:.1f} waves",
+        least["plate"],
+    )
+
+
+def _cubic(strength: float) -> Any:
+    return lambda x: strength * x**3
+
+
+def _separable_row(psfs: PSFs) -> Row:
+    """How far the measured PSF is from a product, as it is and without unmodulated light."""
+    straight, coded = psfs["star", "neutral"], psfs["star", "cubic"]
+    shares = np.linspace(0, 0.1, 41)
+    found = [left_out(coded - share * straight) for share in shares]
+    best = int(np.argmin(found))
+    return Row(
+        "plate's PSF that no product of a column and a row has, L2",
+        "rectangularly separable (section 2.5)",
+        "0 without unmodulated light and noise",
+        f"{left_out(coded):.2f}; {found[best]:.2f} without {shares[best]:.1%} unmodulated light",
+        found[best],
+    )
+
+
+def left_out(psf: Picture) -> float:
+    """Relative L2 beyond the nearest product."""
+    down, along = separable_parts(psf, math.inf)
+    return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
+
+
+def _score_rows(scores: dict[str, Score]) -> list[Row]:
+    published = {
+        "open aperture": "far scene blurred (Fig. 2.17c)",
+        "cubic, as taken": "picture only (Fig. 2.17d)",
+        "one PSF, Richardson-Lucy": "picture only (Fig. 2.17e)",
+    }
+    return [
+        Row(
+            name,
+            published.get(name, "-"),
+            "-",
+            f"{one.psnr:.1f} dB, SSIM {one.ssim:.3f}",
+            one.psnr,
+        )
+        for name, one in scores.items()
+        if name != "sharp"
+    ]
+
+
+def _pictures_plate(pictures: dict[str, Picture], scores: dict[str, Score]) -> Plate:
+    figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
+    for axes, (name, one) in zip(figure.subplots(2, 4).flat, pictures.items(), strict=True):
+        told = "" if name == "sharp" else f", {scores[name].psnr:.1f} dB"
+        draw_grey(axes, one, name + told, 1.0)
+    return Plate("Pictures", figure, "Fig. 2.17: near rocks in focus, the rest beyond it.")
+
+
+def _psf_plate(record: Record, psfs: PSFs) -> Plate:
+    figure = Figure(figsize=(17, 3.8), dpi=100, layout="constrained")
+    axes = figure.subplots(1, 5)
+    draw_panel(axes[0], record.pattern("cubic"), "cubic pattern (Fig. 2.15)")
+    for one, ((star, pattern), psf) in zip(axes[1:], psfs.items(), strict=True):
+        name = "open" if pattern == "neutral" else "plate"
+        draw_log(one, psf, f"{name}, {STARS[star]:g} m")
+    return Plate("PSFs", figure, "Fig. 2.16: measured on a star, 4 decades.")
+
+
+def _ambiguity_plate(waves: float, strength: float) -> Plate:
+    figure = Figure(figsize=(15, 4.6), dpi=100, layout="constrained")
+    axes = figure.subplots(1, 3)
+    u, steepest = np.linspace(-2, 2, _SLIT), 4 * waves
+    v = np.linspace(-steepest, steepest, _SLIT)
+    phases = (("open", None), ("plate", _cubic(strength)))
+    for one, (name, phase) in zip(axes, phases, strict=False):
+        shown = np.abs(np.asarray(ambiguity(phase, u[None, :], v[:, None], tol=1e-4)))
+        one.imshow(
+            shown, origin="lower", extent=(-2, 2, -steepest, steepest), aspect="auto",
+            cmap="magma", vmax=0.5,
+        )  # fmt: skip
+        for w in (0, waves):
+            one.plot(u, 2 * u * w, "w--", lw=0.8)
+        one.set(ylim=(-steepest, steepest), xlabel="u", ylabel="v", title=f"|A(u, v)|, {name}")
+    x = np.linspace(0, 2, 300)
+    for name, phase in phases:
+        for w, style in ((0.0, "-"), (waves, "--")):
+            mtf = np.abs(np.asarray(defocused_transfer(phase, x, np.asarray(w), tol=1e-4)))
+            axes[2].semilogy(x, np.maximum(mtf, 1e-4), style, label=f"{name}, {w:.1f} waves")
+    axes[2].set(xlabel="frequency u", ylabel="MTF", ylim=(1e-3, 1.1))
+    axes[2].legend()
+    return Plate(
+        "Ambiguity function",
+        figure,
+        "Of a slit as long as the panel. Dashed: the lines on which the MTF in focus and out of it "
+        "lies (Eq. 2.40).",
+    )
+
+
+STUDY = Study(
+    title="Extended depth of field by a cubic phase",
+    source="Figures 2.15 to 2.17, section 2.5",
+    shows=(
+        "A cubic phase plate makes PSFs that hardly depend on defocus, where those of the open "
+        "aperture do; a photograph with a near and a far part is blurred alike by it, and restored "
+        "as a whole by one deconvolution. A depth mask tells the parts. No numbers are printed."
+    ),
+    method=(
+        "The cubic phase is shown on the SLM. Stars at 2 m, in focus, and at 2.2 m give the PSFs; "
+        "a photograph with parts at both distances is taken with and without the plate, and "
+        "restored with one PSF, and with the PSF of each depth."
+    ),
+    settings=EdofSettings,
+    plan=plan,
+    evaluate=evaluate,
+    scene="studies/edof.toml",
+    bench="studies/edof-bench.toml",
+)

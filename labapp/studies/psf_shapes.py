@@ -1,0 +1,241 @@
+"""PSFs of many shapes, through the bench (thesis Fig. 3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from pydantic import Field
+
+from labapp.analysis.brackets import Picture
+from labapp.analysis.star import PSFReport
+from labapp.files.pattern_table import Iterations, Positive
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.record.reader import Record
+from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.drawing import draw_log, draw_tone
+from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
+from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks
+from optics import metrics
+from optics.camera import Camera
+from optics.progress import Progress
+
+Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]
+
+_PUBLISHED: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "spiral")
+"""In the order of Fig. 3.3."""
+
+_WINDOW = 128
+"""Sensor pixels across a PSF."""
+
+
+class ShapesSettings(Settings):
+    """What is drawn, how large, and how it is looked for."""
+
+    QUICK: ClassVar[Mapping[str, Any]] = {"shapes": ["heart", "ring"], "iterations": 10}
+
+    shapes: Annotated[
+        tuple[Shape, ...], Field(min_length=1, description="eye, letters, heart ... ring")
+    ] = (*_PUBLISHED, "ring")
+    text: Annotated[str, Field(min_length=1, max_length=8, description="of the letters")] = "EI"
+    radius_um: Annotated[Positive, Field(description="of the shapes on the sensor")] = 100.0
+    width_um: Annotated[Positive, Field(description="of their strokes, standard deviation")] = 8.0
+    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 60
+    exposures_ms: Annotated[
+        tuple[Positive, ...], Field(min_length=1, description="bracket of the star")
+    ] = (1.0, 8.0, 64.0, 512.0)
+
+
+def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
+    """The star with no pattern, and with one for each shape."""
+    patterns = {
+        shape: {
+            "kind": "psf",
+            "target": _target(shape, settings, camera),
+            "wavelength_nm": settings.wavelength_nm,
+            "iterations": settings.iterations,
+        }
+        for shape in dict.fromkeys(settings.shapes)
+    }
+    names = ["neutral", *patterns]
+    data = {
+        "version": 1,
+        "title": STUDY.title,
+        "patterns": {"neutral": dict(NEUTRAL)} | patterns,
+        "acquire": star_blocks(names, settings.wavelength_nm, settings.exposures_ms),
+    }
+    return validate(data, PlanFile, "study psf-shapes")
+
+
+def _target(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, Any]:
+    if shape == "letters":
+        height = 1.4 * settings.radius_um
+        return {
+            "shape": shape,
+            "text": settings.text,
+            "height_um": height,
+            "width_um": settings.width_um,
+        }
+    radius, width = settings.radius_um, settings.width_um
+    if shape == "ring":
+        radius, width = (size * 1e6 for size in ring_sizes(camera, settings.wavelength_nm * 1e-9))
+    return {"shape": shape, "radius_um": radius, "width_um": width}
+
+
+def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> Results:
+    """Light within each shape, its likeness, and how smooth it is."""
+    shapes = list(dict.fromkeys(settings.shapes))
+    found = measured_psfs(record, shapes, settings.wavelength_nm, _WINDOW, progress)
+    rows = [_row(shape, report) for shape, report in found.items()]
+    camera = record.bench.build_camera()
+    first = next(iter(found.values()))
+    rows.append(
+        Row(
+            "light that no pattern moves, in the central peak",
+            "a prominent central peak (no number)",
+            f"{_said(camera.panel.unmodulated)} (bench file)",
+            _said(first.unmodulated),
+            first.unmodulated,
+        )
+    )
+    plates = [_overview(record, found)]
+    if "ring" in found:
+        rows.append(_ring_row(found["ring"], camera, settings))
+        plates.append(_ring_plate(found["ring"], camera, settings))
+    notes = [
+        "Light within a shape is where the target exceeds 2 % of its peak, as a share of all the "
+        "star's light, unmodulated light removed as the thesis proposes: by subtracting the "
+        "picture with a neutral pattern. Expected is what the description of the bench "
+        "predicts for the patterns that were shown.",
+        "The simulated panel has no reflecting frame around its active area, so that the vertical "
+        "strikes of the thesis' pictures aren't there.",
+    ]
+    return Results(rows, plates, notes, {shape: _figures(one) for shape, one in found.items()})
+
+
+def _row(shape: str, report: PSFReport) -> Row:
+    ours = _figures(report)
+    asked = {} if report.predicted is None else _figures_of(_predicted_shape(report), report)
+    name = "EI letters" if shape == "letters" else shape
+    return Row(
+        f"{name}: light within it, likeness, speckle",
+        "picture only" if shape in _PUBLISHED else "see below",
+        _in_words(asked) if asked else "-",
+        _in_words(ours),
+        ours["light"],
+    )
+
+
+def _figures(report: PSFReport) -> dict[str, float]:
+    return _figures_of(report.shape, report)
+
+
+def _figures_of(shape: Picture, report: PSFReport) -> dict[str, float]:
+    """Of a PSF without its unmodulated light. light: of all the star's; contrast: of speckle."""
+    target = report.target
+    if target is None:
+        raise ValueError("the pattern has no target; take a psf or ring pattern")
+    return {
+        "light": metrics.efficiency(shape, target, 1.0),
+        "correlation": correlation(shape, target),
+        "contrast": metrics.speckle_contrast(shape, target),
+    }
+
+
+def _predicted_shape(report: PSFReport) -> Picture:
+    assert report.predicted is not None
+    return report.predicted - report.unmodulated * report.neutral
+
+
+def _in_words(figures: Mapping[str, float]) -> str:
+    return (
+        f"{_said(figures['light'])}, correlation {figures['correlation']:.3f}, "
+        f"contrast {figures['contrast']:.2f}"
+    )
+
+
+def _said(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Row:
+    """The ring that the thesis' authors published, at the radius of theirs."""
+    share = ring_share(report.shape, camera, settings.wavelength_nm * 1e-9)
+    modulated = share / (1 - report.unmodulated)
+    published = ", ".join(f"{energy:.3f} after {n}" for n, energy in RING_ENERGY.items())
+    return Row(
+        "ring of 30 samples: modulated light at 20 to 40 samples from the axis",
+        f"{published} iterations (computed from the published patterns)",
+        "at least the published one",
+        f"{modulated:.3f} through the bench, after {settings.iterations} of ours",
+        modulated,
+    )
+
+
+def ring_share(shape: Picture, camera: Camera, wavelength: float) -> float:
+    """Light of a PSF in the band around the published ring, as a share of the star's."""
+    y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
+    radius = np.hypot(y, x) / (ring_sizes(camera, wavelength)[0] / RADIUS)
+    low, high = RING_BAND
+    return float(shape[(radius > low) & (radius < high)].sum())
+
+
+def _overview(record: Record, found: Mapping[str, PSFReport]) -> Plate:
+    columns = len(found)
+    figure = Figure(figsize=(3.1 * max(columns, 3), 10.2), dpi=100, layout="constrained")
+    axes = figure.subplots(3, columns, squeeze=False)
+    for column, (shape, report) in zip(axes.T, found.items(), strict=True):
+        assert report.target is not None
+        draw_tone(column[0], report.target, f"{shape}: asked for")
+        draw_log(column[1], report.measured, "measured, 4 decades")
+        draw_tone(column[2], report.shape, "without unmodulated light")
+    return Plate(
+        "PSFs",
+        figure,
+        "Fig. 3.3 (a) to (e) shows the middle row, logarithmic as here. Below, the picture with "
+        "a neutral pattern is subtracted, and the scale is linear from black to the 99.8th "
+        "percentile.",
+    )
+
+
+def _ring_plate(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Plate:
+    figure = Figure(figsize=(11, 5.4), dpi=100, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    grey = published_ring()
+    half_samples = grey.shape[0] / 2
+    draw_tone(left, grey, "published, computed by its authors (569 iterations)")
+    draw_tone(right, report.shape, "ours, through the bench")
+    # The same part of the image beside each other.
+    sample = ring_sizes(camera, settings.wavelength_nm * 1e-9)[0] / RADIUS / camera.sensor.pitch
+    middle = report.shape.shape[0] // 2
+    reach = min(half_samples * sample, middle)
+    right.set_xlim(middle - reach, middle + reach)
+    right.set_ylim(middle + reach, middle - reach)
+    return Plate(
+        "The published ring",
+        figure,
+        "Left: from github.com/cgtuebingen/computational_camera_phase_retrieval (MIT licence).",
+    )
+
+
+STUDY = Study(
+    title="PSFs of many shapes",
+    source="Figure 3.3, section 3.5.1",
+    shows=(
+        "Captured PSFs, on a logarithmic scale: an eye, the letters EI, a heart, the symbol of "
+        "infinity, a spiral, and the pattern for the spiral. All have a prominent central peak of "
+        "light that wasn't modulated, and visible speckle. No numbers are printed. The authors "
+        "published the patterns and computed PSFs of a ring beside their program."
+    ),
+    method=(
+        "A pattern is retrieved for each shape, shown on the SLM, and an artificial star is "
+        "photographed in a bracket of exposures, with dark frames."
+    ),
+    settings=ShapesSettings,
+    plan=plan,
+    evaluate=evaluate,
+)

@@ -1,0 +1,294 @@
+"""How smooth a PSF becomes when a phase video is averaged (thesis Fig. 3.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pydantic import Field, model_validator
+
+from labapp.analysis.brackets import Picture
+from labapp.analysis.star import PSFReport
+from labapp.files.pattern_table import Iterations, Positive
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.record.reader import Record
+from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.drawing import draw_tone
+from labapp.studies.stars import NEUTRAL, measured_psfs, star_blocks, summed_noise
+from optics import metrics
+from optics.camera import Camera
+from optics.progress import Progress
+
+_WINDOW = 96
+"""Sensor pixels across a PSF."""
+
+_RATE = 60
+"""Frames a second of the thesis' panel: exposures last about a second."""
+
+Frames = Annotated[int, Field(ge=1, le=600)]
+
+
+class StabilitySettings(Settings):
+    """Videos of independent frames, and the longest one that they are compared with."""
+
+    QUICK: ClassVar[Mapping[str, Any]] = {
+        "counts": [1, 3],
+        "reference": 12,
+        "joint": 4,
+        "iterations": 10,
+    }
+
+    counts: Annotated[
+        tuple[Frames, ...], Field(min_length=1, description="frames of the videos")
+    ] = (1, 5, 10, 20)
+    reference: Annotated[
+        int, Field(ge=2, le=600, description="frames of the video that counts as truth")
+    ] = 40
+    joint: Annotated[
+        int, Field(ge=2, le=600, description="frames of a video whose frames know of each other")
+    ] = 8
+    radius_um: Annotated[Positive, Field(description="of the spiral on the sensor")] = 80.0
+    width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 8.0
+    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    iterations: Annotated[Iterations, Field(description="of phase retrieval, a frame")] = 30
+    neutral_ms: Annotated[
+        tuple[Positive, ...], Field(min_length=1, description="bracket without a pattern")
+    ] = (4.0, 32.0)
+
+    @model_validator(mode="after")
+    def _shorter(self) -> StabilitySettings:
+        if max(self.counts) >= self.reference:
+            raise ValueError(
+                f"counts has {max(self.counts)} frames and the reference {self.reference}; "
+                "all counts must be smaller"
+            )
+        return self
+
+
+def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
+    """About a second of each video, in whole periods, and of one still pattern."""
+    still = {
+        "kind": "psf",
+        "target": {
+            "shape": "spiral",
+            "radius_um": settings.radius_um,
+            "width_um": settings.width_um,
+        },
+        "wavelength_nm": settings.wavelength_nm,
+        "iterations": settings.iterations,
+    }
+    lengths = _lengths(settings)
+    # One seed begins all of them, so that a shorter video is the longer one's beginning.
+    patterns = {
+        name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
+        for name, count in lengths.items()
+    }
+    data = {
+        "version": 1,
+        "title": STUDY.title,
+        "patterns": {"neutral": dict(NEUTRAL)} | patterns,
+        "acquire": [
+            *star_blocks(["neutral"], settings.wavelength_nm, settings.neutral_ms),
+            *(_block(name, count, settings) for name, count in lengths.items()),
+        ],
+    }
+    return validate(data, PlanFile, "study psf-stability")
+
+
+def _lengths(settings: StabilitySettings) -> dict[str, int]:
+    """Frames by the name of the pattern; the reference is the last but one."""
+    counts = {f"frames-{count}": count for count in sorted(set(settings.counts))}
+    return counts | {"reference": settings.reference, "joint": settings.joint}
+
+
+def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
+    return still if count == 1 else {"kind": "video", "pattern": still, "count": count}
+
+
+def _block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
+    (block,) = star_blocks([name], settings.wavelength_nm, (1000.0,))
+    if count > 1:
+        del block["exposures_ms"]
+        block["periods"] = [max(1, round(_RATE / count))]
+    return block
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """A video of so many frames. error: mean square difference to the reference over the
+    reference's mean square, what the camera's noise adds taken off. contrast: of speckle."""
+
+    frames: int
+    error: float
+    contrast: float
+
+
+def evaluate(record: Record, settings: StabilitySettings, progress: Progress) -> Results:
+    """The error against the longest video by the number of frames, beside the law of speckle."""
+    names = list(_lengths(settings))
+    found = measured_psfs(record, names, settings.wavelength_nm, _WINDOW, progress.part(0, 0.8))
+    noise = summed_noise(record, names, settings.wavelength_nm, _WINDOW, progress.part(0.8, 1))
+    truth = found["reference"].shape
+    size = float((truth**2).sum())
+    averaged = []
+    for count in sorted(set(settings.counts)):
+        name = f"frames-{count}"
+        raw = float(((found[name].shape - truth) ** 2).sum())
+        error = (raw - noise[name] - noise["reference"]) / size
+        averaged.append(Averaged(count, error, _contrast(found[name])))
+    rows = [*_rows(averaged, settings), *_smoothness(found, averaged, settings)]
+    plates = [_plate(found, averaged, settings)]
+    notes = [
+        "A video of n frames is the beginning of the reference of N frames. Frames from "
+        "independent random starts have independent speckle, so that the expected error is "
+        "proportional to 1/n - 1/N (variance of a mean; Goodman, Speckle Phenomena in Optics, "
+        "2007, section 5). Exposures last about a second, in whole periods of each video; the "
+        "camera's noise, as the brackets know it, is taken off.",
+        "Frames that are found together, each knowing of the others, aren't in the thesis; "
+        "they need far fewer frames.",
+    ]
+    data = {"averaged": [vars(one) for one in averaged], "noise": noise}
+    return Results(rows, plates, notes, data)
+
+
+def _contrast(report: PSFReport) -> float:
+    assert report.target is not None
+    return metrics.speckle_contrast(report.shape, report.target)
+
+
+def law(frames: int, reference: int) -> float:
+    """Error of the mean of the first frames of a video, over that of one frame alone and of
+    infinitely many for a reference: the variance of independent frames."""
+    return 1 / frames - 1 / reference
+
+
+def _rows(averaged: Sequence[Averaged], settings: StabilitySettings) -> list[Row]:
+    first = averaged[0]
+    whole = law(first.frames, settings.reference)
+    rows = [
+        Row(
+            f"error of {_frames(first.frames)} against {settings.reference}, mean square",
+            "curve only",
+            "-",
+            f"{first.error:.3f}",
+            first.error,
+        )
+    ]
+    for one in averaged[1:]:
+        share = one.error / first.error
+        rows.append(
+            Row(
+                f"error of {_frames(one.frames)} over that of {_frames(first.frames)}",
+                "decreases quickly, levels off at 30 of 60" if one is averaged[-1] else "",
+                f"{law(one.frames, settings.reference) / whole:.3f}",
+                f"{share:.3f}",
+                share,
+            )
+        )
+    return rows
+
+
+def _smoothness(
+    found: Mapping[str, PSFReport], averaged: Sequence[Averaged], settings: StabilitySettings
+) -> list[Row]:
+    first = averaged[0]
+    long, together = _contrast(found["reference"]), _contrast(found["joint"])
+    root = first.contrast * (first.frames / settings.reference) ** 0.5
+    return [
+        Row(
+            f"speckle contrast of {_frames(first.frames)}",
+            "unwanted discontinuities (no number)",
+            "-",
+            f"{first.contrast:.2f}",
+            first.contrast,
+        ),
+        Row(
+            f"speckle contrast of {settings.reference} independent frames",
+            "much improved smoothness (no number)",
+            f"{root:.3f} or more: 1/√n",
+            f"{long:.3f}",
+            long,
+        ),
+        Row(
+            f"speckle contrast of {settings.joint} frames found together",
+            "not in the thesis",
+            "-",
+            f"{together:.3f}",
+            together,
+        ),
+    ]
+
+
+def _frames(count: int) -> str:
+    return "one frame" if count == 1 else f"{count} frames"
+
+
+def _plate(
+    found: Mapping[str, PSFReport], averaged: Sequence[Averaged], settings: StabilitySettings
+) -> Plate:
+    figure = Figure(figsize=(13, 9), dpi=100, layout="constrained")
+    top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1, 1.05]))
+    axes = top.subplots(1, 3)
+    first = averaged[0]
+    pictures = {
+        f"(a) {_frames(first.frames)}": found[f"frames-{first.frames}"].shape,
+        f"(b) {settings.reference} independent frames": found["reference"].shape,
+        f"{settings.joint} frames found together": found["joint"].shape,
+    }
+    white = _white(found["reference"].shape)
+    for one, (title, picture) in zip(axes, pictures.items(), strict=True):
+        draw_tone(one, picture, title, white)
+    _draw_errors(bottom.subplots(), averaged, settings)
+    return Plate(
+        "PSFs and their error",
+        figure,
+        "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
+        "against the longest video.",
+    )
+
+
+def _white(picture: Picture) -> float:
+    return 1.3 * float(np.percentile(picture, 99.8))
+
+
+def _draw_errors(axes: Axes, averaged: Sequence[Averaged], settings: StabilitySettings) -> None:
+    first = averaged[0]
+    scale = first.error / law(first.frames, settings.reference)
+    n = np.linspace(1, settings.reference, 400)
+    curve = scale * (1 / n - 1 / settings.reference)
+    axes.semilogy(n[:-1], curve[:-1], "-", color="0.6", label="law: 1/n - 1/N, through the first")
+    axes.semilogy([a.frames for a in averaged], [a.error for a in averaged], "o", label="measured")
+    axes.set_ylim(min(curve[-40], *(a.error for a in averaged if a.error > 0)) / 2, None)
+    axes.set_xlabel("frames averaged")
+    axes.set_ylabel(f"mean square error against {settings.reference} frames, relative")
+    axes.set_title("(c) Error by the number of frames")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend()
+
+
+STUDY = Study(
+    title="Stability of PSFs by temporal averaging",
+    source="Figure 3.5, section 3.5.2",
+    shows=(
+        "The PSF of a single static pattern has unwanted discontinuities, which depend on the "
+        "random start of the phase retrieval; that of a video of 60 such patterns in a second is "
+        "much smoother. Against it as truth, the mean square error of videos of 5, 10, ... 55 "
+        "frames a second decreases quickly and levels off at 30. The curve is printed without "
+        "numbers that could be read."
+    ),
+    method=(
+        "Videos of a spiral are made of frames from independent random starts and played while "
+        "the camera exposes for about a second; beside them, a video whose frames were found "
+        "together. For the thesis' own lengths: reference=60 counts=[5,10,15,20,25,30,35,40,45,"
+        "50,55], which takes minutes."
+    ),
+    settings=StabilitySettings,
+    plan=plan,
+    evaluate=evaluate,
+    scene="studies/dim-star.toml",
+)

@@ -1,0 +1,240 @@
+"""A PSF that changes with time: a spiral that shrinks (thesis Fig. 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from matplotlib.figure import Figure
+from pydantic import Field
+
+from labapp.analysis.brackets import Picture
+from labapp.analysis.star import PSFReport
+from labapp.files.pattern_table import Iterations, Positive
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.record.reader import Record
+from labapp.studies.contract import Movie, Plate, Results, Row, Settings, Study
+from labapp.studies.drawing import animated, draw_log, draw_tone
+from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks, summed_noise
+from optics import metrics
+from optics.camera import Camera
+from optics.progress import Progress
+
+_WINDOW = 112
+"""Sensor pixels across a PSF."""
+
+_MOST_SHOWN = 8
+"""Frames of a plate; a movie shows all of them."""
+
+
+class VideoSettings(Settings):
+    """How the spiral shrinks, and how its patterns are looked for."""
+
+    QUICK: ClassVar[Mapping[str, Any]] = {"moments": 3, "iterations": 10}
+
+    moments: Annotated[int, Field(ge=2, le=120, description="frames of the phase video")] = 10
+    radius_um: Annotated[Positive, Field(description="of the spiral at first")] = 100.0
+    smallest: Annotated[float, Field(gt=0, lt=1, description="share of the radius at the last")] = (
+        0.4
+    )
+    width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 6.0
+    turns: Annotated[float, Field(gt=0, le=10, description="of the spiral")] = 2.0
+    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    iterations: Annotated[Iterations, Field(description="of phase retrieval, a frame")] = 60
+    exposures_ms: Annotated[
+        tuple[Positive, ...], Field(min_length=1, description="bracket of each frame")
+    ] = (1.0, 16.0, 256.0)
+
+
+def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
+    """Every frame of the video by itself, and the whole video in one exposure."""
+    share = (1 - settings.smallest) / (settings.moments - 1)
+    frames = {
+        _name(moment): {
+            "kind": "psf",
+            "target": {
+                "shape": "spiral",
+                "radius_um": settings.radius_um * (1 - share * moment),
+                "width_um": settings.width_um,
+                "turns": settings.turns,
+            },
+            "wavelength_nm": settings.wavelength_nm,
+            "iterations": settings.iterations,
+        }
+        for moment in range(settings.moments)
+    }
+    nm = settings.wavelength_nm
+    (whole,) = star_blocks(["video"], nm, settings.exposures_ms)
+    del whole["exposures_ms"]
+    data = {
+        "version": 1,
+        "title": STUDY.title,
+        "patterns": {"neutral": dict(NEUTRAL)}
+        | frames
+        | {"video": {"kind": "video", "frames": list(frames)}},
+        "acquire": [
+            *star_blocks(["neutral", *frames], nm, settings.exposures_ms),
+            whole | {"periods": [1, 4]},
+        ],
+    }
+    return validate(data, PlanFile, "study psf-video")
+
+
+def _name(moment: int) -> str:
+    return f"frame-{moment + 1}"
+
+
+def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Results:
+    """Sizes frame by frame against those asked for, and the video against the frames' mean."""
+    names = [_name(moment) for moment in range(settings.moments)]
+    found = measured_psfs(
+        record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress.part(0, 0.8)
+    )
+    noise = _noise(record, names, settings, progress.part(0.8, 1))
+    frames, video = [found[name] for name in names], found["video"]
+    asked = [spread(_target(one)) for one in frames]
+    seen = [spread(_lit(one)) for one in frames]
+    mean = np.mean([one.measured for one in frames], axis=0)
+    multiplexed = metrics.relative_error(video.measured, mean)
+    worst = max(abs(s / a - 1) for s, a in zip(seen, asked, strict=True))
+    likeness = [correlation(one.shape, _target(one)) for one in frames]
+    last, wanted = seen[-1] / seen[0], asked[-1] / asked[0]
+    rows = [
+        Row(
+            "size of the last frame over that of the first, root mean square radius",
+            "shrinks smoothly (animation only)",
+            f"{wanted:.3f}",
+            f"{last:.3f}",
+            last,
+        ),
+        Row(
+            "largest error of a frame's size",
+            "animation only",
+            "0 %",
+            f"{100 * worst:.1f} %",
+            worst,
+        ),
+        Row(
+            "every frame is smaller than the one before it",
+            "shrinks smoothly",
+            "yes",
+            "yes" if all(np.diff(seen) < 0) else "no",
+        ),
+        Row(
+            "correlation with the spiral asked for, the least of the frames",
+            "animation only",
+            "1 without speckle",
+            f"{min(likeness):.3f}",
+            min(likeness),
+        ),
+        Row(
+            "the video in one exposure, against the mean of its frames, relative L2",
+            "-",
+            f"{noise / float(np.linalg.norm(mean)):.3f}, of the camera's noise alone",
+            f"{multiplexed:.3f}",
+            multiplexed,
+        ),
+    ]
+    pitch = record.bench.build_camera().sensor.pitch * 1e6
+    data = {
+        "radius_asked_um": [pitch * one for one in asked],
+        "radius_measured_um": [pitch * one for one in seen],
+        "correlation": likeness,
+    }
+    notes = [
+        "Light of different moments doesn't interfere, so that the video in one exposure is the "
+        "mean of its frames. Sizes are taken where the target exceeds 2 % of its peak, "
+        "unmodulated light removed. "
+        "With a slow liquid crystal (response_time_ms of the panel) the video also holds the way "
+        "from each frame to the next, and differs from the mean of its frames by that.",
+    ]
+    plates = [_filmstrip(frames, video, mean), _sizes(asked, seen, pitch)]
+    movie = Movie(
+        "The video, frame by frame",
+        animated([one.measured for one in frames]),
+        "As the thesis animates it: measured PSFs on a logarithmic scale of four decades.",
+    )
+    return Results(rows, plates, notes, data, movies=[movie])
+
+
+def _noise(record: Record, names: list[str], settings: VideoSettings, progress: Progress) -> float:
+    """Expected L2 difference of the video to the frames' mean, by the camera's noise alone."""
+    summed = summed_noise(record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress)
+    frames = sum(summed[name] for name in names) / len(names) ** 2
+    return float(np.sqrt(frames + summed["video"]))
+
+
+def _target(report: PSFReport) -> Picture:
+    if report.target is None:
+        raise ValueError("the pattern has no target; take a psf pattern")
+    return report.target
+
+
+def _lit(report: PSFReport) -> Picture:
+    """The PSF where its target has light: what is beside it would count by its distance."""
+    target = _target(report)
+    return np.where(target > 0.02 * target.max(), report.shape, 0.0)
+
+
+def spread(picture: Picture) -> float:
+    """Root mean square distance of light from the axis, pixels."""
+    y, x = np.indices(picture.shape) - picture.shape[0] // 2
+    light = np.clip(picture, 0, None)
+    return float(np.sqrt((light * (y**2 + x**2)).sum() / light.sum()))
+
+
+def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> Plate:
+    count = min(len(frames), _MOST_SHOWN)
+    shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
+    columns = min(max(2, count), _MOST_SHOWN // 2)
+    rows = -(-count // columns)
+    size = (3.2 * columns, 3.4 * (rows + 1))
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    axes = figure.subplots(rows + 1, columns, squeeze=False)
+    for one in axes.ravel():
+        one.axis("off")
+    peak = max(float(one.measured.max()) for one in frames)
+    for one, number in zip(axes[:rows].ravel(), shown, strict=False):
+        draw_log(one, frames[number].measured, f"frame {number + 1}", peak)
+    still = mean - video.unmodulated * video.neutral
+    draw_tone(axes[rows][0], video.shape, "the video in one exposure")
+    draw_tone(axes[rows][1], still, "mean of its frames")
+    return Plate(
+        "PSFs frame by frame",
+        figure,
+        "Above, the measured PSF of each frame over four decades. Below, linear and without "
+        "unmodulated light: the video in one exposure, and the mean of its frames.",
+    )
+
+
+def _sizes(asked: list[float], seen: list[float], pitch: float) -> Plate:
+    figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
+    axes = figure.subplots()
+    number = np.arange(1, len(asked) + 1)
+    axes.plot(number, np.array(asked) * pitch, "-", color="0.6", label="asked for")
+    axes.plot(number, np.array(seen) * pitch, "o", label="measured")
+    axes.set_xlabel("frame")
+    axes.set_ylabel("root mean square radius, µm")
+    axes.set_ylim(0, None)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return Plate("Size by frame", figure, "On the sensor, where the target has light.")
+
+
+STUDY = Study(
+    title="A PSF that changes with time",
+    source="Figure 3.4, section 3.5.1",
+    shows=(
+        "An animation of captured PSFs, a spiral that shrinks smoothly from frame to frame of a "
+        "phase video. No numbers are printed."
+    ),
+    method=(
+        "A pattern is retrieved for each moment of a shrinking spiral. The star is photographed "
+        "with each of them alone, and with the whole video, which multiplexes them in time."
+    ),
+    settings=VideoSettings,
+    plan=plan,
+    evaluate=evaluate,
+)

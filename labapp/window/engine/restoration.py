@@ -1,0 +1,74 @@
+"""Restoring the photograph of a record by a chosen method, and saving it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.errors import UserError
+from labapp.files.photograph_file import Light, coded, require_ending, written
+from labapp.files.writing import write_whole
+from labapp.reconstructing.asked import AskedProblem
+from labapp.reconstructing.methods import Wish
+from labapp.reconstructing.problem import Problem
+from labapp.reconstructing.restoring import Outcome, restore_picture
+from labapp.speed import machine_speed
+from labapp.window.messages import PictureRestored, Restore
+from optics.progress import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Restoration:
+    """A restored photograph, kept until it is saved or another one comes."""
+
+    path: Path
+    problem: Problem
+    outcome: Outcome
+
+    @property
+    def report(self) -> PictureRestored:
+        """As the window shows it."""
+        problem, outcome = self.problem, self.outcome
+        band = outcome.bands[0]
+        return PictureRestored(
+            path=self.path,
+            source=problem.source.removeprefix(f"{self.path}, "),
+            before=_shown(problem.light, problem.white),
+            after=_shown(outcome.light, problem.white),
+            method=outcome.method,
+            noise=band.noise,
+            unit=problem.unit,
+            weight=band.weight,
+            iterations=band.iterations,
+            residual=outcome.residual,
+            verdict=outcome.verdict,
+            cpu_seconds=outcome.cpu_seconds,
+        )
+
+    def save(self, path: Path) -> None:
+        """By the file's ending; UserError for one that isn't known."""
+        require_ending(path)
+        if not path.parent.is_dir():
+            raise UserError(f"{path.parent}: is not a folder. Choose another place.")
+        problem = self.problem
+        write_whole(path, written(path, self.outcome.light, problem.coded, problem.white))
+
+
+def restore(command: Restore, progress: Progress) -> Restoration:
+    """UserError for a record without photograph or star, or a time in which nothing fits."""
+    problem = AskedProblem(command.path).problem(progress.part(0, 0.4))
+    wish = Wish(command.method, command.budget)
+    if command.budget is not None:
+        wish = Wish(command.method, command.budget, speed=machine_speed(progress))
+    try:
+        outcome = restore_picture(problem, wish, progress.part(0.4, 1))
+    except ValueError as error:
+        raise UserError(f"{command.path}: {error}.") from error
+    return Restoration(command.path, problem, outcome)
+
+
+def _shown(light: Light, white: float) -> NDArray[np.uint8]:
+    return coded(light[0] / white)

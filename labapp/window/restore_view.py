@@ -1,0 +1,107 @@
+"""Restoring a run's photograph: how, how far, before and after, and how far to trust it."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QHBoxLayout,
+    QPushButton,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from labapp.window.comparison import Comparison
+from labapp.window.label import label
+from labapp.window.messages import PictureRestored
+
+METHODS = {
+    "Automatic": "auto",
+    "Total variation": "total-variation",
+    "Hyper-Laplacian": "hyper-laplacian",
+    "Learned denoiser": "plug-and-play",
+    "L-BFGS-B": "l-bfgs-b",
+    "Richardson-Lucy": "richardson-lucy",
+    "Wiener": "wiener",
+}
+"""As a person reads them, and as the engine calls them."""
+
+_EMPTY = "Nothing is restored yet: acquire a bracket (F6) or open a run, then restore it (F9)."
+_LONGEST = 3600.0
+
+
+class RestoreView(QWidget):
+    """Choice of a method or of a time, the two pictures, and what the engine said of them.
+
+    save_asked: the person wants the restored picture in a file.
+    """
+
+    save_asked = Signal()
+
+    def __init__(self, restore: QAction, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.method = QComboBox(self)
+        self.method.addItems(list(METHODS))
+        self.method.setToolTip("Automatic takes what serves best in the time")
+        self.budget = QDoubleSpinBox(self, decimals=2, maximum=_LONGEST, singleStep=0.1)
+        self.budget.setSuffix(" s")
+        self.budget.setSpecialValueText("as usual")
+        self.budget.setToolTip("Processor seconds that it may take")
+        self.start = QToolButton(self)
+        self.start.setDefaultAction(restore)
+        self.before = QPushButton("Hold for before", self)
+        self.before.setToolTip("While you hold it, the photograph before is all that is seen")
+        self.save = QPushButton("Save …", self)
+        self.picture = Comparison(self)
+        self.note = label(self, _EMPTY, look="faint", wrap=True)
+        self.before.pressed.connect(lambda: self.picture.show_before(True))
+        self.before.released.connect(lambda: self.picture.show_before(False))
+        self.save.clicked.connect(self.save_asked)
+        for button in (self.before, self.save):
+            button.setEnabled(False)
+        self._arrange()
+
+    @property
+    def chosen(self) -> tuple[str, float | None]:
+        """The method, and seconds or None for as many as it usually takes."""
+        return METHODS[self.method.currentText()], self.budget.value() or None
+
+    def show_result(self, result: PictureRestored) -> None:
+        self.picture.show_both(result.before, result.after)
+        self.note.setText(in_words(result))
+        self.note.setToolTip(str(result.path))
+        for button in (self.before, self.save):
+            button.setEnabled(True)
+
+    def _arrange(self) -> None:
+        bar = QHBoxLayout()
+        bar.setSpacing(6)
+        bar.addWidget(label(self, "Method"))
+        bar.addWidget(self.method)
+        bar.addWidget(label(self, "Time"))
+        bar.addWidget(self.budget)
+        bar.addWidget(self.start)
+        bar.addStretch(1)
+        bar.addWidget(self.before)
+        bar.addWidget(self.save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 4, 0, 0)
+        layout.setSpacing(4)
+        layout.addLayout(bar)
+        layout.addWidget(self.picture, 1)
+        layout.addWidget(self.note)
+        self.note.setTextFormat(Qt.TextFormat.PlainText)
+
+
+def in_words(result: PictureRestored) -> str:
+    """What a person should know of a restoration, in two sentences."""
+    weight = "" if result.weight is None else f", weight {result.weight:.3g}"
+    return (
+        f"{result.source}: {result.method}{weight}, {result.iterations} iterations in "
+        f"{result.cpu_seconds:.2f} s of processor time. Noise {result.noise:.3g} {result.unit}, "
+        f"estimated. Residual {result.residual:.2f} of the noise, {result.verdict}. Drag the "
+        "divider; zoom with the wheel, double-click to fit."
+    )

@@ -1,0 +1,286 @@
+"""Restoration within bounds, through any forward operator (thesis Eq. 2.27 and 2.32)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, OptimizeResult, minimize
+
+from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
+from optics.deconvolution.restored import Restored
+from optics.deconvolution.total_variation import total_variation
+from optics.deconvolution.wiener import wiener
+from optics.edge import require_finite, require_positive, tensors_inside
+from optics.operators.blur import blur_of
+from optics.operators.contract import Operator
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_SMOOTHING = 1e-2
+"""Of the light's scale: lengths of gradients below it count by their squares."""
+
+_MEMORY = 10
+"""Steps that the quasi-Newton method remembers."""
+
+_SEARCHES = 40
+"""Trials in one step, at most."""
+
+_WEIGHING = 15
+"""Iterations of total variation that tell its weight."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where an objective is least within bounds.
+
+    value: of the operator's domain. objective: there, without the data's own constant. left: of
+    the projected gradient the largest entry, on the light's scale, at which it ended. iterations:
+    taken. converged: whether `left` fell to what was asked.
+    """
+
+    value: torch.Tensor
+    objective: float
+    left: float
+    iterations: int
+    converged: bool
+
+
+@single_threaded
+@tensors_inside
+@torch.no_grad()
+def least(
+    operator: Operator,
+    data: torch.Tensor,
+    weight: float,
+    prior: SmoothPrior = "total variation",
+    *,
+    smoothing: float | None = None,
+    lower: float | torch.Tensor = 0.0,
+    upper: float | torch.Tensor = math.inf,
+    weights: torch.Tensor | None = None,
+    clipped: torch.Tensor | None = None,
+    start: torch.Tensor | None = None,
+    around: bool = False,
+    iterations: int = 300,
+    tol: float = 1e-4,
+    progress: Progress | None = None,
+) -> Minimum:
+    """The x, lower <= x <= upper, with the least |A x - y|² / 2 + weight * prior(x), by L-BFGS-B
+    (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double precision.
+
+    operator: A, from pictures (..., rows, columns) to data. prior, around: see Smoothness.
+    smoothing: length of a gradient, light per pixel, below which total variation is rounded; it
+    raises the least objective of unrounded total variation by weight * smoothing * pixels at most.
+    A hundredth of the light's scale if None; less takes more iterations. lower, upper: numbers, or
+    arrays for each sample. weights: trust of each datum, 0 where it's dead. clipped: True where
+    the light is at least what was measured. iterations: at most; it ends where no entry of the
+    projected gradient is above tol, both on the light's scale.
+    Raises ValueError for what doesn't fit, isn't finite, or bounds that cross.
+    """
+    progress = progress or Progress()
+    _require(operator, data, weight, prior, iterations, tol)
+    y = data.to(torch.float64)
+    gain = _gain(operator)
+    light = max(float(y.std(correction=0)), 1e-3 * float(y.abs().mean())) / gain or 1.0
+    length = _SMOOTHING * light if smoothing is None else float(smoothing)
+    require_positive("smoothing", length, "")
+    trust, full = _trust(y, weights, clipped)
+    misfit = Misfit(operator, y, trust, full)
+    smooth = Smoothness(prior, length, around)
+    low, high = _bounds(operator, lower, upper)
+    unit = light * gain**2
+
+    def valued(z: Array) -> tuple[float, Array]:
+        progress.check()
+        x = torch.from_numpy(z).reshape(operator.domain) * light
+        (value, slope), (more, steeper) = misfit(x), smooth(x)
+        gradient = (slope + weight * steeper) / unit
+        return float(value + weight * more) / (unit * light), gradient.flatten().numpy()
+
+    done = _Count(progress, iterations)
+    first = operator.adjoint(y) / gain**2 if start is None else start.to(torch.float64)
+    if first.shape != operator.domain:
+        raise ValueError(f"start is {tuple(first.shape)}; it must be {operator.domain}")
+    require_finite("start", first)
+    within = Bounds((low / light).flatten().numpy(), (high / light).flatten().numpy())
+    found = minimize(
+        valued,
+        (torch.clamp(first, low, high) / light).flatten().numpy(),
+        method="L-BFGS-B",
+        jac=True,
+        bounds=within,
+        callback=done,
+        options={"maxiter": iterations, "maxfun": 20 * iterations, "maxcor": _MEMORY,
+                 "ftol": 0.0, "gtol": tol, "maxls": _SEARCHES},
+    )  # fmt: skip
+    value, gradient = valued(found.x)
+    left = float(np.abs(np.clip(found.x - gradient, within.lb, within.ub) - found.x).max())
+    x = torch.from_numpy(found.x).reshape(operator.domain) * light
+    # Rounding of the units may carry a value past its bound.
+    x = torch.clamp(x, low, high)
+    return Minimum(x, value * unit * light, left, int(found.nit), left <= tol)
+
+
+def bounded(
+    seen: Blurred,
+    weight: float | None = None,
+    prior: SmoothPrior = "total variation",
+    *,
+    smoothing: float | None = None,
+    lower: float | torch.Tensor = 0.0,
+    upper: float | torch.Tensor = math.inf,
+    iterations: int = 200,
+    tol: float = 1e-3,
+    progress: Progress | None = None,
+) -> Restored:
+    """The photograph with its blur undone, nowhere below or above what it may be: see least().
+
+    Of an unknown border what lies around the frame is looked for too, within the same bounds.
+    lower, upper: numbers, or of each pixel of the frame; beyond it the lowest and the highest of
+    them hold. weight: if None, the one that total_variation() finds, or that wiener() predicts for
+    the other priors. Raises ValueError as least() does.
+    """
+    if prior not in SMOOTH_PRIORS:
+        raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
+    progress = progress or Progress()
+    used = _usual_weight(seen, prior) if weight is None else weight
+    frame = seen.image.shape
+    operator = blur_of(seen.psf.to(torch.float64) / seen.gain, frame, seen.border)
+    inside = seen.border == "dark"
+    found = least(
+        operator,
+        seen.data,
+        used,
+        prior,
+        smoothing=_SMOOTHING * seen.scale if smoothing is None else smoothing,
+        lower=lower if inside else _around(lower, seen, "lower"),
+        upper=upper if inside else _around(upper, seen, "upper"),
+        weights=seen.weights,
+        clipped=seen.clipped,
+        start=seen.filled if inside else seen.continued,
+        around=not inside,
+        iterations=iterations,
+        tol=tol,
+        progress=progress,
+    )
+    spread = operator(found.value)
+    image = found.value if inside else seen.frame(found.value)
+    return Restored(
+        image.to(seen.image.dtype),
+        f"L-BFGS-B, {prior}",
+        seen.noise,
+        _residual(seen, spread),
+        used,
+        found.iterations,
+        [],
+        found.converged,
+        found.value.to(seen.image.dtype),
+    )
+
+
+class _Count:
+    """Tells the progress after each iteration."""
+
+    def __init__(self, progress: Progress, iterations: int) -> None:
+        self._progress, self._iterations, self._done = progress, iterations, 0
+
+    def __call__(self, intermediate_result: OptimizeResult) -> None:
+        self._done += 1
+        self._progress.report(
+            self._done / self._iterations, f"L-BFGS-B {self._done}/{self._iterations}"
+        )
+
+
+def _require(
+    operator: Operator, data: torch.Tensor, weight: float, prior: str, iterations: int, tol: float
+) -> None:
+    if prior not in SMOOTH_PRIORS:
+        raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
+    if not (weight >= 0 and math.isfinite(weight)):
+        raise ValueError(f"weight is {weight:g}; give 0 or more")
+    if iterations < 1:
+        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_positive("tol", tol, "")
+    if tuple(data.shape) != operator.codomain:
+        raise ValueError(f"data are {tuple(data.shape)}; the operator gives {operator.codomain}")
+    require_finite("data", data)
+
+
+def _gain(operator: Operator) -> float:
+    """Of even light, or where that cancels of what gets through best."""
+    even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
+    gain = abs(even) or operator.norm()
+    if not gain > 0:
+        raise ValueError("operator lets nothing through; there is nothing to be restored")
+    return gain
+
+
+def _trust(
+    y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
+) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+    for name, given in (("weights", weights), ("clipped", clipped)):
+        if given is not None and given.shape != y.shape:
+            raise ValueError(
+                f"{name} is {tuple(given.shape)} and data {tuple(y.shape)}; they must be alike"
+            )
+    if weights is not None:
+        require_finite("weights", weights)
+        if float(weights.min()) < 0 or not float(weights.max()) > 0:
+            raise ValueError("weights must be positive somewhere, and negative nowhere")
+        weights = weights.to(torch.float64)
+    return weights, None if clipped is None else clipped.to(torch.bool)
+
+
+def _bounds(
+    operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    low, high = (
+        torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
+        for one in (lower, upper)
+    )
+    if not bool((low <= high).all()):
+        bad = int((~(low <= high)).sum())
+        raise ValueError(f"lower is above upper, or NaN, at {bad} samples; bounds mustn't cross")
+    return low, high
+
+
+def _around(bound: float | torch.Tensor, seen: Blurred, name: str) -> float | torch.Tensor:
+    """A bound of the frame's pixels on the whole period."""
+    given = torch.as_tensor(bound, dtype=torch.float64)
+    if not given.ndim:
+        return float(given)
+    if given.shape != seen.image.shape:
+        raise ValueError(
+            f"{name} is {tuple(given.shape)} and image {tuple(seen.image.shape)}; give a number, "
+            "or one for each pixel"
+        )
+    whole = torch.full(seen.whole, float(given.min() if name == "lower" else given.max()))
+    whole = whole.to(torch.float64)
+    seen.frame(whole).copy_(given)
+    return whole
+
+
+def _usual_weight(seen: Blurred, prior: SmoothPrior) -> float:
+    if prior == "total variation":
+        found = total_variation(seen, iterations=_WEIGHING).weight
+    elif prior == "gradient":
+        # wiener() weighs the square of cycles per pixel.
+        found = (wiener(seen, steps=0).weight or 0.0) / (2 * math.pi) ** 2
+    else:
+        found = wiener(seen, smooth="flat", steps=0).weight
+    return found or 0.0
+
+
+def _residual(seen: Blurred, spread: torch.Tensor) -> float:
+    """Rms of what is left unexplained of trusted pixels, over the noise."""
+    squares = (spread - seen.data).square()
+    if seen.trust is not None:
+        squares = squares * seen.trust * seen.trust.numel() / (seen.trust > 0).sum()
+    return math.sqrt(float(squares.mean())) / seen.deviation

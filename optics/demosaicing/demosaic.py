@@ -1,0 +1,128 @@
+"""From the picture of a mosaic of colour filters to all colours of each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+
+from optics.demosaicing.joint import jointly
+from optics.demosaicing.library import INTERPOLATIONS, interpolated
+from optics.demosaicing.mosaiced import Mosaiced
+from optics.demosaicing.noise import noise_of
+from optics.edge import floating, require_finite, require_positive, tensors_inside
+from optics.operators.spectral import filter_weights
+from optics.progress import Progress
+
+Method = Literal["prior", "bilinear", "edge-aware", "vng"]
+
+METHODS: tuple[Method, ...] = ("prior", *INTERPOLATIONS)
+
+
+@tensors_inside
+def demosaic(
+    raw: torch.Tensor,
+    pattern: Sequence[str],
+    method: Method = "prior",
+    *,
+    channels: str = "RGB",
+    response: torch.Tensor | None = None,
+    noise: float | None = None,
+    psf: torch.Tensor | None = None,
+    weights: torch.Tensor | None = None,
+    clipped: torch.Tensor | None = None,
+    weight: float | None = None,
+    iterations: int = 30,
+    progress: Progress | None = None,
+) -> torch.Tensor:
+    """All colours of each pixel of a mosaic, (rows, columns) light less the dark level: (bands,
+    rows, columns), which noise may leave below 0 where it's dark.
+
+    pattern: rows of one letter a pixel that repeat from the first pixel on, as ("RG", "GB"); any
+    size of frame. method: "prior", the thesis' Eq. 4.7 with a prior worth having: few bends of
+    brightness, and fewer of colours, see Bends; or OpenCV's "bilinear", "edge-aware" or "vng", of
+    Bayer's pattern, which take none of what follows.
+
+    channels, response: what the letters let through of each band, (channels, bands); without a
+    response each channel is a band, in the order of `channels`. Colours bend least where white is
+    even: give diag(gains) as response for channels that aren't balanced. noise: standard
+    deviation of a pixel; estimated if None. psf: of a lens that blurs, (rows, columns), or one for
+    each band; sharp if None. weights: of each pixel's trust, 0 where it is dead. clipped: True
+    where the well was full: there the light is at least what was measured. weight: of the prior;
+    by noise and scale of the light if None.
+    Raises ValueError for what doesn't fit, isn't finite, or for a band that no pixel sees.
+    """
+    rows = _rows(pattern, channels)
+    raw = _frame(raw)
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
+    if method != "prior":
+        names = ("response", "psf", "weights", "clipped", "weight")
+        told = (response, psf, weights, clipped, weight)
+        given = [name for name, value in zip(names, told, strict=True) if value is not None]
+        if given:
+            raise ValueError(f"method {method!r} takes no {', '.join(given)}; take 'prior'")
+        return interpolated(raw, rows, method)[["RGB".index(letter) for letter in channels]]
+    if weight is not None:
+        require_positive("weight", weight, "")
+    if iterations < 1:
+        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    period = len(rows), len(rows[0])
+    seen = Mosaiced(
+        raw,
+        filter_weights(rows, _response(response, channels).to(raw), channels, raw.shape),
+        noise_of(raw, period) if noise is None else float(noise),
+        None if psf is None else psf.to(raw),
+        _trust(raw, weights, clipped),
+        None if clipped is None else clipped.to(torch.bool),
+    )
+    return jointly(seen, period, weight, iterations=iterations, progress=progress)
+
+
+def _rows(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
+    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
+    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
+        raise ValueError(
+            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
+            "('RG', 'GB')"
+        )
+    missing = sorted({letter for row in rows for letter in row} - set(channels))
+    if missing:
+        raise ValueError(f"pattern has {', '.join(missing)}; channels {channels!r} don't")
+    return rows
+
+
+def _frame(raw: torch.Tensor) -> torch.Tensor:
+    if raw.ndim != 2:
+        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
+    require_finite("raw", raw)
+    return floating(raw)
+
+
+def _response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
+    if response is None:
+        return torch.eye(len(channels))
+    require_finite("response", response)
+    if response.ndim != 2 or len(response) != len(channels):
+        raise ValueError(
+            f"response is {tuple(response.shape)}; give (channels, bands), of {len(channels)} "
+            f"channels {channels!r}"
+        )
+    return response
+
+
+def _trust(
+    raw: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
+) -> torch.Tensor | None:
+    """Weights, with 0 for what was clipped; None where all are 1."""
+    for name, given in (("weights", weights), ("clipped", clipped)):
+        if given is not None and given.shape != raw.shape:
+            raise ValueError(
+                f"{name} is {tuple(given.shape)} and raw {tuple(raw.shape)}; they must be alike"
+            )
+    trust = weights if weights is None else weights.to(raw)
+    if clipped is None:
+        return trust
+    sound = (~clipped.to(torch.bool)).to(raw)
+    return sound if trust is None else trust * sound

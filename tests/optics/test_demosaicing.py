@@ -1,0 +1,256 @@
+"""Demosaicing by its parts written out, and of photographs beside OpenCV's."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from scipy.signal import fftconvolve
+from skimage import data
+from test_total_variation import disk
+
+from optics.demosaicing import demosaic
+from optics.demosaicing.colours import Bends, _second, _second_adjoint, brightness_first
+from optics.demosaicing.joint import _BRIGHTNESS, _Splitting
+from optics.demosaicing.mosaiced import Mosaiced
+from optics.demosaicing.noise import noise_of
+from optics.operators import Blur, SpectralMosaic
+from optics.progress import Cancelled, Progress
+
+BAYER = ("RG", "GB")
+KODAK = Path(__file__).parents[3] / "shared/data/natural/kodak"
+
+
+def colours(side: int = 96) -> np.ndarray:
+    """A photograph averaged down, so that it has colour in every pixel."""
+    small = cv2.resize(data.astronaut(), (256, 256), interpolation=cv2.INTER_AREA)
+    return np.moveaxis(small[10 : 10 + side, 60 : 61 + side], -1, 0) / 255.0
+
+
+def mosaic(scene, pattern, noise=0.0, channels="RGB", seed=0):
+    """Pixel by pixel."""
+    raw = np.empty(scene.shape[1:])
+    for y in range(raw.shape[0]):
+        for x in range(raw.shape[1]):
+            letter = pattern[y % len(pattern)][x % len(pattern[0])]
+            raw[y, x] = scene[channels.index(letter), y, x]
+    return raw + np.random.default_rng(seed).normal(0, noise, raw.shape)
+
+
+def psnr(image, truth, rim=4) -> float:
+    inside = (..., slice(rim, -rim), slice(rim, -rim))
+    error = np.clip(np.asarray(image), 0, 1)[inside] - truth[inside]
+    return 10 * math.log10(1 / np.mean(error**2))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("pattern", [("RG", "GB"), ("GR", "BG"), ("BG", "GR"), ("GB", "RG")])
+def test_the_prior_beats_opencv_for_each_bayer_pattern(pattern, noise):
+    scene = colours()
+    raw = mosaic(scene, pattern, noise)
+    ours = psnr(demosaic(raw, pattern), scene)
+    for method in ("bilinear", "edge-aware", "vng"):
+        theirs = psnr(demosaic(raw, pattern, method), scene)
+        assert theirs > 20
+        assert ours > theirs + 1
+
+
+@pytest.mark.parametrize("pattern", [
+    ("RGB",),  # Stripes.
+    ("GGRGGB", "GGBGGR", "BRGRBG", "GGBGGR", "GGRGGB", "RBGBRG"),  # Fujifilm's X-Trans.
+])  # fmt: skip
+def test_other_patterns_are_restored_as_well(pattern):
+    scene = colours()
+    restored = demosaic(mosaic(scene, pattern, 0.005), pattern, noise=0.005)
+    assert psnr(restored, scene) > 30
+
+
+def test_bands_behind_overlapping_filters_are_unmixed():
+    """Four filters of a 2 x 2 cell that each see all of three bands."""
+    scene = colours()
+    response = np.array([[0.9, 0.2, 0.0], [0.2, 0.8, 0.2], [0.0, 0.3, 0.7], [0.5, 0.5, 0.5]])
+    through = np.tensordot(response, scene, 1)
+    raw = mosaic(through, ("ab", "cd"), 0.003, "abcd")
+    restored = demosaic(raw, ("ab", "cd"), channels="abcd", response=response, noise=0.003)
+    assert psnr(restored, scene) > 28
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_blur_is_undone_with_the_mosaic(each):
+    """Blurred on a larger field than the solver's; the PSF of all bands, or one for each."""
+    psf, scene = disk(1.5), colours(128)
+    own = [np.pad(p, (5 - len(p)) // 2) for p in (disk(1.0), disk(1.5), disk(2.0))]
+    kernels = own if each else [psf] * 3
+    frame = np.stack([fftconvolve(b, k, "valid") for b, k in zip(scene, kernels, strict=True)])
+    rim = kernels[0].shape[0] // 2
+    truth = scene[:, rim:-rim, rim:-rim]
+    raw = mosaic(frame, BAYER, 0.003)
+    blurry = psnr(demosaic(raw, BAYER, noise=0.003), truth)
+    sharp = psnr(demosaic(raw, BAYER, noise=0.003, psf=np.stack(own) if each else psf), truth)
+    assert sharp > blurry + 1.5
+
+
+def test_what_is_even_stays_even_and_noiseless_samples_stay():
+    grey = np.full((21, 18), 0.37)
+    assert demosaic(grey, BAYER, noise=0.0) == pytest.approx(np.full((3, 21, 18), 0.37), abs=1e-5)
+    scene = colours(64)
+    raw = mosaic(scene, BAYER)
+    restored = demosaic(raw, BAYER, noise=0.0)
+    again = mosaic(restored, BAYER)
+    assert np.abs(again - raw).max() < 0.05
+    assert math.sqrt(np.mean((again - raw) ** 2)) < 0.003
+
+
+def test_units_of_light_and_single_precision_dont_matter():
+    raw = mosaic(colours(48), BAYER, 0.01)
+    plain = demosaic(raw, BAYER, noise=0.01)
+    bright = demosaic(4000 * raw, BAYER, noise=40.0)
+    assert bright / 4000 == pytest.approx(plain, abs=1e-6)
+    single = demosaic(raw.astype(np.float32), BAYER, noise=0.01)
+    assert single.dtype == np.float32
+    assert single == pytest.approx(plain, abs=1e-3)
+
+
+def test_dead_and_clipped_pixels_are_told_by_the_others():
+    scene = colours()
+    raw = mosaic(scene, BAYER, 0.005)
+    dead = np.random.default_rng(3).random(raw.shape) < 0.03
+    broken = np.where(dead, 2.0, raw)
+    whole = psnr(demosaic(raw, BAYER, noise=0.005), scene)
+    known = demosaic(broken, BAYER, noise=0.005, weights=(~dead).astype(float))
+    assert psnr(known, scene) > whole - 1.5
+    full = raw > 0.8
+    cut = np.minimum(raw, 0.8)
+    restored = demosaic(cut, BAYER, noise=0.005, clipped=full)
+    assert np.isfinite(restored).all()
+    # Where something was clipped, the light is at least that.
+    assert np.quantile((mosaic(restored, BAYER) - 0.8)[full], 0.05) > -0.02
+
+
+def test_second_derivatives_have_their_adjoint_and_spectrum():
+    rng = np.random.default_rng(4)
+    x = torch.from_numpy(rng.standard_normal((2, 6, 7)))
+    d = torch.from_numpy(rng.standard_normal((3, 2, 6, 7)))
+    there, back = float((_second(x) * d).sum()), float((x * _second_adjoint(d)).sum())
+    assert there == pytest.approx(back)
+    bends = Bends(2, (6, 7), 1.0, 0.1, torch.float64)
+    square = torch.fft.irfft2(torch.fft.rfft2(x) * bends.square, s=(6, 7))
+    assert torch.allclose(_second_adjoint(_second(x)), square)
+    # Of (y² + 3 x y) / 2, inside: 1 down, 0 along, and 3/2 across both ways.
+    y, z = torch.meshgrid(torch.arange(6.0), torch.arange(7.0), indexing="ij")
+    bent = _second((y**2 + 3 * y * z)[None] / 2)[:, 0, 2, 3]
+    assert bent.tolist() == pytest.approx([1.0, 0.0, 1.5 * math.sqrt(2)])
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 8])
+def test_directions_of_colour_are_orthonormal_and_brightness_is_the_first(bands):
+    turned = brightness_first(bands)
+    assert torch.allclose(turned @ turned.T, torch.eye(bands, dtype=torch.float64), atol=1e-12)
+    assert torch.allclose(turned[0], torch.full((bands,), bands**-0.5, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("blurs", ["none", "one", "each"])
+def test_splitting_ends_at_the_least_of_its_objective(blurs):
+    """No small step from there, of many, leads lower; written out over the operators' matrices."""
+    rng, shape = np.random.default_rng(5), (9, 8)
+    filters = torch.from_numpy(rng.random((3, *shape)))
+    psf = {
+        "none": None,
+        "one": torch.from_numpy(rng.random((3, 3))),
+        "each": torch.from_numpy(rng.random((3, 3, 3))),
+    }[blurs]
+    if psf is not None:
+        psf = psf / psf.sum((-2, -1), keepdim=True)
+    raw, weight = torch.from_numpy(rng.random(shape)), 0.02
+    problem = Mosaiced(raw, filters, 0.1, psf)
+    splitting = _Splitting(problem, (2, 2), weight)
+    for _ in range(500):
+        splitting.step()
+    x = splitting._x
+    point = torch.ones(1, 1, dtype=torch.float64)
+    spread = Blur((point if psf is None else psf).expand(3, -1, -1), problem.whole)
+    camera = SpectralMosaic(filters / problem.gain)
+
+    def objective(x):
+        left = camera(problem.seen(spread(x))) - raw / problem.gain
+        turned = torch.tensordot(brightness_first(3), x, 1)
+        second = _second(turned).square().sum(0)
+        bends = _BRIGHTNESS * second[0].sqrt() + second[1:].sum(0).sqrt()
+        return float((left**2).sum() / 2 + weight * bends.sum())
+
+    least = objective(x)
+    for seed in range(20):
+        way = torch.from_numpy(np.random.default_rng(seed).standard_normal(x.shape))
+        for length in (1e-2, -1e-2, 3e-3):
+            assert objective(x + length * way) > least
+    assert objective(0.999 * x) > least - 1e-5 * abs(least)
+    assert objective(1.001 * x) > least - 1e-5 * abs(least)
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.01, 0.03])
+def test_noise_of_a_mosaic_is_estimated(noise):
+    """Of even patches within a twentieth; of a photograph it is no less, and not twice as much."""
+    rng = np.random.default_rng(6)
+    patches = np.kron(rng.random((3, 4, 4)), np.ones((64, 64)))
+    even = torch.from_numpy(mosaic(patches, BAYER, noise))
+    assert noise_of(even, (2, 2)) == pytest.approx(noise, rel=0.1)
+    scene = np.moveaxis(data.astronaut(), -1, 0)[:, :256, :256] / 255.0
+    found = noise_of(torch.from_numpy(mosaic(scene, BAYER, noise)), (2, 2))
+    assert 0.9 * noise < found < 1.5 * noise + 0.004
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not KODAK.exists(), reason="no photographs beside the checkout")
+def test_kodaks_lighthouse_fence():
+    scene = np.moveaxis(cv2.imread(str(KODAK / "kodim07.png"))[..., ::-1], -1, 0) / 255.0
+    scene = scene[:, 100:300, 200:400]
+    raw = mosaic(scene, BAYER)
+    ours = psnr(demosaic(raw, BAYER), scene)
+    assert ours > psnr(demosaic(raw, BAYER, "vng"), scene) + 1
+
+
+def test_it_can_be_cancelled():
+    progress = Progress()
+    progress.cancel()
+    with pytest.raises(Cancelled):
+        demosaic(np.ones((8, 8)), BAYER, progress=progress)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 5), (8, 9), (17, 12)])
+def test_small_and_odd_frames_stay_finite(shape):
+    for raw in (np.zeros(shape), np.random.default_rng(7).random(shape) - 0.5):
+        restored = demosaic(raw, BAYER)
+        assert restored.shape == (3, *shape)
+        assert np.isfinite(restored).all()
+
+
+RAW = np.full((8, 9), 0.5)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: demosaic(RAW * math.nan, BAYER), "raw has 72 NaN"),
+    (lambda: demosaic(RAW[None], BAYER), r"raw is \(1, 8, 9\)"),
+    (lambda: demosaic(RAW, "RGGB"), "pattern is 'RGGB'; give rows"),
+    (lambda: demosaic(RAW, ("RG", "G")), "all as long"),
+    (lambda: demosaic(RAW, ()), "give rows"),
+    (lambda: demosaic(RAW, ("RG", "GW")), "pattern has W"),
+    (lambda: demosaic(RAW, ("RG", "GR")), "no trusted pixel sees band 2"),
+    (lambda: demosaic(RAW, BAYER, "menon"), "method is 'menon'"),
+    (lambda: demosaic(RAW, ("RGB",), "vng"), "Bayer's alone"),
+    (lambda: demosaic(RAW[:4], BAYER, "vng"), "OpenCV needs 8 x 8"),
+    (lambda: demosaic(RAW, BAYER, "vng", psf=disk(1.0)), "takes no psf"),
+    (lambda: demosaic(RAW, BAYER, noise=-1.0), "noise is -1"),
+    (lambda: demosaic(RAW, BAYER, weight=0.0), "weight is 0"),
+    (lambda: demosaic(RAW, BAYER, iterations=0), "iterations is 0"),
+    (lambda: demosaic(RAW, BAYER, psf=np.zeros((3, 3))), "psf sums to 0"),
+    (lambda: demosaic(RAW, BAYER, psf=np.ones((2, 3, 3))), r"psf is \(2, 3, 3\)"),
+    (lambda: demosaic(RAW, BAYER, response=np.eye(2)), r"response is \(2, 2\)"),
+    (lambda: demosaic(RAW, BAYER, weights=np.ones((2, 2))), "weights is"),
+    (lambda: demosaic(RAW, BAYER, weights=-np.ones((8, 9))), "negative nowhere"),
+    (lambda: demosaic(RAW, BAYER, clipped=np.ones((8, 9), bool)), "no trusted pixel"),
+])  # fmt: skip
+def test_what_doesnt_fit_is_refused_in_words(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()

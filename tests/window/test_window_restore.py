@@ -1,0 +1,122 @@
+"""Restoring a run's photograph in the window: chosen, cancelled, compared, saved."""
+
+import numpy as np
+import tifffile
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtWidgets import QFileDialog
+from test_window_run import acquire_small
+
+from labapp.window.messages import JobEnded, PictureRestored, PictureSaved
+from labapp.window.restore_view import METHODS
+
+
+def drags(qtbot, picture, start, end):
+    """The left button down at one place of a picture, and up at another."""
+    port = picture._view.viewport()
+    qtbot.mouseMove(port, start)
+    qtbot.mousePress(port, Qt.MouseButton.LeftButton, pos=start)
+    for share in (0.25, 0.5, 0.75, 1.0):
+        qtbot.mouseMove(port, start + (end - start) * share)
+        qtbot.wait(30)
+    qtbot.mouseRelease(port, Qt.MouseButton.LeftButton, pos=end)
+
+
+def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monkeypatch, tmp_path):
+    window, view = bench.window, bench.window.restored
+    if window.session._last_run is None:
+        assert not window.actions_["restore"].isEnabled()
+        assert "Nothing is restored yet" in view.note.text()
+        assert not view.save.isEnabled()
+    acquire_small(bench, person)
+    person.waits(window.actions_["restore"].isEnabled)
+
+    # Cancelled at once: nothing is shown, and it can be asked again.
+    bench.reports.clear()
+    person.presses(Qt.Key.Key_F9)
+    assert window.tabs.currentWidget() is view
+    assert not window.actions_["restore"].isEnabled()
+    person.presses(Qt.Key.Key_Escape)
+    person.waits(lambda: bench.last(JobEnded) is not None)
+    assert bench.last(PictureRestored) is None
+    person.waits(window.actions_["restore"].isEnabled)
+
+    person.chooses(view.method, "Total variation")
+    person.clicks(view.start)
+    person.waits(lambda: bench.last(PictureRestored) is not None)
+    result = bench.last(PictureRestored)
+    person.waits(lambda: f"Residual {result.residual:.2f}" in view.note.text())
+    assert "photograph, axicon 30 µm" in view.note.text()
+    assert "total variation" in view.note.text()
+    assert result.verdict in view.note.text()
+    assert result.after.shape == result.before.shape == bench.frame.image.shape
+    # Undone blur is contrast, of means of 8 x 8 pixels, in which there is little noise.
+    flat, sharp = (contrast(one) for one in (result.before, result.after))
+    assert sharp > flat
+
+    # Left of the divider is the picture before: dragged to the right, more of it.
+    picture = view.picture
+    rows, columns = result.before.shape
+    picture.fit()
+    person.waits(lambda: person.looks_at(picture).std() > 5)
+    middle = picture.place_of(rows // 2, columns // 2).toPoint()
+    right = picture.place_of(rows // 2, 3 * columns // 4).toPoint()
+    drags(qtbot, picture, middle, right)
+    person.waits(lambda: abs(picture.divider.value() - 0.75 * columns) < 0.05 * columns)
+    beside = picture.place_of(rows // 2, int(0.9 * columns)).toPoint()
+    within = picture.place_of(rows // 2, int(0.3 * columns)).toPoint()
+    moved = person.looks_at(picture)
+    qtbot.mousePress(view.before, Qt.MouseButton.LeftButton)
+    assert not picture.captions[1].isVisible()
+    # Held, the photograph before is seen on both sides; released, on the left alone.
+    person.waits(lambda: patch(person.looks_at(picture), beside) != patch(moved, beside))
+    assert patch(person.looks_at(picture), within) == patch(moved, within)
+    qtbot.mouseRelease(view.before, Qt.MouseButton.LeftButton)
+    person.waits(lambda: patch(person.looks_at(picture), beside) == patch(moved, beside))
+
+    file = tmp_path / "sharp.tiff"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", staticmethod(lambda *_: (str(file), "")))
+    person.clicks(view.save)
+    person.waits(lambda: bench.last(PictureSaved) is not None)
+    saved = tifffile.imread(file)
+    assert saved.dtype == np.float32
+    # The screen shows what was saved.
+    assert np.corrcoef(np.sqrt(saved.clip(0)).ravel(), result.after.ravel())[0, 1] > 0.98
+    assert str(file) in window.message.text
+
+    file = tmp_path / "sharp.gif"
+    person.clicks(view.save)
+    person.waits(lambda: window.message.is_error)
+    assert "choose .tiff, .npy or .png" in window.message.text
+
+
+def contrast(picture: np.ndarray) -> float:
+    """Between neighbouring means of 8 x 8 pixels."""
+    rows, columns = (n // 8 for n in picture.shape)
+    blocks = picture[: 8 * rows, : 8 * columns].reshape(rows, 8, columns, 8).mean((1, 3))
+    return float(np.abs(np.diff(blocks)).mean())
+
+
+def patch(shot: np.ndarray, at: QPoint) -> bytes:
+    """A few pixels of the screen."""
+    return shot[at.y() - 6 : at.y() + 7, at.x() - 6 : at.x() + 7].tobytes()
+
+
+def test_a_time_in_which_nothing_fits_is_an_error_in_words(bench, person):
+    window, view = bench.window, bench.window.restored
+    if window.session._last_run is None:
+        acquire_small(bench, person)
+    person.waits(window.actions_["restore"].isEnabled)
+    person.chooses(view.method, "Automatic")
+    person.types(view.budget, "0.01")
+    person.presses(Qt.Key.Key_F9)
+    person.waits(lambda: window.message.is_error)
+    assert "the quickest, wiener, takes about" in window.message.text
+    person.waits(window.actions_["restore"].isEnabled)
+    person.types(view.budget, "0")
+    assert view.chosen == ("auto", None)
+
+
+def test_every_method_of_the_list_is_one_of_the_engines():
+    from labapp.reconstructing.methods import METHODS as KNOWN
+
+    assert set(METHODS.values()) <= set(KNOWN)
