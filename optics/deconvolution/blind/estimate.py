@@ -7,9 +7,9 @@ from functools import partial
 
 import torch
 
-from optics.deconvolution.blind.agreement import deviation_of
+from optics.deconvolution.blind.agreement import aligned, deviation_of
 from optics.deconvolution.blind.found import Deblurred, Kernel
-from optics.deconvolution.blind.judged import most_natural
+from optics.deconvolution.blind.judged import most_natural, strangeness
 from optics.deconvolution.blind.scales import middle_of, odd, window
 from optics.deconvolution.blind.search import (
     TASTES,
@@ -37,6 +37,9 @@ _LEAST_FRAME = 3
 
 _CHAINS, _AGAIN = 2, 10
 """Starts from which a kernel is found; rounds for a part of the photograph, from the kernel on."""
+
+_MEAN = 1.01
+"""Of its strangeness: by less than this the mean of two kernels isn't better than one of them."""
 
 _EVEN = 3.0
 """Standard deviations of the noise that a photograph's structure must have at least."""
@@ -136,8 +139,21 @@ def _likeliest(
         )
         for n, start in enumerate(best)
     ]
-    chosen, other = most_natural(photo, fine, progress.part(0.9, 1))
-    return fine[chosen], fine[other]
+    chosen, other = most_natural(photo, fine, progress.part(0.9, 0.95))
+    return _agreed(photo, starts[best[chosen]], fine[chosen], progress.part(0.95, 1)), fine[other]
+
+
+def _agreed(
+    photo: Photograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
+) -> torch.Tensor:
+    """Of the kernel by edges, the one by statistics, and their mean, which errs less than either
+    where they err differently: the one with the more natural picture."""
+    mean = aligned(edges, fine).clamp(min=0) + fine
+    kernels = [edges, fine, mean / mean.sum()]
+    progress.report(0, "judging the mean kernel")
+    costs = [strangeness(photo, kernel) for kernel in kernels]
+    costs[-1] *= _MEAN
+    return kernels[costs.index(min(costs))]
 
 
 def _cleaned(kernel: torch.Tensor) -> torch.Tensor:
