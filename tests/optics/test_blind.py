@@ -224,7 +224,7 @@ def test_its_deviation_is_honest(runs):
 
 
 def test_the_picture_gets_better():
-    seen, truth = photograph(stroke())
+    seen, truth = photograph(stroke(), side=150)
     answer = blind_deconvolution(seen, SIZE)
     inside = slice(12, -12)
 
