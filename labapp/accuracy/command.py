@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import json
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -22,10 +20,11 @@ from labapp.accuracy.comparing import (
 from labapp.accuracy.peers import peer_candidates
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
+from labapp.accuracy.writing import write_plot, write_rows
 from labapp.asked import Case
 from labapp.console import out, table, watched
 from labapp.figures import machine
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
 from optics.progress import Progress
@@ -99,16 +98,8 @@ _EVERYWHERE = ("pupil", "gray edge")
 
 def write_measured(name: str, measured: Measured, data: Path | None, plot: Path | None) -> None:
     """Rows as JSON and the diagram as a picture, where there is a path for them."""
-    if data is not None:
-        rows = [asdict(row) for row in measured.rows]
-        told = {"machine": machine(), "calibration_s": measured.calibration_s, "rows": rows}
-        write_whole(data, json.dumps(told, indent=2).encode())
-        out.print(f"wrote {data}")
-    if plot is not None:
-        buffer = io.BytesIO()
-        draw(name, measured.rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
-        write_whole(plot, buffer.getvalue())
-        out.print(f"wrote {plot}")
+    write_rows(data, measured.rows, calibration_s=measured.calibration_s)
+    write_plot(plot, lambda: draw(name, measured.rows))
 
 
 def print_rows(what: str, name: str, rows: list[Row]) -> None:

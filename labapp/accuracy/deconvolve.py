@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import io
-import json
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +16,10 @@ from matplotlib.figure import Figure
 
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.rows import Row, mark_front
+from labapp.accuracy.writing import write_plot, write_rows
 from labapp.console import out, table, watched
 from labapp.figures import machine
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
@@ -69,15 +68,8 @@ def accuracy_deconvolve(
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_deconvolution(case, denoise, speed, progress.part(0.1, 1.0), peers=peers)
     _print(case, rows)
-    if data is not None:
-        told = {"machine": machine(), "rows": [asdict(row) for row in rows]}
-        write_whole(data, json.dumps(told, indent=2).encode())
-        out.print(f"wrote {data}")
-    if plot is not None:
-        buffer = io.BytesIO()
-        draw(case, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
-        write_whole(plot, buffer.getvalue())
-        out.print(f"wrote {plot}")
+    write_rows(data, rows)
+    write_plot(plot, lambda: draw(case, rows))
 
 
 def measure_deconvolution(

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import io
-import json
 import statistics
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
+from labapp.accuracy.writing import write_plot, write_rows
 from labapp.bench import BenchFiles
 from labapp.console import out, table, watched
 from labapp.designing.kinds import read_psf
 from labapp.figures import machine
 from labapp.files.bench_file import read_bench
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import require_writable
 from labapp.patterns import designed
 from labapp.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -82,15 +81,8 @@ def accuracy_retrieval(
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
     _print(name, rows)
-    if data is not None:
-        told = {"machine": machine(), "rows": [asdict(row) for row in rows]}
-        write_whole(data, json.dumps(told, indent=2).encode())
-        out.print(f"wrote {data}")
-    if plot is not None:
-        buffer = io.BytesIO()
-        draw(name, rows).savefig(buffer, format=plot.suffix.lstrip(".") or "png")
-        write_whole(plot, buffer.getvalue())
-        out.print(f"wrote {plot}")
+    write_rows(data, rows)
+    write_plot(plot, lambda: draw(name, rows))
 
 
 def measure_retrieval(

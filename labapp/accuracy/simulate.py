@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
+from labapp.accuracy.writing import write_rows
 from labapp.console import out, table, watched
 from labapp.figures import machine
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import require_writable
 from labapp.simulating.asked import AskedPicture, stage, stage_of
 from labapp.simulating.everything import Deviation, Rendered, by_plan, with_everything
 from labapp.simulating.quick import quick_setup
@@ -57,10 +57,7 @@ def accuracy_simulate(asked: AskedPicture, *, data: Path | None, force: bool) ->
         s = _situation(asked, progress.part(0.0, 0.1))
         found = rows(s, progress.part(0.1, 1.0))
     _print(s, found)
-    if data is not None:
-        told = {"machine": machine(), "rows": [asdict(row) for row in found]}
-        write_whole(data, json.dumps(told, indent=2).encode())
-        out.print(f"wrote {data}")
+    write_rows(data, found)
     if not all(row.kept for row in found):
         raise SystemExit(1)
 

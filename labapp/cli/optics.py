@@ -14,6 +14,8 @@ from labapp.cli.options import (
     BenchOption,
     ForceOption,
     JsonOption,
+    PlotOption,
+    RowsOption,
 )
 
 
@@ -115,12 +117,8 @@ def accuracy_psf_(
             "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
         ),
     ] = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
-    ] = None,
+    json: RowsOption = None,
+    plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for the PSF of a lens.
@@ -167,12 +165,8 @@ def accuracy_propagate_(
     peers: Annotated[
         bool, typer.Option("--peers", help="Also hcipy, DeepLens and torchoptics, if installed.")
     ] = False,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
-    ] = None,
+    json: RowsOption = None,
+    plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for a field's way through free space.
@@ -230,12 +224,8 @@ def accuracy_chain_(
         typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
     ] = False,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw error against time (.png, .svg).")
-    ] = None,
+    json: RowsOption = None,
+    plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for a camera whose panel stands before its lens.
@@ -280,12 +270,8 @@ def accuracy_retrieval_(
         float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
     ] = 10.0,
     bench: BenchOption = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw quality against time (.png, .svg).")
-    ] = None,
+    json: RowsOption = None,
+    plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure quality and time of every method that finds patterns, for a target.
@@ -326,12 +312,8 @@ def accuracy_deconvolve_(
     peers: Annotated[
         bool, typer.Option("--peers", help="Also scikit-image, where installed.")
     ] = False,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw quality against time (.png, .svg).")
-    ] = None,
+    json: RowsOption = None,
+    plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure quality and time of every method that undoes a blur, on a picture.

@@ -33,6 +33,13 @@ SpeedOption = Annotated[
 YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
+RowsOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the rows as JSON.")
+]
+PlotOption = Annotated[
+    Path | None,
+    typer.Option("--plot", metavar="FILE", help="Draw the rows against time (.png, .svg)."),
+]
 StarOption = Annotated[str, typer.Option("--star", help="The target with the star.")]
 DarkOption = Annotated[str, typer.Option("--dark", help="The target without light; '' for none.")]
 StarDiameterOption = Annotated[

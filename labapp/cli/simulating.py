@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.optics import accuracy
-from labapp.cli.options import BenchOption, ForceOption, JsonOption
+from labapp.cli.options import BenchOption, ForceOption, JsonOption, RowsOption
 
 if TYPE_CHECKING:
     from labapp.simulating.asked import AskedPicture
@@ -136,9 +136,7 @@ def accuracy_simulate_(
     pattern: PatternOption = None,
     wavelength_nm: WavelengthOption = None,
     exposure_ms: ExposureOption = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the rows as JSON.")
-    ] = None,
+    json: RowsOption = None,
     force: ForceOption = False,
 ) -> None:
     """Measure what a tolerance costs a simulated picture, and whether it is kept.

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import statistics
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +15,7 @@ from labapp.accuracy.deconvolve import inside
 from labapp.figures import Figure
 from labapp.figures.photographs import camera, squares
 from labapp.networks import packaged_denoiser
+from labapp.stopwatch import processor_seconds
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.deconvolution.plug_and_play import plug_and_play
@@ -99,13 +98,7 @@ def _anew(problem: Blurred) -> Blurred:
 
 def _timed(call: Callable[[], Restored]) -> tuple[Restored, float]:
     """The answer and the median of its processor times in ms."""
-    call()
-    times = []
-    for _ in range(_REPEATS):
-        started = time.process_time()
-        answer = call()
-        times.append(1e3 * (time.process_time() - started))
-    return answer, statistics.median(times)
+    return call(), 1e3 * processor_seconds({"": call}, _REPEATS)[""]
 
 
 def _highlights(scene: Array) -> Figure:
@@ -170,15 +163,8 @@ def _beside(
     theirs: Callable[[], Array],
     ours: Callable[[], Restored],
 ) -> Figure:
-    """Times are taken in turns."""
-    calls: tuple[Callable[[], Any], ...] = (theirs, ours)
-    spent: tuple[list[float], list[float]] = ([], [])
-    for _ in range(_REPEATS):
-        for call, times in zip(calls, spent, strict=True):
-            started = time.process_time()
-            call()
-            times.append(time.process_time() - started)
-    ratio = statistics.median(spent[0]) / statistics.median(spent[1])
+    spent = processor_seconds({"theirs": theirs, "ours": ours}, _REPEATS)
+    ratio = spent["theirs"] / spent["ours"]
     them, us = np.asarray(theirs()), np.asarray(ours().image, dtype=np.float64)
     frame = case.quality(us)[0] - case.quality(them)[0]
     within = (inside(case, us) or 0) - (inside(case, them) or 0)

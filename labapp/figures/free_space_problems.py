@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 import signal
 import statistics
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from labapp.figures.free_space_judge import (
     drawn,
 )
 from labapp.speed import machine_speed
+from labapp.stopwatch import processor_seconds
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation.operator import METHODS, FreeSpace
@@ -449,10 +450,5 @@ def _times(problem: Problem, budget: Budget) -> dict[str, float]:
                 return {}
             continue
         found.setdefault(operator.method, operator)
-    spent: dict[str, list[float]] = {name: [] for name in found}
-    for _ in range(4):
-        for name, operator in found.items():
-            started = time.process_time()
-            operator(field)
-            spent[name].append(time.process_time() - started)
-    return {name: statistics.median(values) for name, values in spent.items()}
+    jobs = {name: partial(operator, field) for name, operator in found.items()}
+    return processor_seconds(jobs, 4)

@@ -8,7 +8,7 @@ import statistics
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from labapp.figures import Figure
 from labapp.figures.slices import lens_density, phase_at, positions, terms
 from labapp.speed import machine_speed
+from labapp.stopwatch import processor_seconds
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
@@ -424,10 +425,5 @@ def times_of(
                 found.setdefault(other.account.method, other)
         except ValueError:
             continue
-    spent: dict[str, list[float]] = {name: [] for name in found}
-    for _ in range(3):
-        for name, operator in found.items():
-            started = time.process_time()
-            problem.light(operator)
-            spent[name].append(time.process_time() - started)
-    yield from ((name, statistics.median(values)) for name, values in spent.items())
+    jobs = {name: partial(problem.light, operator) for name, operator in found.items()}
+    yield from processor_seconds(jobs, 3).items()

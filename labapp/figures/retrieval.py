@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 
 from labapp.figures import Figure
 from labapp.speed import machine_speed
+from labapp.stopwatch import processor_seconds
 from optics.camera import Camera, Panel
 from optics.fourier import CommensurateTransform, Geometry
 from optics.plane import Plane, centred_crop
@@ -63,7 +62,7 @@ def iteration_cost(folder: Path) -> list[Figure]:
     slmsuite = _slmsuite_iteration()
     if slmsuite is not None:
         jobs["slmsuite"] = slmsuite
-    times = _processor_times(jobs)
+    times = processor_seconds(jobs, _REPEATS)
     ratio = times["ours"] / times["pair"]
     miss = _phase_difference(start, amplitude.numpy(), far_field)
     told = f"{ratio:.2f} ({1e3 * times['ours']:.0f} ms), phase within {miss:.1g} rad"
@@ -80,17 +79,6 @@ def iteration_cost(folder: Path) -> list[Figure]:
         return [*found, Figure(name, goal, "slmsuite isn't installed", None)]
     faster = times["slmsuite"] / _AT_ONCE / times["ours"]
     return [*found, Figure(name, goal, f"{faster:.0f}", faster >= 15)]
-
-
-def _processor_times(jobs: dict[str, Callable[[], Any]]) -> dict[str, float]:
-    """Median processor seconds of each, interleaved."""
-    spent: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(_REPEATS):
-        for name, job in jobs.items():
-            started = time.process_time()
-            job()
-            spent[name].append(time.process_time() - started)
-    return {name: statistics.median(times) for name, times in spent.items()}
 
 
 def _slmsuite_iteration() -> Callable[[], Any] | None:

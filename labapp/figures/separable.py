@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +13,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
+from labapp.accuracy.blurs import Array, taken
 from labapp.figures import Figure
 from labapp.files.reading import bundled
+from labapp.stopwatch import processor_seconds
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.depths import depths, pasted
 from optics.deconvolution.layered import layered
@@ -26,14 +27,12 @@ from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
 from optics.threads import single_threaded
 
-Array = NDArray[np.float64]
-
 _SIDE, _KERNEL, _MARGIN, _NOISE = 512, 47, 32, 0.01
 
 _STRENGTH, _WAVES = 25.0, 1.5
 """Of the cubic phase at the aperture's edge, radians; of defocus there, in waves."""
 
-_REPEATS = 3
+_REPEATS, _SEED = 3, 1
 _SAME = 1e-3
 _PASTED_DB = 1.0
 
@@ -53,7 +52,8 @@ def separable_figure(folder: Path) -> list[Figure]:
     """The same filter, the same weight, an unknown border: by both ways, interleaved."""
     down, along = cubic_kernel(_STRENGTH, _WAVES), cubic_kernel(_STRENGTH, 0.0)
     psf = np.outer(down, along)
-    truth, frame = _blurred(psf)
+    case = taken("cubic plate", _photograph(_SIDE + _KERNEL - 1), psf, _NOISE, _SEED)
+    truth, frame = case.truth, case.frame
     seen = _fresh(frame, psf)
     weight = wiener(seen, None, "flat").weight
     assert weight is not None
@@ -65,7 +65,7 @@ def separable_figure(folder: Path) -> list[Figure]:
         "2-D": lambda: wiener(_fresh(frame, psf), weight, "flat", steps=full.iterations - 1),
         "planning": lambda: SeparableFilter(down, along, (_SIDE, _SIDE)),
     }
-    spent = _times(ways)
+    spent = processor_seconds(ways, _REPEATS)
     answer = (planned(data, weight) + seen.data.mean()).numpy()
     difference = float(np.linalg.norm(answer - full.image.numpy()) / np.linalg.norm(answer))
     largest = float(np.abs(answer - full.image.numpy()).max())
@@ -120,17 +120,6 @@ def _transform_work(shape: tuple[int, int], steps: int) -> float:
     return float(steps * (4 * n * math.log2(n) + 8 * n))
 
 
-def _times(ways: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Median processor seconds, interleaved."""
-    spent: dict[str, list[float]] = {name: [] for name in ways}
-    for _ in range(_REPEATS):
-        for name, way in ways.items():
-            started = time.process_time()
-            way()
-            spent[name].append(time.process_time() - started)
-    return {name: statistics.median(each) for name, each in spent.items()}
-
-
 @single_threaded
 def depths_figure(folder: Path) -> list[Figure]:
     """A near disc, out of focus, before a far one in focus; both through the plate."""
@@ -171,15 +160,8 @@ def depths_figure(folder: Path) -> list[Figure]:
     ]
 
 
-def _blurred(psf: Array) -> tuple[Array, Array]:
-    scene = _photograph(_SIDE + _KERNEL - 1)
-    frame = fftconvolve(scene, psf, mode="valid")
-    half = _KERNEL // 2
-    return scene[half:-half, half:-half], _noisy(frame)
-
-
 def _noisy(frame: Array) -> Array:
-    noisy: Array = frame + np.random.default_rng(1).normal(0, _NOISE, frame.shape)
+    noisy: Array = frame + np.random.default_rng(_SEED).normal(0, _NOISE, frame.shape)
     return noisy
 
 

@@ -1,10 +1,8 @@
-"""The methods that a person can name; another one joins by a line."""
+"""The methods that a person can name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 
 from labapp.errors import UserError
 from labapp.networks import packaged_denoiser
@@ -47,33 +45,25 @@ class Wish:
 
     def restore(self, seen: Blurred, share: float, progress: Progress) -> Restored:
         """One band; share: of the budget, that it may take. ValueError where nothing fits."""
-        mine = Wish(self.method, None, self.weight, self.speed)
-        if self.budget is not None:
-            mine = Wish(self.method, self.budget * share, self.weight, self.speed)
-        return METHODS[self.method](seen, mine, progress)
+        name = METHODS[self.method]
+        learned = choice.METHODS[name].learned if name else self.budget is not None
+        return choice.restore(
+            seen,
+            None if self.budget is None else self.budget * share,
+            name,
+            progress,
+            weight=self.weight,
+            denoise=packaged_denoiser() if learned else None,
+            speed=self.speed,
+        )
 
 
-Restore = Callable[[Blurred, Wish, Progress], Restored]
-
-
-def _by_choice(name: str | None, seen: Blurred, wish: Wish, progress: Progress) -> Restored:
-    learned = name is None or choice.METHODS[name].learned
-    return choice.restore(
-        seen,
-        wish.budget,
-        name,
-        progress,
-        weight=wish.weight,
-        denoise=packaged_denoiser() if learned else None,
-        speed=wish.speed,
-    )
-
-
-METHODS: dict[str, Restore] = {
-    AUTO: partial(_by_choice, None),
-    **{name: partial(_by_choice, name) for name in choice.METHODS},
-    "tv": partial(_by_choice, "total-variation"),
+METHODS: dict[str, str | None] = {
+    AUTO: None,
+    **{name: name for name in choice.METHODS},
+    "tv": "total-variation",
 }
+"""The engine's names for them; None where it chooses."""
 
 
 def listed() -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from PySide6.QtWidgets import QWidget
 
 from labapp.window.device_list import TITLES
 from labapp.window.messages import (
@@ -158,20 +161,19 @@ class Reports:
         self._window.message.say(f"{name} is open again. Live view starts with F5.")
 
     def _reconstructed(self, report: Reconstructed) -> None:
-        window = self._window
-        self._session.finish()
-        window.run.show_end("reconstructed", done=True)
-        window.reconstruction.show_result(report)
-        window.tabs.setCurrentWidget(window.reconstruction)
-        window.message.say(f"Reconstructed from {report.path}.")
+        self._window.reconstruction.show_result(report)
+        self._shown(self._window.reconstruction, "reconstructed", report.path)
 
     def _restored(self, report: PictureRestored) -> None:
-        window = self._window
+        self._window.restored.show_result(report)
+        self._shown(self._window.restored, "restored", report.path)
+
+    def _shown(self, view: QWidget, done: str, path: Path) -> None:
+        """A result came from a record: its tab comes to the front."""
         self._session.finish()
-        window.run.show_end("restored", done=True)
-        window.restored.show_result(report)
-        window.tabs.setCurrentWidget(window.restored)
-        window.message.say(f"Restored from {report.path}.")
+        self._window.run.show_end(done, done=True)
+        self._window.tabs.setCurrentWidget(view)
+        self._window.message.say(f"{done.capitalize()} from {path}.")
 
     def _opening_failed(self, report: OpeningFailed) -> None:
         self._why_not_open = report.message

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 
@@ -88,7 +88,7 @@ class Method:
     usual: int
     before: Work
     each: Callable[[Blurred], Work]
-    learned: bool = field(default=False)
+    learned: bool = False
 
     def seconds(self, seen: Blurred, count: int, speed: MachineSpeed) -> float:
         """Predicted processor time."""

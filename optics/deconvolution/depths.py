@@ -9,7 +9,7 @@ import torch
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.layered import Layered
 from optics.deconvolution.noise import squared
-from optics.deconvolution.normal import conjugate_gradients
+from optics.deconvolution.normal import solved_on_frequencies
 from optics.deconvolution.priors import Bounds, Prior, TotalVariation
 from optics.deconvolution.restored import Restored, relative_change
 from optics.deconvolution.splitting import LEAST_FREEDOM, towards
@@ -197,7 +197,7 @@ class _Equations:
             kept = light if self._trust is None else light * self._trust
             return rfft2(self._back(kept)).add_(below * x)
 
-        found, _ = conjugate_gradients(normal, right, spectra, inverse, self._count, steps)
+        found, _ = solved_on_frequencies(normal, right, spectra, inverse, self._count, steps)
         return found
 
     def look(self, pictures: torch.Tensor) -> None:

@@ -8,6 +8,7 @@ from functools import cached_property
 import torch
 
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.conjugate import conjugate_gradients
 from optics.fourier import half_counts, irfft2, rfft2
 from optics.plane import centred_pad
 
@@ -54,7 +55,7 @@ class NormalEquations:
         wanted = self._data if near is None else self._data + near * penalty
         if self._seen.complete:
             return wanted * inverse, 1
-        return conjugate_gradients(
+        return solved_on_frequencies(
             lambda x: self._normal(x, penalty), wanted, spectrum, inverse, self._count, steps
         )
 
@@ -79,7 +80,7 @@ class NormalEquations:
         return rfft2(centred_pad(kept, self._seen.whole)).mul_(self._seen.back)
 
 
-def conjugate_gradients(
+def solved_on_frequencies(
     normal: Callable[[torch.Tensor], torch.Tensor],
     wanted: torch.Tensor,
     spectrum: torch.Tensor,
@@ -88,25 +89,17 @@ def conjugate_gradients(
     steps: int,
 ) -> tuple[torch.Tensor, int]:
     """The spectrum of the x with normal(x) = wanted, and how many steps it took from the one that
-    is given (Hestenes and Stiefel 1952, doi 10.6028/jres.049.044).
+    is given: see conjugate_gradients().
 
-    inverse: about that of `normal`, of each frequency. count: see optics.fourier.half_counts().
+    count: see optics.fourier.half_counts().
     """
-    enough = _SOLVED**2 * _inner(wanted, wanted * inverse, count)
+
+    def inner(a: torch.Tensor, b: torch.Tensor) -> float:
+        return _inner(a, b, count)
+
+    enough = _SOLVED**2 * inner(wanted, wanted * inverse)
     left = wanted - normal(spectrum)
-    turned = left * inverse
-    way, length = turned.clone(), _inner(left, turned, count)
-    taken = 0
-    while taken < steps and length > enough:
-        bent = normal(way)
-        far = length / _inner(way, bent, count)
-        spectrum = spectrum.add(way, alpha=far)
-        left = left.sub_(bent, alpha=far)
-        turned = left * inverse
-        before, length = length, _inner(left, turned, count)
-        way = way.mul_(length / before).add_(turned)
-        taken += 1
-    return spectrum, taken
+    return conjugate_gradients(normal, left, spectrum, inverse, inner, enough, steps)
 
 
 @torch.no_grad()

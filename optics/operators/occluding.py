@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from optics.edge import floating, require_finite, tensors_inside
+from optics.edge import floating, tensors_inside
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.operators.contract import Operator
+from optics.operators.varying import require_as_many
 
 
 class OccludingBlur(Operator):
@@ -25,13 +26,7 @@ class OccludingBlur(Operator):
 
     @tensors_inside
     def __init__(self, psfs: torch.Tensor, seen: torch.Tensor) -> None:
-        require_finite("psfs", psfs)
-        require_finite("seen", seen)
-        if psfs.ndim != 3 or seen.ndim != 3 or len(psfs) != len(seen):
-            raise ValueError(
-                f"psfs are {tuple(psfs.shape)} and seen {tuple(seen.shape)}; give as many of both, "
-                "(surfaces, rows, columns)"
-            )
+        require_as_many(psfs, "seen", seen, "surfaces")
         psfs, seen = floating(psfs), floating(seen)
         self.shape = (int(seen.shape[-2]), int(seen.shape[-1]))
         self.transfers = transfer_function(psfs, self.shape)

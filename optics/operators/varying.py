@@ -22,13 +22,7 @@ class VaryingBlur(Operator):
 
     @tensors_inside
     def __init__(self, psfs: torch.Tensor, weights: torch.Tensor) -> None:
-        require_finite("psfs", psfs)
-        require_finite("weights", weights)
-        if psfs.ndim != 3 or weights.ndim != 3 or len(psfs) != len(weights):
-            raise ValueError(
-                f"psfs are {tuple(psfs.shape)} and weights {tuple(weights.shape)}; give as many "
-                "of both, (PSFs, rows, columns)"
-            )
+        require_as_many(psfs, "weights", weights, "PSFs")
         self.weights = floating(weights)
         self.shape = (int(weights.shape[-2]), int(weights.shape[-1]))
         self.transfers = transfer_function(floating(psfs), self.shape)
@@ -45,6 +39,18 @@ class VaryingBlur(Operator):
     @property
     def bytes(self) -> int:
         return 3 * self.transfers.nelement() * self.transfers.element_size()
+
+
+def require_as_many(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
+    """Raise ValueError unless there is a finite picture for each finite PSF. each: what they are
+    of, in a word."""
+    require_finite("psfs", psfs)
+    require_finite(name, shares)
+    if psfs.ndim != 3 or shares.ndim != 3 or len(psfs) != len(shares):
+        raise ValueError(
+            f"psfs are {tuple(psfs.shape)} and {name} {tuple(shares.shape)}; give as many of both, "
+            f"({each}, rows, columns)"
+        )
 
 
 def field_weights(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import EllipsisType
 
 import torch
@@ -14,6 +13,7 @@ from optics.deconvolution.blind.quadratic import (
     quadratic_of,
 )
 from optics.deconvolution.blind.statistics import Mixture, gradients
+from optics.deconvolution.conjugate import conjugate_gradients
 from optics.fourier import irfft2, rfft2
 
 _SOLVING = 25
@@ -87,7 +87,12 @@ class Latent:
             _add_adjoint(answer, along * steps[0], down * steps[1])
             return answer
 
-        return _solved(normal, wanted, self.picture, inverse)
+        left = wanted - normal(self.picture)
+        enough = _SETTLED * _inner(left, left * inverse)
+        picture, _ = conjugate_gradients(
+            normal, left, self.picture, inverse, _inner, enough, _SOLVING
+        )
+        return picture
 
     def problem(self, kernel: torch.Tensor) -> Quadratic:
         """What the picture says of the kernel, by gradients. Those that weren't measured are taken
@@ -144,25 +149,5 @@ def _onto_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
     )
 
 
-def _solved(
-    normal: Callable[[torch.Tensor], torch.Tensor],
-    wanted: torch.Tensor,
-    start: torch.Tensor,
-    inverse: torch.Tensor,
-) -> torch.Tensor:
-    """By conjugate gradients, with the inverse of the diagonal."""
-    x, left = start, wanted - normal(start)
-    eased = inverse * left
-    way, size = eased, float((left * eased).sum())
-    first = size
-    for _ in range(_SOLVING):
-        if size <= _SETTLED * first or size == 0:
-            break
-        turned = normal(way)
-        step = size / float((way * turned).sum())
-        x = x + step * way
-        left = left - step * turned
-        eased = inverse * left
-        before, size = size, float((left * eased).sum())
-        way = eased + (size / before) * way
-    return x
+def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
+    return float((a * b).sum())

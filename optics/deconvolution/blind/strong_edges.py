@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 
 from optics.deconvolution.blind.quadratic import (
@@ -15,6 +13,7 @@ from optics.deconvolution.blind.quadratic import (
 from optics.deconvolution.blind.statistics import gradients
 from optics.deconvolution.border import continued
 from optics.deconvolution.noise import squared
+from optics.deconvolution.priors import laplacian
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.plane import centred_crop
@@ -32,7 +31,7 @@ class StrongEdges:
         rows, columns = image.shape
         self._whole = fast_period(rows + 2 * size[0], columns + 2 * size[1])
         self._spectrum = rfft2(continued(image, self._whole))
-        self._laplacian = _laplacian(self._whole).to(image)
+        self._laplacian = laplacian(self._whole).to(image)
         trusted = (known[1:, 1:] * known[:-1, :-1] * known[1:, :-1] * known[:-1, 1:])[None]
         self._measured = gradients(image) * trusted
         # Edges far enough inside that all of their light was measured.
@@ -82,9 +81,3 @@ class StrongEdges:
 def _shifted(measured: torch.Tensor, down: int, along: int) -> torch.Tensor:
     """Lags of -n // 2 become 0."""
     return torch.nn.functional.pad(measured, (along, 0, down, 0))
-
-
-def _laplacian(shape: tuple[int, int]) -> torch.Tensor:
-    y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
-    x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
-    return y[:, None] + x

@@ -1,0 +1,35 @@
+"""Measured rows as JSON, and their diagram as a picture."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from labapp.console import out
+from labapp.figures import machine
+from labapp.files.writing import write_whole
+
+
+def write_rows(data: Path | None, rows: Sequence[Any], **more: float) -> None:
+    """Dataclasses with the machine's name and what else there is, if there is a path for them."""
+    if data is None:
+        return
+    told = {"machine": machine(), **more, "rows": [asdict(row) for row in rows]}
+    write_whole(data, json.dumps(told, indent=2).encode())
+    out.print(f"wrote {data}")
+
+
+def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
+    """The diagram in the format that the path's ending says, if there is one."""
+    if plot is None:
+        return
+    buffer = io.BytesIO()
+    draw().savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+    write_whole(plot, buffer.getvalue())
+    out.print(f"wrote {plot}")
