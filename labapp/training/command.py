@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch
@@ -33,12 +34,23 @@ def train_denoiser(
     kept = weights.with_suffix(".training")
     many = sum(picture[0].size for picture in pictures) / 1e6
     out.print(f"{len(pictures)} pictures, {many:.0f} million pixels; kept so far in {kept}")
-    # Numbers too small for full precision slow processors down, and teach nothing.
-    torch.set_flush_denormal(True)
     started = time.process_time()
-    with watched() as progress:
+    with watched() as progress, _tiny_numbers_dropped():
         trained = train(pictures, steps, seed, kept, progress)
     write_whole(weights, weights_file(trained))
     kept.unlink(missing_ok=True)
     hours = (time.process_time() - started) / 3600
     out.print(f"wrote {weights} after {hours:.2f} processor hours")
+
+
+@contextmanager
+def _tiny_numbers_dropped() -> Iterator[None]:
+    """Numbers too small for full precision slow processors down, and teach nothing.
+
+    Only here: others in the process count on them (SciPy's KDTree recurses for ever).
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
