@@ -226,7 +226,7 @@ class VariSpec:
             "initialised": f"{self._opening.how} {age / 3600:.1f} h ago, "
             f"at {self._opening.temperature:.1f} °C",
             "failed answers": str(self._talk.failures),
-            "advice": self._advice(temperature, age),
+            "advice": self._advice(status.initialised, temperature, age),
         }
 
     def make_safe(self) -> None:
@@ -238,10 +238,10 @@ class VariSpec:
             raise DeviceError("VariSpec", "identity", "it is not open", "Open it first")
         return self._version
 
-    def _advice(self, temperature: float, age: float) -> str:
+    def _advice(self, initialised: bool, temperature: float, age: float) -> str:
         advice = []
         change = abs(temperature - self._opening.temperature)
-        if age > _STALE or change > _DRIFT:
+        if not initialised or age > _STALE or change > _DRIFT:
             advice.append(
                 f"initialise it: refresh(). It is {change:.1f} °C and {age / 3600:.1f} h on"
             )

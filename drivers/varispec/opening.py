@@ -50,14 +50,13 @@ class Opening:
                     f"it is number {told.serial}, not {options.serial}",
                     "Check the option port",
                 )
-            status = self._talk.persist(self._find, lambda: self._talk.status("open"))
-            if options.recalibrate == "always" or not status.initialised:
+            if options.recalibrate == "always" or not self._ask_status().initialised:
                 self.initialise(completely=True)
             elif options.recalibrate == "correct":
                 self.initialise(completely=False)
             else:
                 self._note("found initialised")
-            if options.exercise and not status.exercised:
+            if options.exercise and not self._ask_status().exercised:
                 self.exercise(1)
         return told
 
@@ -112,6 +111,9 @@ class Opening:
 
     def _identify(self) -> Version:
         return self._talk.agreed(lambda: self._ask_version("open"), "open")
+
+    def _ask_status(self) -> Status:
+        return self._talk.persist(self._find, lambda: self._talk.status("open"))
 
     def _ask_version(self, command: str) -> Version:
         answer = self._talk.ask("V ?", VERSION, command)
