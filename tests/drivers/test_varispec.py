@@ -236,7 +236,7 @@ def test_a_palette_is_used_where_it_was_defined():
         assert device.set_wavelength(600e-9).actual == 600e-9
         assert bench.clock.now() - began > 0.3
         assert device.choose(0).actual == 450e-9
-        with pytest.raises(DeviceError, match="palette has 3"):
+        with pytest.raises(DeviceError, match="no such element of the palette"):
             device.choose(3)
         device.clear_palette()
         assert device.palette == ()
@@ -269,6 +269,34 @@ def test_it_sleeps_and_is_awakened():
         bench.filter().__enter__()
     with bench.filter(serial="50527") as device:
         assert not bench.machine.state.asleep
+
+
+def test_the_temperature_is_read_again_after_ten_minutes():
+    heat = [20.0]
+    bench = Bench(heat=lambda t: heat[0])
+    with bench.filter() as device:
+        heat[0] = 10.0
+        device.set_wavelength(500e-9)
+        assert device.settling == pytest.approx(0.05)
+        bench.later(601.0)
+        setting = device.set_wavelength(510e-9)
+        assert setting.ready_at - bench.clock.now() == pytest.approx(0.0827, abs=1e-4)
+
+
+def test_infrared_models_are_advised_to_settle_longer():
+    bench = Bench(range_nm=(650.0, 1100.0))
+    with bench.filter() as device:
+        assert "150 ms" in device.health()["advice"]
+    with bench.filter(settling_ms=150.0) as device:
+        assert device.health()["advice"] == "none"
+
+
+def test_a_closed_filter_is_not_opened_by_a_command():
+    bench = Bench()
+    with bench.filter() as device:
+        pass
+    with pytest.raises(DeviceError, match="it is not open"):
+        device.set_wavelength(500e-9)
 
 
 def test_another_filter_is_refused():
