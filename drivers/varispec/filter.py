@@ -13,7 +13,7 @@ from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.serial_line import SerialLine
 from drivers.varispec.health import Health
 from drivers.varispec.opening import Opening
-from drivers.varispec.options import Options
+from drivers.varispec.options import Options, as_tuple
 from drivers.varispec.palette import Palette
 from drivers.varispec.protocol import Version
 from drivers.varispec.settling import COLDEST, slowdown
@@ -32,9 +32,9 @@ class VariSpec:
     """A VariSpec tunable filter on a serial port (its USB units are such ports, too).
 
     port: "/dev/ttyUSB0", "COM3" or a URL of pyserial. baudrate: 9600, 19200 or 115200.
-    settling_ms: response time as specified for the model, 50 for VIS and 150 for NIR; longer
-    by itself where the optics are colder than 20 degrees Celsius. bandwidth_nm: full width at
-    half maximum, which the filter can't tell. recalibrate: what is done on opening beyond what
+    settling_ms: response time (to 95 %) as specified for the model, 50 for VIS and 150 for NIR;
+    longer by itself where the optics are colder than 20 degrees Celsius. bandwidth_nm: full
+    width at half maximum, which the filter can't tell. recalibrate: what is done on opening beyond what
     must be: "if needed" nothing, "correct" for the temperature, "always" initialise (30 s).
     exercise: whether the liquid crystals are exercised (12 s) where they weren't. palette_nm:
     wavelengths that are calculated on opening, for quick tuning of units with RS-232. serial:
@@ -65,7 +65,7 @@ class VariSpec:
     ) -> None:
         self._options = Options(
             port, baudrate, settling_ms, bandwidth_nm, recalibrate, exercise,
-            tuple(palette_nm), serial, terminator,
+            as_tuple("palette_nm", palette_nm), serial, terminator,
         )  # fmt: skip
         self._clock = surroundings.clock
         self._line = SerialLine("VariSpec", port, self._clock, baudrate=baudrate)
@@ -258,6 +258,8 @@ class VariSpec:
 
     def _report(self, what: str, share: float) -> None:
         self.alive_at = time.monotonic()
+        if share == 0.0:
+            log.info("VariSpec: %s", what)
         if self.progress is not None:
             self.progress(what, share)
 

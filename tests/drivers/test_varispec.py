@@ -411,7 +411,11 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
         ("exercise", "yes"),
         ("palette_nm", (1.0,)),
         ("palette_nm", range(400, 600)),
+        ("palette_nm", 500.0),
+        ("palette_nm", ("500",)),
         ("serial", "x"),
+        ("serial", 50527),
+        ("baudrate", [9600]),
         ("terminator", "\n\r"),
     ],
 )
