@@ -34,12 +34,12 @@ class VariSpec:
     port: "/dev/ttyUSB0", "COM3" or a URL of pyserial. baudrate: 9600, 19200 or 115200.
     settling_ms: response time (to 95 %) as specified for the model, 50 for VIS and 150 for NIR;
     longer by itself where the optics are colder than 20 degrees Celsius. bandwidth_nm: full
-    width at half maximum, which the filter can't tell. recalibrate: what is done on opening beyond what
-    must be: "if needed" nothing, "correct" for the temperature, "always" initialise (30 s).
-    exercise: whether the liquid crystals are exercised (12 s) where they weren't. palette_nm:
-    wavelengths that are calculated on opening, for quick tuning of units with RS-232. serial:
-    that the filter must have, and by which it is awakened. terminator: "\\r", or "\\n" for
-    units with RS-232 that are set so.
+    width at half maximum, which the filter can't tell. recalibrate: what is done on opening
+    beyond what must be: "if needed" nothing, "correct" for the temperature, "always" initialise
+    (30 s). exercise: whether the liquid crystals are exercised (12 s) where they weren't.
+    palette_nm: wavelengths that are calculated on opening, for quick tuning of units with
+    RS-232. serial: that the filter must have, and by which it is awakened. terminator: "\\r",
+    or "\\n" for units with RS-232 that are set so.
 
     Opening takes up to a minute where the filter must be initialised; `progress`, where it is
     set before, is told what is done and the share that is done. Never is it initialised by
