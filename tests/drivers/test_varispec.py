@@ -332,6 +332,15 @@ def test_a_filter_that_lost_its_power_initialises_itself_undisturbed_and_works_a
         assert (bench.machine.state.wavelength, bench.machine.state.sync) == (500, 0)
 
 
+def test_refreshing_waits_for_a_power_up():
+    bench = Bench()
+    with bench.filter() as device:
+        lose_power(bench, device)
+        began = bench.clock.now()
+        device.refresh()
+        assert 59 < bench.clock.now() - began < 63
+
+
 def test_a_filter_that_lost_its_power_is_ready_once_opened_again():
     bench = Bench()
     supervised = Supervised("filter", bench.filter)
