@@ -148,7 +148,7 @@ class Opening:
             if not serial:
                 raise self._line.error(command, error.reply, _ASLEEP) from error
         self._talk.stop(command)
-        self._talk.awaken(serial)
+        self._talk.say(f"A {int(serial)}", command)
         return self._talk.status(command)
 
     def _wait_for_power_up(self) -> None:
