@@ -1,0 +1,286 @@
+"""A VariSpec as a spectral filter."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Self, TypeVar
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Identity, Setting, Surroundings
+from drivers.serial_line import SerialLine
+from drivers.varispec.health import Health
+from drivers.varispec.opening import Opening
+from drivers.varispec.options import Options, as_tuple
+from drivers.varispec.palette import Palette
+from drivers.varispec.protocol import Version
+from drivers.varispec.settling import COLDEST, slowdown
+from drivers.varispec.talk import Refusal, Talk
+from drivers.varispec.tuning import Tuning
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_HEAT = 600.0
+"""Seconds after which the temperature is read again when it is tuned."""
+
+
+class VariSpec:
+    """A VariSpec tunable filter on a serial port (its USB units are such ports, too).
+
+    port: "/dev/ttyUSB0", "COM3" or a URL of pyserial. baudrate: 9600, 19200 or 115200.
+    settling_ms: response time (to 95 %) as specified for the model, 50 for VIS and 150 for NIR;
+    longer by itself where the optics are colder than 20 degrees Celsius. bandwidth_nm: full
+    width at half maximum, which the filter can't tell. recalibrate: what is done on opening
+    beyond what must be: "if needed" nothing, "correct" for the temperature, "always" initialise
+    (30 s). exercise: whether the liquid crystals are exercised (12 s) where they weren't.
+    palette_nm: wavelengths that are calculated on opening, for quick tuning of units with
+    RS-232. serial: that the filter must have, and by which it is awakened. terminator: "\\r",
+    or "\\n" for units with RS-232 that are set so.
+
+    Opening takes up to a minute where the filter must be initialised; `progress`, where it is
+    set before, is told what is done and the share that is done. Never is it initialised by
+    itself while it is open: frames before and after could not be compared. Source: VariSpec
+    user manual 1.37.
+    """
+
+    reply_time = 3.0
+    _patience = reply_time - 0.1
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        port: str = "/dev/ttyUSB0",
+        baudrate: int = 9600,
+        settling_ms: float = 50.0,
+        bandwidth_nm: float = 10.0,
+        recalibrate: str = "if needed",
+        exercise: bool = False,
+        palette_nm: Sequence[float] = (),
+        serial: str = "",
+        terminator: str = "\r",
+    ) -> None:
+        self._options = Options(
+            port, baudrate, settling_ms, bandwidth_nm, recalibrate, exercise,
+            as_tuple("palette_nm", palette_nm), serial, terminator,
+        )  # fmt: skip
+        self._clock = surroundings.clock
+        self._line = SerialLine("VariSpec", port, self._clock, baudrate=baudrate)
+        self._talk = Talk(self._line, terminator)
+        self._opening = Opening(self._talk, self._options, self._report)
+        self._palette = Palette(self._talk)
+        self._version: Version | None = None
+        self._temperature, self._heat_at = COLDEST, 0.0
+        self._tuning = Tuning(self._talk)
+        self.progress: Callable[[str, float], None] | None = None
+        self.alive_at = 0.0
+
+    def __enter__(self) -> Self:
+        try:
+            self._version = self._opening.begin()
+            self._note_temperature(self._opening.temperature)
+            self._palette.forget()
+            if self._options.palette_nm:
+                self.define_palette([nm * 1e-9 for nm in self._options.palette_nm])
+            self._tuning.nm = self._do("read the wavelength", self._tuning.read)
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            if self._version:
+                self.make_safe()
+        except DeviceError as failure:
+            log.warning("left as it is: %s", failure)
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        self._version = None
+        self._line.close()
+
+    def kill(self) -> None:
+        """End the call that goes on, from any thread; the filter can't be used any more."""
+        self._line.cancel()
+
+    @property
+    def identity(self) -> Identity:
+        return Identity("VariSpec", self._told.serial, simulated=False)
+
+    @property
+    def settling(self) -> float:
+        return self._options.settling_ms * 1e-3 * slowdown(self._temperature)
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]:
+        return _metres(self._told.shortest), _metres(self._told.longest)
+
+    @property
+    def bandwidth(self) -> float:
+        return self._options.bandwidth_nm * 1e-9
+
+    @property
+    def wavelength(self) -> float:
+        """What the filter says it is tuned to, in metres."""
+        return _metres(self._do("read the wavelength", self._tuning.read))
+
+    @property
+    def temperature(self) -> float:
+        """Of the liquid crystals, in degrees Celsius."""
+        return self._do("read the temperature", self._read_temperature)
+
+    @property
+    def palette(self) -> tuple[float, ...]:
+        """The wavelengths that the filter has calculated, in metres."""
+        # Over RS-232 a full one takes longer than anything else.
+        self.alive_at = time.monotonic()
+        told = self._do("read the palette", self._palette.read, self.reply_time + 5.0)
+        return tuple(map(_metres, told))
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Tune; wavelengths in metres, which the filter takes to 0.01 nm."""
+        nm = round(wavelength * 1e9, 2)
+        command = f"tune to {nm:.2f} nm"
+        self._require_in_range(nm, command)
+
+        def tune() -> None:
+            if self._clock.now() - self._heat_at > _HEAT:
+                self._read_temperature()
+            self._tuning.tune(nm, self._palette.find(nm), command)
+
+        self._do(command, tune)
+        return self._setting(wavelength)
+
+    def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
+        """Have the filter calculate wavelengths (metres) in advance; what it then holds.
+
+        set_wavelength() uses those. Takes up to half a second a wavelength.
+        """
+        given = [round(wavelength * 1e9, 2) for wavelength in wavelengths]
+        for nm in given:
+            self._require_in_range(nm, f"palette with {nm:.2f} nm")
+        self._do("clear the palette", self._palette.clear)
+        for element, nm in enumerate(given):
+            self._report("defining the palette", element / len(given))
+            self._do(f"palette with {nm:.2f} nm", partial(self._palette.define, element, nm))
+        held = self.palette
+        if held != tuple(map(_metres, given)):
+            self._palette.forget()
+            raise self._line.error("define the palette", f"it holds {held}", "Define it again")
+        return held
+
+    def clear_palette(self) -> None:
+        self._do("clear the palette", self._palette.clear)
+
+    def choose(self, element: int) -> Setting[float]:
+        """Tune to an element of the palette, counted from 0."""
+        command = f"tune to element {element} of the palette"
+
+        nm = self._do(command, lambda: self._tuning.choose(element, command))
+        return self._setting(_metres(nm))
+
+    def refresh(self, *, completely: bool = True) -> None:
+        """Initialise again (30 s), or only correct for the temperature (no time to speak of).
+
+        Not between pictures that are to be compared. 30 s more if its plug was just out.
+        """
+        self._rest("initialise")
+        self._opening.initialise(completely)
+        self._note_temperature(self._opening.temperature)
+        self.set_wavelength(_metres(self._tuning.nm or self._told.shortest))
+
+    def exercise(self, cycles: int = 3) -> None:
+        """Exercise the liquid crystals, 12 s a cycle; 3 are enough, says the manual."""
+        if cycles not in range(1, 256):
+            raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
+        self._rest("exercise")
+        self._opening.exercise(cycles)
+
+    def sleep(self) -> None:
+        """The filter then answers nothing until it is awakened."""
+        self._do("sleep", lambda: self._talk.sleep(self._told.serial))
+
+    def awaken(self) -> None:
+        self._line.in_step = False
+        self._do("awaken", lambda: None)
+
+    def health(self) -> dict[str, str]:
+        """What the filter tells about itself, and what should be done about it."""
+        with self._line.within(self._patience):
+            status = self._do("read the status", lambda: self._talk.status("read the status"))
+            temperature = self.temperature
+        return Health(
+            version=self._told,
+            status=status,
+            temperature=temperature,
+            temperature_then=self._opening.temperature,
+            age=self._clock.now() - self._opening.since,
+            how=self._opening.how,
+            specified=self._options.settling_ms * 1e-3,
+            settling=self.settling,
+            failures=self._talk.failures,
+        ).words
+
+    def make_safe(self) -> None:
+        self.set_wavelength(self.wavelength_range[0])
+
+    @property
+    def _told(self) -> Version:
+        if self._version is None:
+            raise DeviceError("VariSpec", "identity", "it is not open", "Open it first")
+        return self._version
+
+    def _require_in_range(self, nm: float, command: str) -> None:
+        low, high = self._told.shortest, self._told.longest
+        if not low <= nm <= high:
+            raise Refusal(
+                "VariSpec",
+                command,
+                f"out of range, {low:.2f} to {high:.2f} nm",
+                "Choose a wavelength in the range",
+            )
+
+    def _do(self, command: str, work: Callable[[], T], seconds: float = _patience) -> T:
+        """Do something in step; once or twice again, if the line is noisy and time is left."""
+        told = self._told
+
+        def rest() -> None:
+            if not self._opening.come_to_rest(command, told).palette:
+                self._palette.forget()
+
+        with self._line.within(seconds):
+            return self._talk.persist(rest, work)
+
+    def _rest(self, command: str) -> None:
+        """In step, with nothing going on, before something that lasts."""
+        _ = self._told
+        self._opening.wait_if_plugged_in_again(command)
+        self._do(command, lambda: None)
+
+    def _report(self, what: str, share: float) -> None:
+        self.alive_at = time.monotonic()
+        if share == 0.0:
+            log.info("VariSpec: %s", what)
+        if self.progress is not None:
+            self.progress(what, share)
+
+    def _setting(self, asked: float) -> Setting[float]:
+        actual = _metres(self._tuning.nm)
+        return Setting(asked, actual, self._clock.now() + self.settling)
+
+    def _read_temperature(self) -> float:
+        self._note_temperature(self._opening.read_temperature("read the temperature"))
+        return self._temperature
+
+    def _note_temperature(self, temperature: float) -> None:
+        self._temperature, self._heat_at = temperature, self._clock.now()
+
+
+def _metres(nm: float) -> float:
+    """Exactly what round(nm * 100) / 1e11 is, so that equal wavelengths are equal in files."""
+    return round(nm * 100) / 1e11

@@ -1,0 +1,1 @@
+"""Serial instruments as their manuals describe them: bytes in, bytes out."""
