@@ -110,6 +110,7 @@ class Wheel:
 
     A driver gives `model`, `_where()` and `_go()`; `_answers`, the seconds that all its questions
     take besides the turning; and `_longest` and `_forward_only`, as route() understands them.
+    By the time `_late` of the bench's clock, whatever it was asked must have ended.
     """
 
     model = "filter wheel"
@@ -136,6 +137,7 @@ class Wheel:
             raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 60000")
         self._avoid = frozenset(avoid)
         self._step = step_ms * 1e-3
+        self._given, self._late = math.inf, math.inf
         self.settling = settling_ms * 1e-3
 
     @property
@@ -155,6 +157,7 @@ class Wheel:
     @property
     def slot(self) -> int:
         """Where it stands, as it says now."""
+        self._begin()
         return self._where("read the slot")
 
     @property
@@ -175,6 +178,7 @@ class Wheel:
         command = f"turn to slot {number}"
         if not 1 <= number <= len(self._slots):
             raise self._refuse(command, "no such slot", f"Choose 1 to {len(self._slots)}")
+        self._begin()
         for stop in self._route(command, number):
             self._go(command, stop)
         return Setting(number, number, self._clock.now() + self.settling)
@@ -194,6 +198,11 @@ class Wheel:
     def make_safe(self) -> None:
         """Park it at its first slot."""
         self.set_slot(1)
+
+    def _begin(self, seconds: float | None = None) -> None:
+        """From now on its reply time runs, or other `seconds`; `_late` is its end."""
+        self._given = self.reply_time if seconds is None else seconds
+        self._late = self._clock.now() + self._given
 
     def _route(self, command: str, number: int) -> list[int]:
         start, count = self._where(command), len(self._slots)
