@@ -24,8 +24,6 @@ _QUIET = 0.02
 """Seconds in which a report that lies ready is fetched: the host asks every 10 ms."""
 _AGREEING = 3
 """Answers that must agree: two bytes carry no checksum."""
-_STARTING = 30.0
-"""Seconds for the wheel's own turning when it gets power or counts its filters."""
 
 
 class StarlightWheel(Wheel):
@@ -63,6 +61,11 @@ class StarlightWheel(Wheel):
     def identity(self) -> Identity:
         return Identity(self.model, self._link.told.serial, simulated=False)
 
+    @property
+    def reply_time(self) -> float:
+        """Seconds for the longest way, and for counting: a wheel that got power does that first."""
+        return self._turning_time + 2 * len(self._slots) * self._step
+
     def health(self) -> dict[str, str]:
         """What the wheel tells about itself."""
         self._begin()
@@ -79,10 +82,9 @@ class StarlightWheel(Wheel):
 
     def _open(self) -> None:
         command = "open"
-        self._begin(_STARTING)
+        self._begin()
         self._link.open(command)
-        _, total = self._ask(command, _WHERE)
-        if self._count_filters or not total:
+        if self._count_filters:
             self._ask(command, _COUNT)
         # It turns to its first slot when it gets power, and when it has counted.
         self._settle(command, 0)
@@ -100,9 +102,18 @@ class StarlightWheel(Wheel):
     def _settle(self, command: str, wanted: int) -> int:
         """The slot, once it stands there (0: anywhere), as it says several times."""
         seen: list[int] = []
+        began, counting = self._late - self._given, False
         while True:
             position, total = self._ask(command, _WHERE)
+            if position and not total and not counting:
+                # It doesn't know how many it has, and doesn't find out by itself.
+                position, total = self._ask(command, _COUNT)
             self._require_total(command, position, total)
+            if counting != (total == 0):
+                counting = total == 0
+                since = began if counting else self._clock.now()
+                self._given = self.reply_time if counting else self._turning_time
+                self._late = min(since + self._given, began + self.reply_time)
             seen = [*seen, position] if position in seen[-1:] else [position]
             if position and position == (wanted or position) and len(seen) >= _AGREEING:
                 return position

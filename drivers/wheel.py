@@ -143,12 +143,13 @@ class Wheel:
     @property
     def reply_time(self) -> float:
         """Seconds for the longest way that it may take, and for all questions on it."""
-        return self._longest_way * self._step + self._answers
+        return self._turning_time
 
     @property
-    def _longest_way(self) -> int:
+    def _turning_time(self) -> float:
         count = len(self._slots)
-        return count - 1 if self._avoid or self._forward_only else count // 2
+        longest = count - 1 if self._avoid or self._forward_only else count // 2
+        return longest * self._step + self._answers
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -200,8 +201,8 @@ class Wheel:
         self.set_slot(1)
 
     def _begin(self, seconds: float | None = None) -> None:
-        """From now on its reply time runs, or other `seconds`; `_late` is its end."""
-        self._given = self.reply_time if seconds is None else seconds
+        """From now on the time for turning runs, or other `seconds`; `_late` is its end."""
+        self._given = self._turning_time if seconds is None else seconds
         self._late = self._clock.now() + self._given
 
     def _route(self, command: str, number: int) -> list[int]:

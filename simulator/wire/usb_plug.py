@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import math
+import threading
 from collections.abc import Sequence
 from types import SimpleNamespace
 
@@ -36,6 +37,8 @@ class Plug:
         self.address = 1
         self._clock = clock
         self._noise = Noise(seed)
+        # Drivers, faults and those who look come from several threads.
+        self._turn = threading.RLock()
         self._faults: list[WireFault] = []
         self._unplugged = 0
         self._there = True
@@ -55,13 +58,18 @@ class Plug:
 
     def mend(self) -> None:
         """No fault any more; what was unplugged is plugged in again."""
-        self.look()
-        self._faults.clear()
-        self._unplugged = 0
-        self.look()
+        with self._turn:
+            self.look()
+            self._faults.clear()
+            self._unplugged = 0
+            self.look()
 
     def look(self) -> bool:
         """Whether it's there now; lets happen what has happened since."""
+        with self._turn:
+            return self._look()
+
+    def _look(self) -> bool:
         now = self._clock.now()
         begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
         if len(begun) != self._unplugged and self._there:
@@ -91,6 +99,10 @@ class Plug:
 
     def control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
         """A control transfer; the bytes that the device gives."""
+        with self._turn:
+            return self._control(setup, data, timeout)
+
+    def _control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
         late = self._clock.now() + timeout
         self.require_there()
         heard = self._noise.heard(data, self._lasting)
@@ -115,6 +127,11 @@ class Plug:
         return self.machine.control(setup, data, self._clock.now())
 
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
+        """Bytes for an endpoint, all or none."""
+        with self._turn:
+            return self._write(endpoint, data, timeout)
+
+    def _write(self, endpoint: int, data: bytes, timeout: float) -> int:
         late = self._clock.now() + timeout
         self.require_there()
         heard = self._noise.heard(data, self._lasting)
@@ -128,6 +145,10 @@ class Plug:
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
         """The next report, within `timeout` seconds."""
+        with self._turn:
+            return self._read(endpoint, length, timeout)
+
+    def _read(self, endpoint: int, length: int, timeout: float) -> bytes:
         late = self._clock.now() + timeout
         self.require_there()
         waiting = self._reports.get(endpoint, [])

@@ -63,7 +63,6 @@ class UsbServer:
     def __init__(self, bus: UsbBus, path: str | Path) -> None:
         self._bus = bus
         self._path = str(path)
-        self._turn = threading.Lock()
         self._connections: list[Connection] = []
         self._ended = False
 
@@ -110,8 +109,7 @@ class UsbServer:
         if name not in _FORWARDED:
             return "refused", name
         try:
-            with self._turn:
-                return "good", getattr(self._bus, name)(*given)
+            return "good", getattr(self._bus, name)(*given)
         except IndexError:
             return "end", ""
         except Exception as error:
