@@ -19,7 +19,16 @@ from typing import Any, Self, TypeVar
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
-from drivers.uvc.capture import Mode, Source, configured, describe, resolve, set_units, units_of
+from drivers.uvc.capture import (
+    Mode,
+    Source,
+    configured,
+    describe,
+    path_of,
+    resolve,
+    set_units,
+    units_of,
+)
 from drivers.uvc.latency import latency_of
 from drivers.uvc.pixels import FULL_SCALES, to_numbers
 from drivers.uvc.stream import QUEUED, Shot, Stopped, Stream
@@ -30,7 +39,10 @@ _OPENING = 5.0
 _STALL = 0.8
 """Seconds beyond a frame's time after which a stream that gives none has stopped."""
 
+_SETTING = 1.5
 _ENDING = 2.0
+_SHARE = 0.7
+"""Of an exposure that the time between two frames must be, at least."""
 
 _CABLE = "Check its cable, and that no other program uses it"
 
@@ -87,6 +99,7 @@ class UVCCamera:
         # One that was given up, which may hold the camera still.
         self._left: Stream | None = None
         self._told: dict[str, str] = {}
+        self._was_there = False
 
     @property
     def identity(self) -> Identity:
@@ -221,8 +234,21 @@ class UVCCamera:
             old = stream.since(self._set_at + margin, number) <= self._passing(shot)
             waited = 0 if shot.stamped else QUEUED
             if not old and stream.since(called + self._period + self._exposure, number) > waited:
+                self._require_time_for_it(stream, shot)
                 return shot
         raise self._lost("capture", "no frame of the new exposure came")
+
+    def _require_time_for_it(self, stream: Stream, shot: Shot) -> None:
+        """DeviceError if frames come so fast that none can be exposed for as long as was set."""
+        gap = stream.gap_before(shot.number)
+        if shot.stamped and gap < _SHARE * self._exposure:
+            raise self._refuse(
+                "capture",
+                f"frames come every {gap * 1e3:.0f} ms, so that none is exposed for "
+                f"{self._exposure * 1e3:.0f} ms, whatever the camera says",
+                "Choose a lower frame_rate, or let it slow down: v4l2-ctl -c "
+                "exposure_dynamic_framerate=1",
+            )
 
     def _passing(self, shot: Shot) -> int:
         return self.discard_frames + (0 if shot.stamped else QUEUED)
@@ -243,7 +269,10 @@ class UVCCamera:
                 raise self._lost("capture", "the stream has stopped")
 
     def _set(self, command: str, stream: Stream, units: int) -> None:
-        actual = self._ask(command, stream, lambda capture: set_units(capture, units))
+        def work(capture: Any) -> float:
+            return set_units(capture, units)
+
+        actual = self._ask(command, stream, work, self._period + _SETTING)
         # From now on: what was begun before may have been exposed for either time.
         self._set_at = time.monotonic()
         exposure = actual * self._mode.unit
@@ -266,14 +295,17 @@ class UVCCamera:
         if self._told and told != self._told:
             raise self._lost(command, f"another camera has taken its place: {told}")
         self._told = told
+        self._was_there = path_of(self._mode.device).exists()
         low, high = (round(limit / self._mode.unit) for limit in self._range)
         units = self._units or round(self._ask(command, stream, units_of))
         self._set(command, stream, min(max(units, low, 1), high))
         return stream
 
-    def _ask(self, command: str, stream: Stream, work: Callable[[Any], T]) -> T:
+    def _ask(
+        self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = _OPENING
+    ) -> T:
         try:
-            return stream.ask(work, _OPENING)
+            return stream.ask(work, seconds)
         except Stopped as stopped:
             raise self._lost(command, str(stopped)) from None
         except Exception as error:
@@ -282,6 +314,8 @@ class UVCCamera:
     def _lost(self, command: str, why: str) -> DeviceError:
         """What is wrong with a stream, which is ended: the next command begins another."""
         self._stop(0.0)
+        if self._was_there and not path_of(self._mode.device).exists():
+            return self._refuse(command, "it was unplugged", "Plug it in again")
         return self._refuse(command, why, _CABLE)
 
     def _stop(self, seconds: float = _ENDING) -> None:

@@ -57,6 +57,11 @@ class Mode:
         return self.height, self.width
 
 
+def path_of(device: str | int) -> Path:
+    """Where the system shows it."""
+    return Path(f"/dev/video{device}" if isinstance(device, int) else device)
+
+
 def resolve(source: str | Source) -> Source:
     """What opens a device: OpenCV, or another by its name "module:name"; ValueError if none."""
     if callable(source):
@@ -77,7 +82,7 @@ def _open_v4l2(device: str | int) -> Any:
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
     import cv2
 
-    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    path = path_of(device)
     if not path.exists():
         raise Stopped(f"there is no {path}")
     if not os.access(path, os.R_OK | os.W_OK):
@@ -168,7 +173,7 @@ def set_units(capture: Any, units: int) -> float:
 
 def describe(capture: Any, device: str | int) -> dict[str, str]:
     """Who the camera is, as the system and OpenCV tell."""
-    path = Path(f"/dev/video{device}" if isinstance(device, int) else device).resolve()
+    path = path_of(device).resolve()
     told = {"device": str(path), "backend": str(capture.getBackendName())}
     if not re.fullmatch(r"video\d+", path.name):
         return told

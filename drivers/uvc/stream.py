@@ -7,6 +7,7 @@ every frame as it comes, so that few wait in the queue of the system's driver (V
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -83,6 +84,12 @@ class Stream:
         """How many frames have times after `time_`, up to the one of that number."""
         with self._changed:
             return sum(1 for count, at in self._times if at > time_ and count <= number)
+
+    def gap_before(self, number: int) -> float:
+        """Seconds from the frame before to the one of that number; infinite where unknown."""
+        with self._changed:
+            times = dict(self._times)
+        return times.get(number, math.inf) - times.get(number - 1, -math.inf)
 
     def ask(self, work: Callable[[Any], T], seconds: float) -> T:
         """Have something done with the VideoCapture between two frames.

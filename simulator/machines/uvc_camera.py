@@ -34,10 +34,10 @@ class UvcCameraMachine:
     """A camera to be opened by `source`, the option of drivers.uvc.UVCCamera.
 
     expose: the numbers of a picture, (height, width), of an exposure in seconds. frame_rate: in
-    Hz; a longer exposure slows it down. latency: frames that are begun with the old exposure
-    after a new one was set. stamped: whether frames have times. fault: "stopped stream",
-    "disconnect", "hang" or none, to be set at any time. refuses: numbers of properties that
-    can't be set.
+    Hz. slows_down: whether a longer exposure slows it down; else that is cut short, untold.
+    latency: frames that are begun with the old exposure after a new one was set. stamped:
+    whether frames have times. fault: "stopped stream", "disconnect", "hang" or none, to be set
+    at any time. refuses: numbers of properties that can't be set.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class UvcCameraMachine:
         latency: int = 2,
         stamped: bool = True,
         pixel_format: str = "YUYV",
+        slows_down: bool = True,
     ) -> None:
         self.expose = expose
         self.latency, self.stamped = latency, stamped
@@ -57,6 +58,7 @@ class UvcCameraMachine:
         self.opened = 0
         self._formats = (width, height, pixel_format)
         self._period = 1 / frame_rate
+        self._slows_down = slows_down
         self._turn = threading.Lock()
         self.settings = {_GAIN: 0.0, _EXPOSURE: 156.0, _AUTO_EXPOSURE: 3.0, _AUTO_WB: 1.0}
         self.settings |= {_AUTOFOCUS: 1.0, _FPS: frame_rate, _CONVERT: 1.0}
@@ -77,7 +79,7 @@ class UvcCameraMachine:
 
     @property
     def _frame_time(self) -> float:
-        return max(self._period, self._exposure)
+        return max(self._period, self._exposure) if self._slows_down else self._period
 
     def change(self, exposure: float) -> None:
         with self._turn:
@@ -89,7 +91,8 @@ class UvcCameraMachine:
         """Expose all frames that have ended by now; the queue keeps the oldest."""
         while self._next_end <= now:
             if len(self._queue) < _QUEUE:
-                self._queue.append(_Exposed(self._next_end, self._exposure))
+                exposure = min(self._exposure, self._frame_time)
+                self._queue.append(_Exposed(self._next_end, exposure))
             for change in self._plan:
                 change[0] -= 1
             while self._plan and self._plan[0][0] <= 0:

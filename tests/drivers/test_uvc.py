@@ -1,3 +1,4 @@
+import contextlib
 import os
 import random
 import threading
@@ -19,6 +20,7 @@ from simulator.machines.uvc_camera import UvcCameraMachine
 UNIT = 1e-4
 
 BRACKETS = int(os.environ.get("BRACKETS", "2"))
+MOMENTS = int(os.environ.get("FAULT_MOMENTS", "1"))
 PAUSE = float(os.environ.get("READER_PAUSE_S", "0.1"))
 
 
@@ -219,6 +221,63 @@ def test_a_camera_that_hangs_is_named():
             one.capture(never)
         behind.fault = ""
         assert one.capture(never).image[0, 0] == 20
+
+
+def test_an_exposure_that_the_frame_rate_cuts_short_is_said():
+    with camera(machine(frame_rate=100.0, slows_down=False)) as one:
+        one.set_exposure(8e-3)
+        assert one.capture(never).image[0, 0] == 80
+        one.set_exposure(40e-3)
+        with pytest.raises(DeviceError, match=r"come every 10 ms, so that none is exposed for 40"):
+            one.capture(never)
+        one.set_exposure(5e-3)
+        assert one.capture(never).image[0, 0] == 50
+
+
+def test_a_camera_whose_file_has_gone_was_unplugged(tmp_path):
+    path = tmp_path / "video0"
+    path.touch()
+    behind = machine()
+    with camera(behind, device=str(path)) as one:
+        path.unlink()
+        behind.fault = "disconnect"
+        with pytest.raises(DeviceError, match=r"it was unplugged\. Plug it in again"):
+            one.capture(never)
+
+
+COMMANDS = {
+    "capture": lambda one: one.capture(never),
+    "set exposure": lambda one: one.set_exposure(5e-3),
+    "health": lambda one: one.health(),
+    "make safe": lambda one: one.make_safe(),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("fault", ["stopped stream", "disconnect", "hang"])
+def test_every_command_under_every_fault_is_right_or_a_device_error(monkeypatch, fault, name):
+    for place, value in (("_STALL", 0.2), ("_SETTING", 0.2), ("_ENDING", 0.3)):
+        monkeypatch.setattr(f"drivers.uvc.camera.{place}", value)
+    monkeypatch.setattr("simulator.machines.uvc_camera._SELECT", 0.2)
+    behind = machine()
+    with camera(behind) as one:
+        one.set_exposure(2e-3)
+        for _ in range(MOMENTS):
+            strike = threading.Timer(random.random() * 0.02, setattr, (behind, "fault", fault))
+            strike.start()
+            began = time.monotonic()
+            with contextlib.suppress(DeviceError):
+                answer = COMMANDS[name](one)
+                if name == "capture":
+                    assert answer.image[0, 0] == round(answer.exposure / UNIT)
+            assert time.monotonic() - began < one.reply_time + 1
+            strike.join()
+            behind.fault = ""
+            with contextlib.suppress(DeviceError):
+                # A camera that hung needs a moment to let go of itself.
+                one.health()
+            assert one.set_exposure(3e-3).actual == pytest.approx(3e-3)
+            assert one.capture(never).image[0, 0] == 30
 
 
 def test_a_capture_can_be_cancelled():
