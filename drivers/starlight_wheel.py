@@ -32,7 +32,7 @@ class StarlightWheel(Wheel):
     slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: the most that it needs
     from a slot to the next; it takes the shorter way. serial: of the wheel, where several are
     plugged in. count_filters: have it count its filters at every start, for which it turns
-    around twice; else it does so only if it doesn't know. backend: see drivers.usb_backend.
+    around twice; else it does so only if it doesn't know. backend: see drivers.usb_link.backend.
     """
 
     model = "Starlight Xpress filter wheel"
@@ -69,7 +69,7 @@ class StarlightWheel(Wheel):
     def health(self) -> dict[str, str]:
         """What the wheel tells about itself."""
         self._begin()
-        position, total = self._ask("read its state", _WHERE)
+        position, total = self._agreed("read its state")
         told = self._link.told
         return {
             "product": told.product,
@@ -98,6 +98,16 @@ class StarlightWheel(Wheel):
     def _go(self, command: str, number: int) -> None:
         self._ask(command, (number, 0))
         self._settle(command, number)
+
+    def _agreed(self, command: str) -> tuple[int, int]:
+        """Position and number of slots, as it says several times."""
+        seen = [self._ask(command, _WHERE)]
+        while len(seen) < _AGREEING:
+            now = self._ask(command, _WHERE)
+            seen = [*seen, now] if now == seen[-1] else [now]
+            if self._clock.now() >= self._late:
+                raise self._refuse(command, "its answers differ from one to the next", "Ask again")
+        return seen[-1]
 
     def _settle(self, command: str, wanted: int) -> int:
         """The slot, once it stands there (0: anywhere), as it says several times."""

@@ -52,7 +52,7 @@ class ZwoWheel(Wheel):
     from a slot to the next. serial: of the wheel, where several are plugged in. both_ways: told
     by this protocol, a wheel was seen to turn forward alone and to fail on long ways; so it goes
     forward, slot by slot. Set it true for one that was seen to take the shorter way. backend:
-    see drivers.usb_backend.
+    see drivers.usb_link.backend.
     """
 
     model = "ZWO EFW filter wheel"
@@ -85,7 +85,10 @@ class ZwoWheel(Wheel):
     def health(self) -> dict[str, str]:
         """What the wheel tells about itself."""
         self._begin()
-        state = self._state("read its state")
+        command = "read its state"
+        state, again = self._state(command), self._state(command)
+        if state != again:
+            raise self._refuse(command, "its answers differ from one to the next", "Ask again")
         told = self._link.told
         return {
             "product": told.product,

@@ -6,8 +6,9 @@ from usb_benches import SEVEN, Bench
 
 from drivers.errors import DeviceError
 from drivers.starlight_wheel import StarlightWheel
-from drivers.usb_backend import load_backend, udev_rule
 from drivers.usb_link import UsbLink
+from drivers.usb_link.backend import load_backend
+from drivers.usb_link.explaining import udev_rule
 from simulator.machines.starlight_wheel import StarlightWheelMachine
 from simulator.wire.faults import WireFault
 

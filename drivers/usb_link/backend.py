@@ -51,12 +51,3 @@ def _libusb() -> Any:
             "reinstall that package"
         )
     return backend
-
-
-def udev_rule(vendor: int, product: int) -> str:
-    """What to do, as a person with root's rights, so that others may use a device."""
-    return (
-        "Write into /etc/udev/rules.d/70-labapp.rules the line "
-        f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}", '
-        'MODE="0660", TAG+="uaccess" and plug the device in again'
-    )

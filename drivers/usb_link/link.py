@@ -1,29 +1,18 @@
-"""A USB device on its wire: found, claimed, asked in time, and found again after unplugging.
-
-pyusb with the libusb of the package libusb-package; sources: pyusb's tutorial and libusb's
-documentation of its synchronous transfers.
-"""
+"""The way to one USB device."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from drivers.errors import DeviceError
-from drivers.usb_backend import load_backend, require_backend_name, udev_rule
+from drivers.usb_link.backend import load_backend, require_backend_name
+from drivers.usb_link.explaining import CABLE, explained
+from drivers.usb_link.telling import Told, string_of, words_for
 
 T = TypeVar("T")
-
-
-class Told(NamedTuple):
-    """What a USB device says of itself: strings, empty where it has none, and its release."""
-
-    maker: str
-    product: str
-    serial: str
-    release: str
 
 
 class UsbLink:
@@ -32,7 +21,7 @@ class UsbLink:
     Every failure is a DeviceError, and comes `patience` seconds after a transfer's beginning at
     the latest, or after that of opening the device where that is needed.
     A device that was unplugged is opened again by the next call; if another one answers then,
-    that is a DeviceError, too. backend: see drivers.usb_backend.
+    that is a DeviceError, too. backend: see drivers.usb_link.backend.
     """
 
     def __init__(
@@ -118,7 +107,7 @@ class UsbLink:
         taken = self._transfer(command, transfer, seconds)
         if taken != len(data):
             self.doubtful = True
-            raise self._error(command, f"it took {taken} of {len(data)} bytes", _CABLE)
+            raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
 
     def control_in(
         self,
@@ -156,7 +145,7 @@ class UsbLink:
         )
         if taken != len(data):
             self.doubtful = True
-            raise self._error(command, f"it took {taken} of {len(data)} bytes", _CABLE)
+            raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
 
     def drain(
         self, command: str, endpoint: int, length: int, quiet: float, late: Callable[[], bool]
@@ -177,7 +166,7 @@ class UsbLink:
                 return count
             count += 1
             if late():
-                raise self._error(command, "it doesn't stop sending", _CABLE)
+                raise self._error(command, "it doesn't stop sending", CABLE)
 
     def _transfer(
         self,
@@ -223,7 +212,7 @@ class UsbLink:
         fitting, hindrance = [], None
         for device in devices:
             try:
-                if _string(device, device.iSerialNumber, self.patience) == self._serial:
+                if string_of(device, device.iSerialNumber, self.patience) == self._serial:
                     fitting.append(device)
                     continue
             except (usb.core.USBError, ValueError) as error:
@@ -255,13 +244,13 @@ class UsbLink:
         device = self._device
         release = f"{device.bcdDevice >> 8:x}.{device.bcdDevice & 0xFF:02x}"
         indices = (device.iManufacturer, device.iProduct, device.iSerialNumber)
-        maker, product, serial = (_string(device, index, self.patience) for index in indices)
+        maker, product, serial = (string_of(device, index, self.patience) for index in indices)
         told = Told(maker, product, serial, release)
         if self._known is not None and told != self._known:
             raise self._error(
                 command,
-                f"another device has taken its place: {_words(told)} where {_words(self._known)} "
-                "was",
+                f"another device has taken its place: {words_for(told)} "
+                f"where {words_for(self._known)} was",
                 "Plug the right one in, or open the bench again",
             )
         self._known = told
@@ -295,62 +284,7 @@ class UsbLink:
             raise explained from error
 
     def _explained(self, command: str, error: Exception, seconds: float) -> DeviceError:
-        code = getattr(error, "errno", None)
-        if code in (errno.EACCES, errno.EPERM):
-            rule = udev_rule(self._vendor, self._product)
-            return self._error(command, "the system denies access to it", rule)
-        known = _EXPLANATIONS.get(code)
-        if known is None:
-            return self._error(command, f"{type(error).__name__}: {error}", _CABLE)
-        reply, remedy = known
-        return self._error(command, reply.format(seconds=seconds), remedy)
+        return self._error(command, *explained(error, seconds, self._vendor, self._product))
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self._model, command, reply, remedy)
-
-
-_CABLE = "Check its cable, and pull its plug and put it in again if it stays"
-
-_EXPLANATIONS: dict[int | None, tuple[str, str]] = {
-    errno.ETIMEDOUT: ("no answer within {seconds:.2g} s", _CABLE),
-    errno.EPIPE: ("it refuses the command (stall)", _CABLE),
-    errno.ENODEV: ("it was unplugged", "Plug it in again"),
-    errno.ENOENT: ("it was unplugged", "Plug it in again"),
-    errno.EBUSY: ("another program uses it", "End the other program"),
-    errno.EIO: ("the transfer failed (input/output error)", _CABLE),
-    errno.EOVERFLOW: ("it sent more than it was asked for", _CABLE),
-}
-
-
-_ENGLISH = 0x0409
-
-
-def _string(device: Any, index: int, patience: float) -> str:
-    """A string of a device, empty where it has none; ValueError unless it says the same twice."""
-    if not index:
-        return ""
-    once, again = (_string_bytes(device, index, patience) for _ in range(2))
-    if once != again:
-        raise ValueError(f"it says {once.hex(' ')} and then {again.hex(' ')} of itself")
-    return once.decode("utf-16-le", errors="replace").strip("\0 ")
-
-
-def _string_bytes(device: Any, index: int, patience: float) -> bytes:
-    import usb.core
-
-    timeout = max(round(patience * 1000), 1)
-    try:
-        told = bytes(device.ctrl_transfer(0x80, 6, 0x0300 | index, _ENGLISH, 254, timeout))
-    except usb.core.USBError as error:
-        # Some devices number strings that they don't have.
-        if error.errno == errno.EPIPE:
-            return b""
-        raise
-    if len(told) < 2 or told[1] != 3 or not 2 <= told[0] <= len(told):
-        raise ValueError(f"it says {told.hex(' ') or 'nothing'} of itself, which is no string")
-    return told[2 : told[0] & 0xFE]
-
-
-def _words(told: Told) -> str:
-    number = f"serial number {told.serial}" if told.serial else "no serial number"
-    return f"{told.product or 'a device without a name'} ({number}, release {told.release})"
