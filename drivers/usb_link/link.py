@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from drivers.errors import DeviceError
 from drivers.usb_link.backend import load_backend, require_backend_name
 from drivers.usb_link.explaining import CABLE, explained
-from drivers.usb_link.telling import Told, string_of, words_for
+from drivers.usb_link.telling import SAYING, Told, string_of, words_for
 
 T = TypeVar("T")
 
@@ -19,8 +19,8 @@ class UsbLink:
     """The way to one USB device, by vendor and product and, if there are several, by serial.
 
     Every failure is a DeviceError, and comes `patience` seconds after a transfer's beginning at
-    the latest, or after that of opening the device where that is needed.
-    A device that was unplugged is opened again by the next call; if another one answers then,
+    the latest; opening the device, where that is needed, takes 3 seconds at most besides. A
+    device that was unplugged is opened again by the next call; if another one answers then,
     that is a DeviceError, too. backend: see drivers.usb_link.backend.
     """
 
@@ -63,7 +63,7 @@ class UsbLink:
             return
         self.doubtful = True
         try:
-            with self._explaining(command, self.patience):
+            with self._explaining(command, SAYING):
                 if self._backend is None:
                     self._backend = load_backend(self._backend_name)
                 self._device = self._find(command)
@@ -212,7 +212,7 @@ class UsbLink:
         fitting, hindrance = [], None
         for device in devices:
             try:
-                if string_of(device, device.iSerialNumber, self.patience) == self._serial:
+                if string_of(device, device.iSerialNumber) == self._serial:
                     fitting.append(device)
                     continue
             except (usb.core.USBError, ValueError) as error:
@@ -241,19 +241,23 @@ class UsbLink:
         usb.util.claim_interface(device, self._interface)
 
     def _require_the_same(self, command: str) -> None:
-        device = self._device
-        release = f"{device.bcdDevice >> 8:x}.{device.bcdDevice & 0xFF:02x}"
-        indices = (device.iManufacturer, device.iProduct, device.iSerialNumber)
-        maker, product, serial = (string_of(device, index, self.patience) for index in indices)
-        told = Told(maker, product, serial, release)
-        if self._known is not None and told != self._known:
+        known = self._known
+        told = self._tell(twice=known is None)
+        if known is not None and told != known and (told := self._tell(twice=True)) != known:
             raise self._error(
                 command,
-                f"another device has taken its place: {words_for(told)} "
-                f"where {words_for(self._known)} was",
+                f"another device has taken its place: {words_for(told)} where "
+                f"{words_for(known)} was",
                 "Plug the right one in, or open the bench again",
             )
         self._known = told
+
+    def _tell(self, twice: bool) -> Told:
+        device = self._device
+        indices = (device.iManufacturer, device.iProduct, device.iSerialNumber)
+        maker, product, serial = (string_of(device, index, twice) for index in indices)
+        release = f"{device.bcdDevice >> 8:x}.{device.bcdDevice & 0xFF:02x}"
+        return Told(maker, product, serial, release)
 
     @contextlib.contextmanager
     def _explaining(

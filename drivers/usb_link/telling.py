@@ -18,20 +18,28 @@ class Told(NamedTuple):
 _ENGLISH = 0x0409
 
 
-def string_of(device: Any, index: int, patience: float) -> str:
-    """A string of a device, empty where it has none; ValueError unless it says the same twice."""
+SAYING = 0.5
+"""Seconds that the USB specification allows for a string."""
+
+
+def string_of(device: Any, index: int, twice: bool = True) -> str:
+    """A string of a device, empty where it has none.
+
+    ValueError if it is none, or, asked twice, another one the second time.
+    """
     if not index:
         return ""
-    once, again = (_string_bytes(device, index, patience) for _ in range(2))
+    once = _string_bytes(device, index)
+    again = _string_bytes(device, index) if twice else once
     if once != again:
         raise ValueError(f"it says {once.hex(' ')} and then {again.hex(' ')} of itself")
     return once.decode("utf-16-le", errors="replace").strip("\0 ")
 
 
-def _string_bytes(device: Any, index: int, patience: float) -> bytes:
+def _string_bytes(device: Any, index: int) -> bytes:
     import usb.core
 
-    timeout = max(round(patience * 1000), 1)
+    timeout = round(SAYING * 1000)
     try:
         told = bytes(device.ctrl_transfer(0x80, 6, 0x0300 | index, _ENGLISH, 254, timeout))
     except usb.core.USBError as error:
