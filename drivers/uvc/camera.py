@@ -19,6 +19,7 @@ from typing import Any, Self, TypeVar
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.uvc.accepting import InForce
 from drivers.uvc.capture import (
     Mode,
     Source,
@@ -41,8 +42,6 @@ _STALL = 0.8
 
 _SETTING = 1.5
 _ENDING = 2.0
-_SHARE = 0.7
-"""Of an exposure that the time between two frames must be, at least."""
 
 _CABLE = "Check its cable, and that no other program uses it"
 
@@ -79,7 +78,7 @@ class UVCCamera:
         source: str | Source = "",
     ) -> None:
         self._mode = Mode(
-            device, width, height, pixel_format, frame_rate, exposure_unit_us * 1e-6, gain
+            device, width, height, pixel_format, frame_rate, exposure_unit_us / 1e6, gain
         )
         self._range = _range(exposure_range_ms)
         if type(discard_frames) is not int or not 0 <= discard_frames <= 100:
@@ -92,9 +91,7 @@ class UVCCamera:
         self._clock = surroundings.clock
         self._gain = electrons_per_number
         self.discard_frames = discard_frames
-        self._units = 0
-        self._exposure = self._longer = 0.0
-        self._set_at = 0.0
+        self._in_force = InForce()
         self._stream: Stream | None = None
         # One that was given up, which may hold the camera still.
         self._left: Stream | None = None
@@ -126,7 +123,7 @@ class UVCCamera:
     @property
     def _period(self) -> float:
         given = self._stream.period if self._stream else 0.0
-        return max(given, self._exposure)
+        return max(given, self._in_force.exposure)
 
     def health(self) -> dict[str, str]:
         """What the camera tells about itself, and how its stream goes."""
@@ -151,7 +148,7 @@ class UVCCamera:
             )
         stream = self._ready(command)
         self._set(command, stream, max(round(exposure / self._mode.unit), 1))
-        return Setting(exposure, self._exposure, self._clock.now())
+        return Setting(exposure, self._in_force.exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """The first frame that was begun after this call, with the exposure that is set.
@@ -164,8 +161,8 @@ class UVCCamera:
             image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
         except (ValueError, TypeError) as error:
             raise self._refuse("capture", str(error), "Ask for it again") from error
-        begun = self._clock.now() - (time.monotonic() - shot.time) - self._exposure
-        return Frame(image, self._exposure, self._gain, begun, shot.number)
+        begun = self._clock.now() - (time.monotonic() - shot.time) - self._in_force.exposure
+        return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
 
     def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
         """Find `discard_frames` by changing the exposure to and fro under a steady light.
@@ -212,46 +209,36 @@ class UVCCamera:
         while len(levels) < count:
             shot = self._next(stream, number, _never)
             number = shot.number
-            between = stream.since(self._set_at, number) - 1
+            between = stream.since(self._in_force.since, number) - 1
             if between >= 0:
                 image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
                 levels.append((between, float(image.mean())))
         return levels
 
     def _accepted(self, stream: Stream, cancelled: Callable[[], bool]) -> Shot:
-        """The first frame that must be what was asked for.
-
-        A frame's time is that of its end at the latest, so it was begun an exposure and a
-        frame's time before at the earliest. One without a time of its own may have waited in
-        the system's queue.
-        """
-        called, number = time.monotonic(), stream.frames
-        late = called + self._exposure + self.frame_time + _OPENING
+        """The first frame that must be what was asked for."""
+        called, number, now = time.monotonic(), stream.frames, self._in_force
+        late = called + now.exposure + self.frame_time + _OPENING
         while time.monotonic() < late:
             shot = self._next(stream, number, cancelled)
             number = shot.number
-            margin = self._period + self._longer
-            old = stream.since(self._set_at + margin, number) <= self._passing(shot)
-            waited = 0 if shot.stamped else QUEUED
-            if not old and stream.since(called + self._period + self._exposure, number) > waited:
+            shows = now.shows(stream, shot, self.discard_frames)
+            if shows and now.is_begun_after(called, stream, shot):
                 self._require_time_for_it(stream, shot)
                 return shot
         raise self._lost("capture", "no frame of the new exposure came")
 
     def _require_time_for_it(self, stream: Stream, shot: Shot) -> None:
         """DeviceError if frames come so fast that none can be exposed for as long as was set."""
-        gap = stream.gap_before(shot.number)
-        if shot.stamped and gap < _SHARE * self._exposure:
+        gap = self._in_force.too_fast(stream, shot)
+        if gap:
             raise self._refuse(
                 "capture",
                 f"frames come every {gap * 1e3:.0f} ms, so that none is exposed for "
-                f"{self._exposure * 1e3:.0f} ms, whatever the camera says",
+                f"{self._in_force.exposure * 1e3:.0f} ms, whatever the camera says",
                 "Choose a lower frame_rate, or let it slow down: v4l2-ctl -c "
                 "exposure_dynamic_framerate=1",
             )
-
-    def _passing(self, shot: Shot) -> int:
-        return self.discard_frames + (0 if shot.stamped else QUEUED)
 
     def _next(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> Shot:
         """The next frame; DeviceError if there is none for a second, or if it's cancelled."""
@@ -273,11 +260,7 @@ class UVCCamera:
             return set_units(capture, units)
 
         actual = self._ask(command, stream, work, self._period + _SETTING)
-        # From now on: what was begun before may have been exposed for either time.
-        self._set_at = time.monotonic()
-        exposure = actual * self._mode.unit
-        self._longer = max(self._exposure, exposure)
-        self._units, self._exposure = units, exposure
+        self._in_force = self._in_force.changed(units, actual * self._mode.unit)
 
     def _ready(self, command: str) -> Stream:
         """The stream, begun again if it has ended: then it must be the same camera."""
@@ -297,7 +280,7 @@ class UVCCamera:
         self._told = told
         self._was_there = path_of(self._mode.device).exists()
         low, high = (round(limit / self._mode.unit) for limit in self._range)
-        units = self._units or round(self._ask(command, stream, units_of))
+        units = self._in_force.units or round(self._ask(command, stream, units_of))
         self._set(command, stream, min(max(units, low, 1), high))
         return stream
 

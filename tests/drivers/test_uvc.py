@@ -70,6 +70,9 @@ def test_exposures_are_set_in_units_of_100_us_and_read_back():
         setting = one.set_exposure(1.234e-3)
         assert setting.asked == 1.234e-3
         assert setting.actual == pytest.approx(1.2e-3)
+        # No more digits than the plan has: 5 ms are 5 ms.
+        assert one.set_exposure(5e-3).actual == 5e-3
+        one.set_exposure(1.234e-3)
         assert behind.settings[cv2.CAP_PROP_EXPOSURE] == 12
         with pytest.raises(DeviceError, match=r"out of range, 0\.1 to 500 ms"):
             one.set_exposure(1.0)
