@@ -91,6 +91,8 @@ class UVCCamera:
         self._clock = surroundings.clock
         self._gain = electrons_per_number
         self.discard_frames = discard_frames
+        self.alive_at = 0.0
+        """When a measurement last got on; see Device."""
         self._in_force = InForce()
         self._stream: Stream | None = None
         # One that was given up, which may hold the camera still.
@@ -208,7 +210,7 @@ class UVCCamera:
         levels: list[tuple[int, float]] = []
         while len(levels) < count:
             shot = self._next(stream, number, _never)
-            number = shot.number
+            number, self.alive_at = shot.number, time.monotonic()
             between = stream.since(self._in_force.since, number) - 1
             if between >= 0:
                 image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
