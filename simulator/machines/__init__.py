@@ -1,1 +1,1 @@
-"""Serial instruments as their manuals describe them: bytes in, bytes out."""
+"""Instruments as their manuals describe them: bytes or USB transfers in, answers out."""

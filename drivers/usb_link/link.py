@@ -1,0 +1,294 @@
+"""The way to one USB device."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+from drivers.errors import DeviceError
+from drivers.usb_link.backend import load_backend, require_backend_name
+from drivers.usb_link.explaining import CABLE, explained
+from drivers.usb_link.telling import SAYING, Told, string_of, words_for
+
+T = TypeVar("T")
+
+
+class UsbLink:
+    """The way to one USB device, by vendor and product and, if there are several, by serial.
+
+    Every failure is a DeviceError, and comes `patience` seconds after a transfer's beginning at
+    the latest; opening the device, where that is needed, takes 3 seconds at most besides. A
+    device that was unplugged is opened again by the next call; if another one answers then,
+    that is a DeviceError, too. backend: see drivers.usb_link.backend.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        vendor: int,
+        product: int,
+        serial: str = "",
+        backend: str = "",
+        interface: int = 0,
+        patience: float = 1.0,
+    ) -> None:
+        if not isinstance(serial, str):
+            raise ValueError(f"serial is {serial!r}; give it in quotes, or none")
+        require_backend_name(backend)
+        self.patience = patience
+        self.doubtful = False
+        """Whether a call has failed since this was last set to false: answers may be late."""
+        self._model, self._vendor, self._product = model, vendor, product
+        self._serial, self._backend_name = serial, backend
+        self._interface = interface
+        self._backend: Any = None
+        self._device: Any = None
+        self._detached = False
+        self._known: Told | None = None
+
+    @property
+    def told(self) -> Told:
+        """What the device said of itself when it was opened first."""
+        return self._known or Told("", "", "", "")
+
+    @property
+    def is_open(self) -> bool:
+        return self._device is not None
+
+    def open(self, command: str = "open") -> None:
+        """Find and claim the device, if that isn't done."""
+        if self._device is not None:
+            return
+        self.doubtful = True
+        try:
+            with self._explaining(command, SAYING):
+                if self._backend is None:
+                    self._backend = load_backend(self._backend_name)
+                self._device = self._find(command)
+                self._claim()
+                self._require_the_same(command)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Give the device back to the system; never fails."""
+        device, self._device = self._device, None
+        if device is None:
+            return
+        import usb.util
+
+        with contextlib.suppress(Exception):
+            usb.util.release_interface(device, self._interface)
+        if self._detached:
+            with contextlib.suppress(Exception):
+                device.attach_kernel_driver(self._interface)
+            self._detached = False
+        with contextlib.suppress(Exception):
+            usb.util.dispose_resources(device)
+
+    def control_out(
+        self,
+        command: str,
+        request_type: int,
+        request: int,
+        value: int,
+        data: bytes,
+        seconds: float | None = None,
+    ) -> None:
+        """A control transfer to the device; DeviceError unless it takes all of it."""
+
+        def transfer(device: Any, timeout: int) -> int:
+            given = (request_type, request, value, self._interface, data, timeout)
+            return int(device.ctrl_transfer(*given))
+
+        taken = self._transfer(command, transfer, seconds)
+        if taken != len(data):
+            self.doubtful = True
+            raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
+
+    def control_in(
+        self,
+        command: str,
+        request_type: int,
+        request: int,
+        value: int,
+        length: int,
+        seconds: float | None = None,
+    ) -> bytes:
+        """A control transfer from the device: up to `length` bytes."""
+
+        def transfer(device: Any, timeout: int) -> bytes:
+            given = (request_type, request, value, self._interface, length, timeout)
+            return bytes(device.ctrl_transfer(*given))
+
+        return self._transfer(command, transfer, seconds)
+
+    def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
+        """Up to `length` bytes from a bulk or interrupt endpoint; a halted one is cleared."""
+        return self._transfer(
+            command,
+            lambda device, timeout: bytes(device.read(endpoint, length, timeout)),
+            seconds,
+            endpoint,
+        )
+
+    def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
+        """All of the bytes to a bulk or interrupt endpoint."""
+        taken = self._transfer(
+            command,
+            lambda device, timeout: int(device.write(endpoint, data, timeout)),
+            seconds,
+            endpoint,
+        )
+        if taken != len(data):
+            self.doubtful = True
+            raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
+
+    def drain(
+        self, command: str, endpoint: int, length: int, quiet: float, late: Callable[[], bool]
+    ) -> int:
+        """Read and forget what comes until nothing has for `quiet` seconds; how many reports.
+
+        DeviceError if it goes on when it's `late`, or if the device has gone.
+        """
+        import usb.core
+
+        self.open(command)
+        count = 0
+        while True:
+            try:
+                with self._explaining(command, quiet, endpoint, usb.core.USBTimeoutError):
+                    self._device.read(endpoint, length, max(round(quiet * 1000), 1))
+            except usb.core.USBTimeoutError:
+                return count
+            count += 1
+            if late():
+                raise self._error(command, "it doesn't stop sending", CABLE)
+
+    def _transfer(
+        self,
+        command: str,
+        transfer: Callable[[Any, int], T],
+        seconds: float | None,
+        endpoint: int = 0,
+    ) -> T:
+        self.open(command)
+        seconds = self.patience if seconds is None else min(max(seconds, 0.0), self.patience)
+        with self._explaining(command, seconds, endpoint):
+            # 0 would be for ever.
+            return transfer(self._device, max(round(seconds * 1000), 1))
+
+    def _find(self, command: str) -> Any:
+        import usb.core
+
+        found = usb.core.find(
+            find_all=True, backend=self._backend, idVendor=self._vendor, idProduct=self._product
+        )
+        which = f"{self._vendor:04x}:{self._product:04x}"
+        devices = list(found)
+        if self._serial:
+            which += f" with serial number {self._serial}"
+            devices = self._with_serial(devices)
+        if not devices:
+            raise self._error(
+                command, f"no USB device {which} is there", "Plug it in, and switch it on"
+            )
+        if len(devices) > 1:
+            raise self._error(
+                command,
+                f"{len(devices)} USB devices {which} are there",
+                "Give the serial number in the option serial, or unplug the others",
+            )
+        return devices[0]
+
+    def _with_serial(self, devices: list[Any]) -> list[Any]:
+        """Those of the wanted serial number; what hinders reading it matters only if none is."""
+        import usb.core
+        import usb.util
+
+        fitting, hindrance = [], None
+        for device in devices:
+            try:
+                if string_of(device, device.iSerialNumber) == self._serial:
+                    fitting.append(device)
+                    continue
+            except (usb.core.USBError, ValueError) as error:
+                hindrance = error
+            usb.util.dispose_resources(device)
+        if not fitting and hindrance is not None:
+            raise hindrance
+        return fitting
+
+    def _claim(self) -> None:
+        import usb.core
+        import usb.util
+
+        device = self._device
+        with contextlib.suppress(NotImplementedError):
+            if device.is_kernel_driver_active(self._interface):
+                device.detach_kernel_driver(self._interface)
+                self._detached = True
+        try:
+            device.get_active_configuration()
+        except usb.core.USBError as error:
+            if error.errno is not None:
+                raise
+            # It has none yet. Setting the one that is in force would reset the device.
+            device.set_configuration()
+        usb.util.claim_interface(device, self._interface)
+
+    def _require_the_same(self, command: str) -> None:
+        known = self._known
+        told = self._tell(twice=known is None)
+        if known is not None and told != known and (told := self._tell(twice=True)) != known:
+            raise self._error(
+                command,
+                f"another device has taken its place: {words_for(told)} where "
+                f"{words_for(known)} was",
+                "Plug the right one in, or open the bench again",
+            )
+        self._known = told
+
+    def _tell(self, twice: bool) -> Told:
+        device = self._device
+        indices = (device.iManufacturer, device.iProduct, device.iSerialNumber)
+        maker, product, serial = (string_of(device, index, twice) for index in indices)
+        release = f"{device.bcdDevice >> 8:x}.{device.bcdDevice & 0xFF:02x}"
+        return Told(maker, product, serial, release)
+
+    @contextlib.contextmanager
+    def _explaining(
+        self,
+        command: str,
+        seconds: float,
+        endpoint: int = 0,
+        passed: type[Exception] | tuple[()] = (),
+    ) -> Iterator[None]:
+        """Make a DeviceError of whatever pyusb raises, but for what is `passed` on."""
+        try:
+            yield
+        except DeviceError:
+            self.doubtful = True
+            self.close()
+            raise
+        except passed:
+            raise
+        except Exception as error:
+            self.doubtful = True
+            code = getattr(error, "errno", None)
+            if code == errno.EPIPE and endpoint and self._device is not None:
+                with contextlib.suppress(Exception):
+                    self._device.clear_halt(endpoint)
+            explained = self._explained(command, error, seconds)
+            if code not in (errno.ETIMEDOUT, errno.EPIPE):
+                self.close()
+            raise explained from error
+
+    def _explained(self, command: str, error: Exception, seconds: float) -> DeviceError:
+        return self._error(command, *explained(error, seconds, self._vendor, self._product))
+
+    def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self._model, command, reply, remedy)

@@ -1,0 +1,329 @@
+"""A UVC camera as a device: exposures that are really set.
+
+Sources: the USB Video Class 1.5; the kernel's documentation of V4L2's camera controls (absolute
+exposure in units of 100 us, exposure_auto 1 for manual); OpenCV's documentation of VideoCapture.
+Such a camera runs freely and says of no frame how long it was exposed: so frames are let pass
+until one must have been begun with the exposure that was set.
+
+A camera's calls may hang in the system. They are made in a thread that is given up then;
+own_process = true in the bench file has the whole driver live in a process of its own, which
+can be killed.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Self, TypeVar
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.uvc.accepting import InForce
+from drivers.uvc.capture import (
+    Mode,
+    Source,
+    configured,
+    describe,
+    path_of,
+    resolve,
+    set_units,
+    units_of,
+)
+from drivers.uvc.latency import latency_of
+from drivers.uvc.pixels import FULL_SCALES, to_numbers
+from drivers.uvc.stream import QUEUED, Shot, Stopped, Stream
+
+T = TypeVar("T")
+
+_OPENING = 5.0
+_STALL = 0.8
+"""Seconds beyond a frame's time after which a stream that gives none has stopped."""
+
+_SETTING = 1.5
+_ENDING = 2.0
+
+_CABLE = "Check its cable, and that no other program uses it"
+
+
+class UVCCamera:
+    """A UVC camera that runs freely, as a camera that takes one picture when asked.
+
+    device: "/dev/video0", a lasting name such as "/dev/v4l/by-id/...", or a number. width,
+    height: in pixels. pixel_format: see drivers.uvc.pixels. frame_rate: in Hz, 0 for the
+    camera's own. exposure_range_ms: shortest and longest. exposure_unit_us: the camera's unit.
+    discard_frames: frames begun after a new exposure was set that may still have the old one;
+    measure_latency() finds it. gain: in the camera's units, left alone by default.
+    electrons_per_number: for Frame.gain. source: "module:name" of what opens a VideoCapture of
+    a device, in place of OpenCV's.
+    """
+
+    model = "UVC camera"
+    settling = 0.0
+    reply_time = 2 * _OPENING
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        device: str | int = "/dev/video0",
+        width: int = 640,
+        height: int = 480,
+        pixel_format: str = "YUYV",
+        frame_rate: float = 0.0,
+        exposure_range_ms: Sequence[float] = (0.1, 500.0),
+        exposure_unit_us: float = 100.0,
+        discard_frames: int = 3,
+        gain: float | None = None,
+        electrons_per_number: float = 1.0,
+        source: str | Source = "",
+    ) -> None:
+        self._mode = Mode(
+            device, width, height, pixel_format, frame_rate, exposure_unit_us / 1e6, gain
+        )
+        self._range = _range(exposure_range_ms)
+        if type(discard_frames) is not int or not 0 <= discard_frames <= 100:
+            raise ValueError(f"discard_frames is {discard_frames!r}; it must be from 0 to 100")
+        if not 0 < electrons_per_number < math.inf:
+            raise ValueError(
+                f"electrons_per_number is {electrons_per_number}; it must be greater than 0"
+            )
+        self._source = resolve(source)
+        self._clock = surroundings.clock
+        self._gain = electrons_per_number
+        self.discard_frames = discard_frames
+        self.alive_at = 0.0
+        """When a measurement last got on; see Device."""
+        self._in_force = InForce()
+        self._stream: Stream | None = None
+        # One that was given up, which may hold the camera still.
+        self._left: Stream | None = None
+        self._told: dict[str, str] = {}
+        self._was_there = False
+
+    @property
+    def identity(self) -> Identity:
+        name = self._told.get("name", "") or self.model
+        return Identity(name, self._told.get("serial number", ""), simulated=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self._mode.shape
+
+    @property
+    def full_scale(self) -> int:
+        return FULL_SCALES[self._mode.pixel_format]
+
+    @property
+    def exposure_range(self) -> tuple[float, float]:
+        return self._range
+
+    @property
+    def frame_time(self) -> float:
+        """Seconds for all frames that are let pass, and for the one that is kept."""
+        return (self.discard_frames + QUEUED + 4) * self._period
+
+    @property
+    def _period(self) -> float:
+        given = self._stream.period if self._stream else 0.0
+        return max(given, self._in_force.exposure)
+
+    def health(self) -> dict[str, str]:
+        """What the camera tells about itself, and how its stream goes."""
+        stream = self._ready("read its state")
+        return {
+            **self._told,
+            "seconds a frame": f"{self._period:.4f}",
+            "frames taken": str(stream.frames),
+            "frames missed": str(stream.gaps),
+            "frames discarded after a new exposure": str(self.discard_frames),
+        }
+
+    def set_exposure(self, exposure: float) -> Setting[float]:
+        """Set it, in the camera's units, and read it back: that counts."""
+        command = f"set the exposure to {exposure * 1e3:g} ms"
+        low, high = self._range
+        if not low <= exposure <= high:
+            raise self._refuse(
+                command,
+                f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
+                "Choose an exposure in the range",
+            )
+        stream = self._ready(command)
+        self._set(command, stream, max(round(exposure / self._mode.unit), 1))
+        return Setting(exposure, self._in_force.exposure, self._clock.now())
+
+    def capture(self, cancelled: Callable[[], bool]) -> Frame:
+        """The first frame that was begun after this call, with the exposure that is set.
+
+        DeviceError if the stream stops for a second, or if it's cancelled.
+        """
+        stream = self._ready("capture")
+        shot = self._accepted(stream, cancelled)
+        try:
+            image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
+        except (ValueError, TypeError) as error:
+            raise self._refuse("capture", str(error), "Ask for it again") from error
+        begun = self._clock.now() - (time.monotonic() - shot.time) - self._in_force.exposure
+        return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
+
+    def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
+        """Find `discard_frames` by changing the exposure to and fro under a steady light.
+
+        exposures: two, in seconds, of which neither is too dark or clipped. steps: how often
+        each is set. frames: that are looked at after each. The result is in force from now on.
+        """
+        command, latency = "measure the latency", 0
+        waiting = self.discard_frames
+        self.discard_frames = frames
+        try:
+            self.set_exposure(exposures[0])
+            before = float(self.capture(_never).image.mean())
+            for step in range(2 * steps):
+                exposure = exposures[(step + 1) % 2]
+                self.set_exposure(exposure)
+                levels = self._levels(command, 2 * frames)
+                latency = max(latency, latency_of(before, levels))
+                before = levels[-1][1]
+        except ValueError as error:
+            self.discard_frames = waiting
+            raise self._refuse(command, str(error), "Point it at a steady light") from error
+        except BaseException:
+            self.discard_frames = waiting
+            raise
+        self.discard_frames = latency
+        return latency
+
+    def make_safe(self) -> None:
+        """Stop the stream; the next command starts it again."""
+        self._stop()
+
+    def __enter__(self) -> Self:
+        self._ready("open")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop()
+
+    def _levels(self, command: str, count: int) -> list[tuple[int, float]]:
+        """Mean numbers of the next frames, and how many came since the exposure was set."""
+        stream, number = self._ready(command), 0
+        levels: list[tuple[int, float]] = []
+        while len(levels) < count:
+            shot = self._next(stream, number, _never)
+            number, self.alive_at = shot.number, time.monotonic()
+            between = stream.since(self._in_force.since, number) - 1
+            if between >= 0:
+                image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
+                levels.append((between, float(image.mean())))
+        return levels
+
+    def _accepted(self, stream: Stream, cancelled: Callable[[], bool]) -> Shot:
+        """The first frame that must be what was asked for."""
+        called, number, now = time.monotonic(), stream.frames, self._in_force
+        late = called + now.exposure + self.frame_time + _OPENING
+        while time.monotonic() < late:
+            shot = self._next(stream, number, cancelled)
+            number = shot.number
+            shows = now.shows(stream, shot, self.discard_frames)
+            if shows and now.is_begun_after(called, stream, shot):
+                self._require_time_for_it(stream, shot)
+                return shot
+        raise self._lost("capture", "no frame of the new exposure came")
+
+    def _require_time_for_it(self, stream: Stream, shot: Shot) -> None:
+        """DeviceError if frames come so fast that none can be exposed for as long as was set."""
+        gap = self._in_force.too_fast(stream, shot)
+        if gap:
+            raise self._refuse(
+                "capture",
+                f"frames come every {gap * 1e3:.0f} ms, so that none is exposed for "
+                f"{self._in_force.exposure * 1e3:.0f} ms, whatever the camera says",
+                "Choose a lower frame_rate, or let it slow down: v4l2-ctl -c "
+                "exposure_dynamic_framerate=1",
+            )
+
+    def _next(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> Shot:
+        """The next frame; DeviceError if there is none for a second, or if it's cancelled."""
+        began = time.monotonic()
+        while True:
+            if cancelled():
+                raise self._refuse("capture", "it was cancelled", "Take it again")
+            try:
+                shot = stream.next_shot(after, 0.02)
+            except Stopped as stopped:
+                raise self._lost("capture", str(stopped)) from None
+            if shot is not None:
+                return shot
+            if time.monotonic() - max(began, stream.last_at) > self._period + _STALL:
+                raise self._lost("capture", "the stream has stopped")
+
+    def _set(self, command: str, stream: Stream, units: int) -> None:
+        def work(capture: Any) -> float:
+            return set_units(capture, units)
+
+        actual = self._ask(command, stream, work, self._period + _SETTING)
+        self._in_force = self._in_force.changed(units, actual * self._mode.unit)
+
+    def _ready(self, command: str) -> Stream:
+        """The stream, begun again if it has ended: then it must be the same camera."""
+        stream = self._stream
+        if stream is not None and not stream.ended:
+            return stream
+        self._stop()
+        if self._left is not None and not self._left.stop(_ENDING):
+            raise self._refuse(
+                command, "it hangs in the system", "Pull its plug, and use own_process = true"
+            )
+        self._left = None
+        self._stream = stream = Stream(lambda: configured(self._mode, self._source))
+        told = self._ask(command, stream, lambda capture: describe(capture, self._mode.device))
+        if self._told and told != self._told:
+            raise self._lost(command, f"another camera has taken its place: {told}")
+        self._told = told
+        self._was_there = path_of(self._mode.device).exists()
+        low, high = (round(limit / self._mode.unit) for limit in self._range)
+        units = self._in_force.units or round(self._ask(command, stream, units_of))
+        self._set(command, stream, min(max(units, low, 1), high))
+        return stream
+
+    def _ask(
+        self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = _OPENING
+    ) -> T:
+        try:
+            return stream.ask(work, seconds)
+        except Stopped as stopped:
+            raise self._lost(command, str(stopped)) from None
+        except Exception as error:
+            raise self._lost(command, f"{type(error).__name__}: {error}") from error
+
+    def _lost(self, command: str, why: str) -> DeviceError:
+        """What is wrong with a stream, which is ended: the next command begins another."""
+        self._stop(0.0)
+        if self._was_there and not path_of(self._mode.device).exists():
+            return self._refuse(command, "it was unplugged", "Plug it in again")
+        return self._refuse(command, why, _CABLE)
+
+    def _stop(self, seconds: float = _ENDING) -> None:
+        stream, self._stream = self._stream, None
+        if stream is not None and not stream.stop(seconds):
+            self._left = stream
+
+    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self.identity.model, command, reply, remedy)
+
+
+def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:
+    """In seconds; ValueError if it is none."""
+    try:
+        low, high = (float(limit) for limit in exposure_range_ms)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not 0 < low < high < math.inf:
+        raise ValueError(
+            f"exposure_range_ms is {exposure_range_ms}; give the shorter exposure first"
+        )
+    return low * 1e-3, high * 1e-3
+
+
+def _never() -> bool:
+    return False

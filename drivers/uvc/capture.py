@@ -1,0 +1,184 @@
+"""A VideoCapture of OpenCV, opened and made to obey; its calls belong into one thread."""
+
+from __future__ import annotations
+
+import math
+import os
+import pkgutil
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.uvc.pixels import FULL_SCALES, is_decoded
+from drivers.uvc.stream import Stopped
+
+Source = Callable[[str | int], Any]
+"""Opens a device: gives what behaves as cv2.VideoCapture does."""
+
+_MANUAL = 1.0
+"""V4L2_EXPOSURE_MANUAL"""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """How a camera is to run. unit: of its exposures, in seconds."""
+
+    device: str | int
+    width: int
+    height: int
+    pixel_format: str
+    frame_rate: float
+    unit: float
+    gain: float | None
+
+    def __post_init__(self) -> None:
+        number = type(self.device) is int and self.device >= 0
+        if not number and not (isinstance(self.device, str) and self.device):
+            raise ValueError(f'device is {self.device!r}; give "/dev/video0", or 0')
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if type(value) is not int or not 1 <= value <= 16384:
+                raise ValueError(f"{name} is {value!r}; give it in pixels")
+        if self.pixel_format not in FULL_SCALES:
+            raise ValueError(
+                f"pixel_format is {self.pixel_format!r}; choose {', '.join(FULL_SCALES)}"
+            )
+        if not 0 <= self.frame_rate <= 1000:
+            raise ValueError(f"frame_rate is {self.frame_rate}; give it in Hz, or 0")
+        if not 0 < self.unit <= 1:
+            raise ValueError(f"exposure_unit_us is {self.unit * 1e6:g}; it is 100 by V4L2")
+        if self.gain is not None and not math.isfinite(self.gain):
+            raise ValueError(f"gain is {self.gain}; give a number, or leave it out")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.height, self.width
+
+
+def path_of(device: str | int) -> Path:
+    """Where the system shows it."""
+    return Path(f"/dev/video{device}" if isinstance(device, int) else device)
+
+
+def resolve(source: str | Source) -> Source:
+    """What opens a device: OpenCV, or another by its name "module:name"; ValueError if none."""
+    if callable(source):
+        return source
+    if not source:
+        return _open_v4l2
+    try:
+        found = pkgutil.resolve_name(source)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise ValueError(f'source is {source!r}; give "module:name" ({error})') from error
+    if not callable(found):
+        raise ValueError(f"source is {source!r}, which can't be called")
+    return found
+
+
+def _open_v4l2(device: str | int) -> Any:
+    # Else a stream that has stopped is waited for for ten seconds; read when cv2 is loaded.
+    os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
+    import cv2
+
+    path = path_of(device)
+    if not path.exists():
+        raise Stopped(f"there is no {path}")
+    if not os.access(path, os.R_OK | os.W_OK):
+        raise Stopped(f"the system denies access to {path}; join the group video")
+    return cv2.VideoCapture(device, cv2.CAP_V4L2)
+
+
+def configured(mode: Mode, source: Source) -> Any:
+    """An open VideoCapture that runs as it should; Stopped says what it doesn't do."""
+    capture = source(mode.device)
+    try:
+        if not capture.isOpened():
+            raise Stopped(f"{mode.device} is in use by another program, or is no camera")
+        _set_format(capture, mode)
+        _switch_off(capture, mode)
+    except BaseException:
+        capture.release()
+        raise
+    return capture
+
+
+def _set_format(capture: Any, mode: Mode) -> None:
+    import cv2
+
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*mode.pixel_format))
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, mode.width)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, mode.height)
+    if mode.frame_rate:
+        capture.set(cv2.CAP_PROP_FPS, mode.frame_rate)
+    capture.set(cv2.CAP_PROP_CONVERT_RGB, 1.0 if is_decoded(mode.pixel_format) else 0.0)
+    width = round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+    height = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+    letters = code.to_bytes(4, "little").decode("ascii", errors="replace")
+    if (width, height, letters) != (mode.width, mode.height, mode.pixel_format):
+        raise Stopped(
+            f"it gives {width} x {height} pixels of {letters!r}, not {mode.width} x "
+            f"{mode.height} of {mode.pixel_format!r}: choose what it has"
+        )
+
+
+def _switch_off(capture: Any, mode: Mode) -> None:
+    """All that would change pictures by itself."""
+    import cv2
+
+    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+    _require_manual(capture)
+    for name, number in (
+        ("white balance", cv2.CAP_PROP_AUTO_WB),
+        ("focus", cv2.CAP_PROP_AUTOFOCUS),
+    ):
+        # What a camera hasn't got can't be set, and reads as 0 or -1.
+        capture.set(number, 0.0)
+        if capture.get(number) == 1:
+            raise Stopped(f"its automatic {name} can't be switched off")
+    if mode.gain is not None:
+        capture.set(cv2.CAP_PROP_GAIN, mode.gain)
+        if capture.get(cv2.CAP_PROP_GAIN) != mode.gain:
+            raise Stopped(f"its gain reads {capture.get(cv2.CAP_PROP_GAIN):g}, not {mode.gain:g}")
+
+
+def _require_manual(capture: Any) -> None:
+    import cv2
+
+    if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) != _MANUAL:
+        raise Stopped("its automatic exposure can't be switched off")
+
+
+def units_of(capture: Any) -> float:
+    """Its exposure in its own units, as it reads."""
+    import cv2
+
+    units = float(capture.get(cv2.CAP_PROP_EXPOSURE))
+    if not 0 < units < math.inf:
+        raise Stopped(f"its exposure reads {units:g}, which is none")
+    return units
+
+
+def set_units(capture: Any, units: int) -> float:
+    """Set its exposure in its own units; what it then reads."""
+    import cv2
+
+    if not capture.set(cv2.CAP_PROP_EXPOSURE, float(units)):
+        raise Stopped(f"it refuses the exposure {units}")
+    _require_manual(capture)
+    return units_of(capture)
+
+
+def describe(capture: Any, device: str | int) -> dict[str, str]:
+    """Who the camera is, as the system and OpenCV tell."""
+    path = path_of(device).resolve()
+    told = {"device": str(path), "backend": str(capture.getBackendName())}
+    if not re.fullmatch(r"video\d+", path.name):
+        return told
+    node = Path("/sys/class/video4linux") / path.name
+    for name, file in (("name", node / "name"), ("serial number", node / "device/../serial")):
+        if file.is_file():
+            told[name] = file.read_text(errors="replace").strip()
+    return told

@@ -1,0 +1,68 @@
+"""How a simulated wheel turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class Turning:
+    """A wheel of `count` slots that needs `step` seconds from one to the next.
+
+    It takes the shorter way, or turns forward alone. turned: told every slot that comes into
+    the light, one after the other. Times never go back.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        position: int = 1,
+        step: float = 0.5,
+        both_ways: bool = True,
+        turned: Callable[[int], None] | None = None,
+    ) -> None:
+        if count < 1 or not 1 <= position <= count:
+            raise ValueError(f"position is {position} of {count}; count from 1")
+        if not step > 0:
+            raise ValueError(f"step is {step}; it must be greater than 0")
+        self.count, self.step, self.both_ways = count, step, both_ways
+        self.stuck = self.endless = False
+        self._turned = turned or (lambda slot: None)
+        self._at, self.target = position, position
+        self._way: list[int] = []
+        self._since = 0.0
+
+    def go(self, slot: int, t: float) -> None:
+        """Begin to turn to a slot; from where it is, if it turns already."""
+        self.turn(self._shortest(self.passed(t), slot), t)
+
+    def turn(self, way: list[int], t: float) -> None:
+        """Begin to turn through slots, one after the other."""
+        if self.stuck:
+            return
+        self._way, self._since = way, t
+        self.target = way[-1] if way else self._at
+
+    def stop_at(self, slot: int, t: float) -> None:
+        """Be somewhere at once."""
+        self._way, self._since, self._at, self.target = [], t, slot, slot
+        self._turned(slot)
+
+    def passed(self, t: float) -> int:
+        """The slot that is in the light, or was the last to be in it."""
+        while self._way and not self.stuck and t >= self._since + self.step:
+            self._since += self.step
+            self._at = self._way.pop(0)
+            self._turned(self._at)
+        return self._at
+
+    def stands(self, t: float) -> int:
+        """The slot at which it stands; 0 while it turns."""
+        at = self.passed(t)
+        return 0 if self.endless or (self._way and not self.stuck) else at
+
+    def _shortest(self, start: int, end: int) -> list[int]:
+        ahead = (end - start) % self.count
+        back = self.count - ahead
+        forward = not self.both_ways or ahead <= back
+        steps, sign = (ahead, 1) if forward else (back, -1)
+        return [(start - 1 + sign * i) % self.count + 1 for i in range(1, steps + 1)]

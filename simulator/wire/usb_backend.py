@@ -1,0 +1,214 @@
+"""A bus of simulated USB devices: a backend of pyusb, so that unmodified drivers find them.
+
+bus(NAME) is what a driver's option backend = "simulator.wire.usb_backend:bus@NAME" means, once
+a bus was registered under that name. Source: pyusb's usb.backend.IBackend.
+"""
+
+from __future__ import annotations
+
+import array
+import errno
+from types import SimpleNamespace
+from typing import Any
+
+from drivers.interfaces import Clock
+from simulator.machines.usb import Setup, UsbMachine
+from simulator.wire.usb_plug import Plug, device_descriptor, usb_error
+
+Handle = tuple[int, int]
+"""Port and address: a handle of a device that was unplugged serves no more."""
+
+_buses: dict[str, UsbBus] = {}
+
+
+def register(name: str, bus: UsbBus) -> str:
+    """Let drivers in this process find a bus; their option `backend`."""
+    _buses[name] = bus
+    return f"simulator.wire.usb_backend:bus@{name}"
+
+
+def unregister(name: str) -> None:
+    _buses.pop(name, None)
+
+
+def bus(name: str) -> UsbBus:
+    """The bus of that name; LookupError if there is none."""
+    if name not in _buses:
+        raise LookupError(f"no simulated USB bus {name!r} is in this process")
+    return _buses[name]
+
+
+class UsbBus:
+    """Devices by port, in the words of pyusb's IBackend. Waiting is done on the bench's clock."""
+
+    def __init__(self, clock: Clock, seed: int = 0) -> None:
+        self._clock = clock
+        self._seed = seed
+        self._plugs: dict[int, Plug] = {}
+
+    def plug_in(self, machine: UsbMachine) -> Plug:
+        """Plug a machine into the next free port; its plug has its faults."""
+        port = len(self._plugs) + 1
+        plug = Plug(machine, self._clock, self._seed * 1000 + port)
+        self._plugs[port] = plug
+        return plug
+
+    def enumerate_devices(self) -> list[int]:
+        return [port for port, plug in self._plugs.items() if plug.look()]
+
+    def get_parent(self, dev: int) -> None:
+        """They are all on the root hub."""
+
+    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        plug = self._plugs[dev]
+        return device_descriptor(plug.description, dev, plug.address)
+
+    def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
+        return SimpleNamespace(
+            bLength=_only(config, 9),
+            bDescriptorType=2,
+            wTotalLength=0,
+            bNumInterfaces=1,
+            bConfigurationValue=1,
+            iConfiguration=0,
+            bmAttributes=0x80,
+            bMaxPower=50,
+            extra_descriptors=[],
+        )
+
+    def get_interface_descriptor(
+        self, dev: int, intf: int, alt: int, config: int
+    ) -> SimpleNamespace:
+        description = self._plugs[dev].description
+        return SimpleNamespace(
+            bLength=_only(max(intf, alt, config), 9),
+            bDescriptorType=4,
+            bInterfaceNumber=0,
+            bAlternateSetting=0,
+            bNumEndpoints=len(description.endpoints),
+            bInterfaceClass=description.interface_class,
+            bInterfaceSubClass=0,
+            bInterfaceProtocol=0,
+            iInterface=0,
+            extra_descriptors=[],
+        )
+
+    def get_endpoint_descriptor(
+        self, dev: int, ep: int, intf: int, alt: int, config: int
+    ) -> SimpleNamespace:
+        endpoint = self._plugs[dev].description.endpoints[ep]
+        return SimpleNamespace(
+            bLength=7,
+            bDescriptorType=5,
+            bEndpointAddress=endpoint.address,
+            bmAttributes=endpoint.attributes,
+            wMaxPacketSize=endpoint.size,
+            bInterval=endpoint.interval,
+            bRefresh=0,
+            bSynchAddress=0,
+            extra_descriptors=[],
+        )
+
+    def open_device(self, dev: int) -> Handle:
+        plug = self._plugs[dev]
+        plug.require_there()
+        if plug.denied:
+            raise usb_error(errno.EACCES)
+        return dev, plug.address
+
+    def close_device(self, dev_handle: Handle) -> None:
+        """Nothing is held."""
+
+    def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
+        self._plug(dev_handle)
+
+    def get_configuration(self, dev_handle: Handle) -> int:
+        self._plug(dev_handle)
+        return 1
+
+    def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
+        self._plug(dev_handle)
+
+    def claim_interface(self, dev_handle: Handle, intf: int) -> None:
+        plug = self._plug(dev_handle)
+        if plug.busy or plug.kernel_driver:
+            raise usb_error(errno.EBUSY)
+
+    def release_interface(self, dev_handle: Handle, intf: int) -> None:
+        self._plug(dev_handle)
+
+    def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
+        return self._plug(dev_handle).kernel_driver
+
+    def detach_kernel_driver(self, dev_handle: Handle, intf: int) -> None:
+        self._plug(dev_handle).kernel_driver = False
+
+    def attach_kernel_driver(self, dev_handle: Handle, intf: int) -> None:
+        self._plug(dev_handle).kernel_driver = True
+
+    def clear_halt(self, dev_handle: Handle, ep: int) -> None:
+        self._plug(dev_handle)
+
+    def reset_device(self, dev_handle: Handle) -> None:
+        plug = self._plug(dev_handle)
+        plug.machine.power(self._clock.now())
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Handle,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: array.array[int],
+        timeout: int,
+    ) -> int:
+        given = data.tobytes()
+        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
+        incoming = bmRequestType & 0x80
+        answer = self.control(dev_handle, setup, b"" if incoming else given, timeout)
+        return fill(data, answer) if incoming else len(given)
+
+    def intr_read(
+        self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
+    ) -> int:
+        return fill(buff, self.read(dev_handle, ep, len(buff), timeout))
+
+    def intr_write(
+        self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
+    ) -> int:
+        return self.write(dev_handle, ep, data.tobytes(), timeout)
+
+    bulk_read = iso_read = intr_read
+    bulk_write = iso_write = intr_write
+
+    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+        """A control transfer in bytes; timeout in milliseconds, as in the calls below."""
+        return self._plug(handle).control(setup, data, timeout * 1e-3)
+
+    def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes:
+        return self._plug(handle).read(endpoint, length, timeout * 1e-3)
+
+    def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int:
+        return self._plug(handle).write(endpoint, data, timeout * 1e-3)
+
+    def _plug(self, handle: Handle) -> Plug:
+        port, address = handle
+        plug = self._plugs[port]
+        plug.require_there()
+        if plug.address != address:
+            raise usb_error(errno.ENODEV)
+        return plug
+
+
+def _only(index: Any, value: int) -> int:
+    """The value, of the first; pyusb ends its lists by IndexError."""
+    if index:
+        raise IndexError
+    return value
+
+
+def fill(buffer: array.array[int], data: bytes) -> int:
+    """Put bytes into pyusb's buffer; how many."""
+    buffer[: len(data)] = array.array(buffer.typecode, data)
+    return len(data)

@@ -1,0 +1,77 @@
+"""What faults do to what a USB device sends."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from simulator.wire.faults import WireFault
+
+
+class Packet(NamedTuple):
+    """Bytes that are ready for the host from `at` on."""
+
+    at: float
+    data: bytes
+
+
+class Noise:
+    """The faults of one device's cable. A packet is struck when the device sends it.
+
+    own: kinds of the device itself, which don't strike here.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._chance = random.Random(seed)
+        self._before = b""
+
+    def heard(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
+        """What the device hears of what the host sends; None for nothing."""
+        for fault in faults:
+            if fault.kind == "silence" and self._strikes(fault):
+                return None
+            if fault.kind == "bit flips":
+                data = self._flipped(data, fault.probability)
+        return data
+
+    def sent(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
+        """What comes to the host of what the device sends."""
+        original = packet.data
+        packets = [packet]
+        for fault in faults:
+            packets = [struck for one in packets for struck in self._struck(one, fault)]
+        self._before = original
+        return packets
+
+    def _struck(self, packet: Packet, fault: WireFault) -> list[Packet]:
+        at, data = packet
+        if fault.kind == "bit flips":
+            return [Packet(at, self._flipped(data, fault.probability))]
+        if not self._strikes(fault):
+            return [packet]
+        match fault.kind:
+            case "silence" | "mute":
+                return []
+            case "garbage":
+                return [Packet(at, self._chance.randbytes(self._chance.randint(1, len(data) or 1)))]
+            case "truncated":
+                return [Packet(at, data[: self._chance.randrange(len(data))] if data else data)]
+            case "duplicated":
+                return [packet, packet]
+            case "delayed":
+                return [Packet(at + fault.delay, data)]
+            case "byte by byte":
+                return [Packet(at + 0.005 * i, data[i : i + 1]) for i in range(len(data))]
+            case "wrong echo":
+                return [Packet(at, self._before)]
+        return [packet]
+
+    def _strikes(self, fault: WireFault) -> bool:
+        return self._chance.random() < fault.probability
+
+    def _flipped(self, data: bytes, probability: float) -> bytes:
+        return bytes(
+            byte ^ (1 << self._chance.randrange(8)) if self._chance.random() < probability else byte
+            for byte in data
+        )

@@ -1,0 +1,211 @@
+"""Simulated USB devices of another process: a backend of pyusb at the end of a local socket.
+
+The process that holds the bus serves it: `with UsbServer(bus, path)`. A driver in any other
+process of the same user reaches it by its option backend =
+"simulator.wire.usb_remote:backend@PATH". Beside the socket lies a key that others can't read.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import errno
+import os
+import secrets
+import threading
+from multiprocessing.connection import Client, Connection, Listener
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Self
+
+from simulator.machines.usb import Setup
+from simulator.wire.usb_backend import Handle, UsbBus, fill
+from simulator.wire.usb_plug import usb_error
+
+_FORWARDED = (
+    "enumerate_devices",
+    "get_device_descriptor",
+    "get_configuration_descriptor",
+    "get_interface_descriptor",
+    "get_endpoint_descriptor",
+    "open_device",
+    "set_configuration",
+    "get_configuration",
+    "set_interface_altsetting",
+    "claim_interface",
+    "release_interface",
+    "is_kernel_driver_active",
+    "detach_kernel_driver",
+    "attach_kernel_driver",
+    "clear_halt",
+    "reset_device",
+    "control",
+    "read",
+    "write",
+)
+
+_PATIENCE = 2.0
+"""Seconds beyond a transfer's own time-out, after which the other process counts as gone."""
+
+
+def option(path: str | Path) -> str:
+    """A driver's option `backend` for the bus that is served there."""
+    return f"simulator.wire.usb_remote:backend@{path}"
+
+
+def _key_file(path: str | Path) -> Path:
+    return Path(f"{path}.key")
+
+
+class UsbServer:
+    """Lets drivers in other processes reach a bus, by a socket at `path`, until it is left."""
+
+    def __init__(self, bus: UsbBus, path: str | Path) -> None:
+        self._bus = bus
+        self._path = str(path)
+        self._connections: list[Connection] = []
+        self._ended = False
+
+    def __enter__(self) -> Self:
+        key = secrets.token_bytes(32)
+        file = _key_file(self._path)
+        file.unlink(missing_ok=True)
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as out:
+            out.write(key)
+        Path(self._path).unlink(missing_ok=True)
+        self._listener = Listener(self._path, "AF_UNIX", authkey=key)
+        threading.Thread(target=self._accept, name="USB bus", daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended = True
+        # accept() doesn't wake by itself.
+        with contextlib.suppress(OSError, EOFError):
+            Client(self._path, "AF_UNIX").close()
+        self._listener.close()
+        for connection in self._connections:
+            connection.close()
+        _key_file(self._path).unlink(missing_ok=True)
+
+    def _accept(self) -> None:
+        while not self._ended:
+            try:
+                connection = self._listener.accept()
+            except Exception:
+                # Whoever knows not the key, or has gone again.
+                continue
+            self._connections.append(connection)
+            threading.Thread(
+                target=self._serve, args=(connection,), name="USB host", daemon=True
+            ).start()
+
+    def _serve(self, connection: Connection) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                name, given = connection.recv()
+                connection.send(self._answer(name, given))
+
+    def _answer(self, name: str, given: tuple[Any, ...]) -> tuple[str, Any]:
+        if name not in _FORWARDED:
+            return "refused", name
+        try:
+            return "good", getattr(self._bus, name)(*given)
+        except IndexError:
+            return "end", ""
+        except Exception as error:
+            return "error", getattr(error, "errno", None) or errno.EIO
+
+
+class RemoteBackend:
+    """A bus of another process, in the words of pyusb's IBackend."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._connection: Connection | None = None
+        self._turn = threading.Lock()
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _FORWARDED:
+            raise AttributeError(f"a backend has no {name!r}")
+        return lambda *given: self._ask(name, given)
+
+    def enumerate_devices(self) -> list[int]:
+        return list(self._ask("enumerate_devices", ()))
+
+    def get_parent(self, dev: int) -> None:
+        """They are all on the root hub."""
+
+    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        descriptor: SimpleNamespace = self._ask("get_device_descriptor", (dev,))
+        return descriptor
+
+    def close_device(self, dev_handle: Handle) -> None:
+        """Nothing is held."""
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Handle,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: array.array[int],
+        timeout: int,
+    ) -> int:
+        given = data.tobytes()
+        incoming = bmRequestType & 0x80
+        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
+        sent = b"" if incoming else given
+        answer = self._ask("control", (dev_handle, setup, sent, timeout), timeout)
+        return fill(data, answer) if incoming else len(given)
+
+    def intr_read(
+        self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
+    ) -> int:
+        return fill(buff, self._ask("read", (dev_handle, ep, len(buff), timeout), timeout))
+
+    def intr_write(
+        self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
+    ) -> int:
+        taken: int = self._ask("write", (dev_handle, ep, data.tobytes(), timeout), timeout)
+        return taken
+
+    bulk_read = iso_read = intr_read
+    bulk_write = iso_write = intr_write
+
+    def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
+        with self._turn:
+            try:
+                kind, answer = self._exchange(name, given, timeout * 1e-3 + _PATIENCE)
+            except (OSError, EOFError):
+                self._drop()
+                # As if the whole bus had been unplugged.
+                if name == "enumerate_devices":
+                    return []
+                raise usb_error(errno.ENODEV) from None
+        if kind == "good":
+            return answer
+        if kind == "end":
+            raise IndexError
+        raise usb_error(answer if kind == "error" else errno.EIO)
+
+    def _exchange(self, name: str, given: tuple[Any, ...], patience: float) -> tuple[str, Any]:
+        connection = self._connection
+        if connection is None:
+            key = _key_file(self._path).read_bytes()
+            connection = self._connection = Client(self._path, "AF_UNIX", authkey=key)
+        connection.send((name, given))
+        if not connection.poll(patience):
+            raise EOFError
+        kind, answer = connection.recv()
+        return kind, answer
+
+    def _drop(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close()
+
+
+def backend(path: str) -> RemoteBackend:
+    """What a driver's option names."""
+    return RemoteBackend(path)
