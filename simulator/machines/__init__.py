@@ -1,0 +1,1 @@
+"""Simulated serial instruments: bytes in, bytes out, and the time."""
