@@ -1,0 +1,213 @@
+"""One end of a serial cable: bytes in time, or a DeviceError that says what came instead."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Clock
+
+_WRITING = 1.0
+"""Seconds that a write may be held up, by a flow control that says stop for example."""
+
+_BABBLE = 65536
+"""Bytes in one answer, after which a device counts as talking without end."""
+
+_CABLE = "Check the cable, the power and that the port is the device's"
+
+_REMEDIES = {
+    errno.ENOENT: "Plug the device in, switch it on, and look up its port by: labapp devices",
+    errno.EACCES: "Add yourself to the group dialout, and log in again",
+    errno.EPERM: "Add yourself to the group dialout, and log in again",
+    errno.EBUSY: "Close the other program that uses the port",
+    errno.EAGAIN: "Close the other program that uses the port",
+    errno.ENXIO: "Plug the device in again",
+    errno.ENODEV: "Plug the device in again",
+    errno.EIO: "Plug the device in again",
+}
+
+
+def port_errors() -> tuple[type[BaseException], ...]:
+    """Whatever a serial port raises; some of it only on some systems."""
+    import serial
+
+    errors: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
+    try:
+        import termios
+    except ImportError:
+        return errors
+    return (*errors, termios.error)
+
+
+class SerialLine:
+    """A serial port that belongs to one device, by the bench's clock.
+
+    model: the device's name in errors. url: a port ("/dev/ttyUSB0", "COM3") or any URL of
+    pyserial ("socket://host:port", "spy:///dev/ttyUSB0?file=talk.txt"). baudrate: bits in a
+    second. rtscts: whether wires hold the other side up.
+
+    A port that fails is closed, and opened again by the next write. `in_step` says whether
+    nothing went wrong since the driver last set it: it is False after opening and after every
+    failure, and then an old answer may still be on its way, so that a driver first has to
+    bring the device to rest. Every failure is a DeviceError.
+    """
+
+    def __init__(
+        self, model: str, url: str, clock: Clock, *, baudrate: int, rtscts: bool = False
+    ) -> None:
+        self.model, self.url, self.clock = model, url, clock
+        self.in_step = False
+        self._baudrate, self._rtscts = baudrate, rtscts
+        self._port: Any = None
+        self._errors: tuple[type[BaseException], ...] = ()
+        self._buffer = bytearray()
+        self._until = float("inf")
+        self._cancelled = threading.Event()
+
+    @property
+    def is_open(self) -> bool:
+        return self._port is not None
+
+    def open(self, command: str = "open") -> None:
+        """Take the port for this program alone, unless it is open."""
+        if self._port is not None:
+            return
+        if self._cancelled.is_set():
+            raise self.error(command, "the device was given up", "Open the device again")
+        import serial
+
+        self._errors = port_errors()
+        self.in_step = False
+        self._buffer.clear()
+        try:
+            self._port = serial.serial_for_url(
+                self.url,
+                baudrate=self._baudrate,
+                timeout=0,
+                write_timeout=_WRITING,
+                rtscts=self._rtscts,
+                exclusive=True,
+            )
+        except self._errors as error:
+            raise self._lost(command, error) from error
+
+    def close(self) -> None:
+        """Give the port back; never fails."""
+        port, self._port = self._port, None
+        self.in_step = False
+        self._buffer.clear()
+        if port is not None:
+            with contextlib.suppress(*self._errors):
+                port.close()
+
+    def reopen(self, command: str = "open again") -> None:
+        self.close()
+        self.open(command)
+
+    def cancel(self) -> None:
+        """End the read that goes on, and all later ones, from any thread."""
+        self._cancelled.set()
+        port = self._port
+        if port is not None and hasattr(port, "cancel_read"):
+            with contextlib.suppress(Exception):
+                port.cancel_read()
+
+    @contextlib.contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        """All reads in here end within so many seconds, whatever each is granted."""
+        before = self._until
+        self._until = min(before, self.clock.now() + seconds)
+        try:
+            yield
+        finally:
+            self._until = before
+
+    def write(self, data: bytes, command: str) -> None:
+        """Send bytes; the port is opened first if it was lost."""
+        self.open(command)
+        try:
+            self._port.write(data)
+        except self._errors as error:
+            raise self._lost(command, error) from error
+
+    def read(self, count: int, command: str, seconds: float) -> bytes:
+        """Exactly so many bytes, within so many seconds."""
+        return self._take(lambda held: count if len(held) >= count else 0, command, seconds)
+
+    def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
+        """Everything to the next `end`, that included, within so many seconds."""
+
+        def length(held: bytearray) -> int:
+            found = held.find(end)
+            return found + len(end) if found >= 0 else 0
+
+        return self._take(length, command, seconds)
+
+    def settle(self, quiet: float, at_most: float, command: str = "come to rest") -> bytes:
+        """Discard what comes until nothing has come for `quiet` seconds; what was discarded."""
+        self.open(command)
+        gone, self._buffer = bytes(self._buffer), bytearray()
+        late = min(self.clock.now() + at_most, self._until)
+        while piece := self._wait_for_some(command, quiet):
+            gone += piece
+            if self.clock.now() > late or len(gone) > _BABBLE:
+                raise self.error(
+                    command,
+                    f"it doesn't stop talking: {_shown(gone)}",
+                    "Check port and baud rate; switch the device off and on",
+                )
+        return gone
+
+    def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
+        """A failure of this device; the line is out of step from now on."""
+        self.in_step = False
+        return DeviceError(self.model, command, reply, remedy)
+
+    def _take(self, length: Callable[[bytearray], int], command: str, seconds: float) -> bytes:
+        """The first bytes that are long enough. length: how many make it up, 0 if too few."""
+        if self._port is None:
+            raise self.error(command, "the port is closed", "Try again: it is opened again")
+        late = min(self.clock.now() + seconds, self._until)
+        while not (found := length(self._buffer)):
+            left = late - self.clock.now()
+            piece = self._wait_for_some(command, left) if left > 0 else b""
+            if not piece:
+                came = f"only {_shown(self._buffer)} came" if self._buffer else "no reply"
+                raise self.error(command, f"{came} within {seconds:.3g} s")
+            self._buffer += piece
+            if len(self._buffer) > _BABBLE:
+                came = f"it doesn't stop talking: {_shown(self._buffer)}"
+                raise self.error(command, came, "Check port and baud rate")
+        taken = bytes(self._buffer[:found])
+        del self._buffer[:found]
+        return taken
+
+    def _wait_for_some(self, command: str, seconds: float) -> bytes:
+        """What comes first within so many seconds; nothing if nothing does."""
+        if self._cancelled.is_set():
+            raise self.error(command, "the device was given up", "Open the device again")
+        try:
+            self._port.timeout = seconds
+            piece: bytes = self._port.read(max(1, min(self._port.in_waiting, 4096)))
+        except self._errors as error:
+            raise self._lost(command, error) from error
+        return piece
+
+    def _lost(self, command: str, error: BaseException) -> DeviceError:
+        """What to say of a port that fails; it is closed."""
+        self.close()
+        number = getattr(error, "errno", None)
+        remedy = _REMEDIES.get(number or 0, _CABLE)
+        if "exclusively lock" in str(error):
+            remedy = _REMEDIES[errno.EBUSY]
+        return self.error(command, f"port {self.url}: {error}", remedy)
+
+
+def _shown(data: bytes | bytearray) -> str:
+    """Bytes for a person: not more than fit into a line."""
+    shown = bytes(data[:60])
+    return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

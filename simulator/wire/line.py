@@ -1,0 +1,181 @@
+"""A cable between a port and a machine: it paces the bytes, and things go wrong on it."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import threading
+
+import numpy as np
+
+from simulator.wire.faults import WIRE_KINDS, WireFault
+from simulator.wire.machine import Machine, Reply
+
+_PAUSE = 0.02
+"""Seconds between two bytes of a reply that comes byte by byte."""
+
+_BITS = 10
+"""Of a byte on the wire: start, eight of data, stop."""
+
+
+class Line:
+    """Bytes on their way, by the bench's clock.
+
+    machine: at the far end. baudrate: bits in a second, 10 a byte. seed: of what is left to
+    chance. Things happen in the order of their times, when `receive` is told the time; a
+    fault strikes what passes while it lasts. Any thread may call.
+    """
+
+    def __init__(self, machine: Machine, *, baudrate: int, seed: int = 0) -> None:
+        if baudrate <= 0:
+            raise ValueError(f"baudrate is {baudrate}; it must be positive")
+        self.machine = machine
+        self.baudrate = baudrate
+        self._byte_time = _BITS / baudrate
+        self._rng = np.random.default_rng(seed)
+        self._count = itertools.count()
+        self._going: list[tuple[float, int, int]] = []
+        self._leaving: list[tuple[float, int, bytes, bool]] = []
+        self._coming: list[tuple[float, int, int]] = []
+        self._free_there = self._free_here = -math.inf
+        self._faults: list[WireFault] = []
+        self._pulled = 0
+        self._now = -math.inf
+        self._suffered: tuple[str, ...] = ()
+        self._lock = threading.RLock()
+
+    def send(self, data: bytes, t: float) -> None:
+        """Bytes that the host begins to send at t."""
+        with self._lock:
+            self._advance(t)
+            for byte in data:
+                self._free_there = max(t, self._free_there) + self._byte_time
+                heapq.heappush(self._going, (self._free_there, next(self._count), byte))
+
+    def receive(self, t: float) -> bytes:
+        """What has arrived at the host by t, and wasn't given yet."""
+        with self._lock:
+            self._advance(t)
+            arrived = bytearray()
+            while self._coming and self._coming[0][0] <= t:
+                arrived.append(heapq.heappop(self._coming)[2])
+            return bytes(arrived)
+
+    def next_at(self) -> float:
+        """When something may arrive or change next; infinite if nothing is on its way."""
+        with self._lock:
+            queues = (self._going, self._leaving, self._coming)
+            times = [queue[0][0] for queue in queues if queue]
+            return min(times, default=math.inf)
+
+    def inject(self, fault: WireFault) -> None:
+        """ValueError if neither the wire nor the machine knows such a fault."""
+        known = (*WIRE_KINDS, *self.machine.own_faults)
+        if fault.kind not in known:
+            raise ValueError(f"kind is {fault.kind!r}; choose one of {', '.join(known)}")
+        with self._lock:
+            self._faults.append(fault)
+
+    def mend(self) -> None:
+        """All faults end; what they have delayed is still on its way."""
+        with self._lock:
+            self._pulled = self.pulls(self._now)
+            self._faults.clear()
+            self._tell_machine(self._now)
+
+    def is_out(self, t: float) -> bool:
+        """Whether the plug is out."""
+        return self._struck("disconnect", t) is not None
+
+    def pulls(self, t: float) -> int:
+        """How often the plug has been pulled by t: who held the port then holds nothing."""
+        with self._lock:
+            pulls = [f for f in self._faults if f.kind == "disconnect" and f.at <= t]
+            return self._pulled + len(pulls)
+
+    def next_pull(self, t: float) -> float:
+        """When the plug is pulled next, infinite if it isn't."""
+        with self._lock:
+            later = [f.at for f in self._faults if f.kind == "disconnect" and f.at > t]
+            return min(later, default=math.inf)
+
+    def _advance(self, t: float) -> None:
+        """Everything that happens by t, in its order."""
+        self._now = max(self._now, t)
+        while True:
+            going = self._going[0][0] if self._going else math.inf
+            leaving = self._leaving[0][0] if self._leaving else math.inf
+            if min(going, leaving) > t:
+                break
+            if going <= leaving:
+                at, _, byte = heapq.heappop(self._going)
+                self._hear(byte, at)
+            else:
+                at, _, data, echo = heapq.heappop(self._leaving)
+                if data:
+                    self._answer(data, at, echo)
+                else:
+                    self._feed(b"", at)
+        if self.is_out(t):
+            self._coming.clear()
+
+    def _hear(self, byte: int, t: float) -> None:
+        """A byte arrives at the machine, or doesn't."""
+        if self._struck("silence", t) or self._struck("disconnect", t):
+            return
+        self._feed(bytes([self._noisy(byte, t)]), t)
+
+    def _feed(self, data: bytes, t: float) -> None:
+        self._tell_machine(t)
+        for reply in self.machine.feed(data, t):
+            echo = bool(data) and reply == Reply(t, data)
+            at = max(reply.at, t)
+            heapq.heappush(self._leaving, (at, next(self._count), reply.data, echo))
+
+    def _tell_machine(self, t: float) -> None:
+        own = self.machine.own_faults
+        now = tuple(f.kind for f in self._faults if f.kind in own and f.lasts(t))
+        if now == self._suffered:
+            return
+        self._suffered = now
+        self.machine.suffer(None)
+        for kind in now:
+            self.machine.suffer(kind)
+
+    def _answer(self, data: bytes, t: float, echo: bool) -> None:
+        """Bytes leave the machine at t, and arrive at the host as the faults let them."""
+        if any(self._struck(kind, t) for kind in ("silence", "mute", "disconnect")):
+            return
+        late = 0.0
+        if not echo:
+            if self._strikes("garbage", t):
+                length = int(self._rng.integers(1, 2 * len(data) + 1))
+                data = self._rng.bytes(length)
+            if self._strikes("truncated", t):
+                data = data[: int(self._rng.integers(len(data)))]
+            if self._strikes("duplicated", t):
+                data = data + data
+            if delayed := self._strikes("delayed", t):
+                late = delayed.delay
+        elif self._strikes("wrong echo", t):
+            data = bytes(byte ^ 1 for byte in data)
+        pause = _PAUSE if self._struck("byte by byte", t) else 0.0
+        free = self._free_here
+        for byte in data:
+            free = max(t + late, free) + self._byte_time + pause
+            heapq.heappush(self._coming, (free, next(self._count), self._noisy(byte, t)))
+        if not late:
+            # What is held up elsewhere doesn't hold up what comes after it.
+            self._free_here = free
+
+    def _noisy(self, byte: int, t: float) -> int:
+        return byte ^ (1 << int(self._rng.integers(8))) if self._strikes("bit flips", t) else byte
+
+    def _struck(self, kind: str, t: float) -> WireFault | None:
+        return next((f for f in self._faults if f.kind == kind and f.lasts(t)), None)
+
+    def _strikes(self, kind: str, t: float) -> WireFault | None:
+        """The fault, if it lasts at t and chance has it."""
+        fault = self._struck(kind, t)
+        return fault if fault and self._rng.random() < fault.probability else None

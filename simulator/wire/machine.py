@@ -1,0 +1,33 @@
+"""What a simulated serial instrument is: bytes in, bytes out, and the time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+
+class Reply(NamedTuple):
+    """Bytes that begin to leave the machine at `at`, in seconds of the bench's clock.
+
+    Without data it is an appointment: the machine is fed b"" at that time, so that it can go
+    on with what takes time, and needs to foretell nothing that might still be aborted.
+    """
+
+    at: float
+    data: bytes
+
+
+class Machine(Protocol):
+    """An instrument that knows neither ports nor worlds.
+
+    own_faults: what can go wrong within it, in words.
+    """
+
+    own_faults: tuple[str, ...]
+
+    def feed(self, data: bytes, t: float) -> list[Reply]:
+        """Bytes that arrive at t, which never goes back; what leaves from then on."""
+        ...
+
+    def suffer(self, kind: str | None) -> None:
+        """One of `own_faults` begins, or (None) all of them end."""
+        ...

@@ -1,0 +1,130 @@
+"""pyserial's URL sim://NAME: a port in this process, whose waiting is the bench's clock's.
+
+pyserial finds this module by its name in the packages of `serial.protocol_handler_packages`.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from typing import Any
+
+import serial
+
+from drivers.interfaces import Clock
+from simulator.wire.line import Line
+
+_PATIENCE = 0.05
+"""Seconds of the bench, at most, between looks at what others may have sent."""
+
+
+@dataclass
+class _Socket:
+    """Where a line is plugged in; one port at a time holds it."""
+
+    line: Line
+    clock: Clock
+    held: threading.Lock = field(default_factory=threading.Lock)
+
+
+_SOCKETS: dict[str, _Socket] = {}
+
+
+def plug_in(name: str, line: Line, clock: Clock) -> str:
+    """Make a line the port sim://NAME, in place of any that was there; the URL."""
+    if __package__ not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(__package__)
+    _SOCKETS[name.lower()] = _Socket(line, clock)
+    return f"sim://{name}"
+
+
+def unplug(name: str) -> None:
+    """There is no such port from now on; who holds it goes on until it is closed."""
+    _SOCKETS.pop(name.lower(), None)
+
+
+class Serial(serial.SerialBase):  # type: ignore[misc]
+    """A port whose far end is a line of this process."""
+
+    is_open: bool
+
+    def open(self) -> None:
+        name = str(self.port).partition("://")[2].lower()
+        socket = _SOCKETS.get(name)
+        if socket is None:
+            raise serial.SerialException(2, f"could not open port {self.port}: no such port")
+        if self.is_open:
+            raise serial.SerialException("the port is open already")
+        if socket.line.is_out(socket.clock.now()):
+            raise serial.SerialException(2, f"could not open port {self.port}: it is unplugged")
+        if not socket.held.acquire(blocking=False):
+            raise serial.SerialException(16, f"could not open port {self.port}: it is in use")
+        self._socket = socket
+        self._line, self._clock = socket.line, socket.clock
+        self._pulls = self._line.pulls(self._clock.now())
+        self._cancelled = threading.Event()
+        self._held = bytearray()
+        self.is_open = True
+        self.reset_input_buffer()
+
+    def close(self) -> None:
+        if self.is_open:
+            self.is_open = False
+            self._socket.held.release()
+
+    def _reconfigure_port(self) -> None:
+        """Whatever it is set to, the far end understands."""
+
+    def _update_rts_state(self) -> None: ...
+
+    def _update_dtr_state(self) -> None: ...
+
+    def _update_break_state(self) -> None: ...
+
+    def _look(self) -> float:
+        """Take in what has arrived; the time."""
+        if not self.is_open:
+            raise serial.PortNotOpenError()
+        now = self._clock.now()
+        if self._line.is_out(now) or self._line.pulls(now) > self._pulls:
+            self._line.receive(now)
+            raise serial.SerialException(5, f"port {self.port}: the device is disconnected")
+        self._held += self._line.receive(now)
+        return now
+
+    @property
+    def in_waiting(self) -> int:
+        self._look()
+        return len(self._held)
+
+    def read(self, size: int = 1) -> bytes:
+        late: float | None = None
+        while True:
+            now = self._look()
+            if late is None:
+                late = now + (float("inf") if self.timeout is None else self.timeout)
+            if len(self._held) >= size or now >= late or self._cancelled.is_set():
+                break
+            then = min(self._line.next_at(), self._line.next_pull(now), late)
+            if then == float("inf"):
+                then = now + _PATIENCE
+            self._clock.wait_until(max(then, now), self._cancelled.is_set)
+        taken = bytes(self._held[:size])
+        del self._held[:size]
+        return taken
+
+    def cancel_read(self) -> None:
+        self._cancelled.set()
+
+    def write(self, data: Any) -> int:
+        sent = bytes(data)
+        self._line.send(sent, self._look())
+        return len(sent)
+
+    def flush(self) -> None: ...
+
+    def reset_input_buffer(self) -> None:
+        self._look()
+        self._held.clear()
+
+    def reset_output_buffer(self) -> None: ...

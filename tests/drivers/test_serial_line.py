@@ -1,0 +1,187 @@
+"""A serial port by the bench's clock, in the process and over a pseudo-terminal."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.serial_line import SerialLine
+from simulator.clock import VirtualClock
+from simulator.wire import Line, Reply, WireFault, plug_in, unplug
+from simulator.wire.pty import ServedLine
+
+
+class Echo:
+    own_faults = ()
+
+    def feed(self, data, t):
+        return [Reply(t, data)] if data else []
+
+    def suffer(self, kind):
+        pass
+
+
+@pytest.fixture
+def clock():
+    return VirtualClock()
+
+
+@pytest.fixture
+def wire(clock):
+    line = Line(Echo(), baudrate=9600)
+    plug_in("echo", line, clock)
+    yield line
+    unplug("echo")
+
+
+@pytest.fixture
+def port(wire, clock):
+    port = SerialLine("echo", "sim://echo", clock, baudrate=9600)
+    port.open()
+    yield port
+    port.close()
+
+
+def test_what_is_written_comes_back_after_its_time(port, clock):
+    port.write(b"abc\rd", "say abc")
+    assert port.read_until(b"\r", "say abc", 1.0) == b"abc\r"
+    assert clock.now() == pytest.approx(5 * 10 / 9600)
+    assert port.read(1, "say abc", 1.0) == b"d"
+    assert clock.now() == pytest.approx(6 * 10 / 9600)
+
+
+def test_a_timeout_costs_virtual_time_only_and_tells_what_came(port, clock):
+    port.in_step = True
+    port.write(b"abc", "say abc")
+    with pytest.raises(DeviceError, match=r"echo: say abc: only b'abc' came within 500 s") as e:
+        port.read_until(b"\r", "say abc", 500.0)
+    assert clock.now() == pytest.approx(500.0)
+    assert "cable" in e.value.remedy
+    assert not port.in_step
+    assert port.settle(0.1, 1.0) == b"abc"
+    with pytest.raises(DeviceError, match="no reply within 2 s"):
+        port.read(1, "read", 2.0)
+
+
+def test_all_reads_end_within_what_is_granted_to_them_together(port, clock):
+    with port.within(1.0):
+        for _ in range(3):
+            with pytest.raises(DeviceError):
+                port.read(1, "read", 0.6)
+    assert clock.now() == pytest.approx(1.0)
+
+
+def test_settling_discards_until_it_is_quiet(port, clock):
+    port.write(b"x" * 96, "babble")
+    assert port.settle(0.05, 1.0) == b"x" * 96
+    assert clock.now() == pytest.approx(97 * 10 / 9600 + 0.05)
+    port.write(b"x" * 960, "babble")
+    with pytest.raises(DeviceError, match="doesn't stop talking"):
+        port.settle(0.05, 0.5)
+
+
+def test_a_port_that_was_pulled_is_opened_again_by_the_next_command(port, wire, clock):
+    wire.inject(WireFault("disconnect", at=1.0, seconds=2.0))
+    with pytest.raises(DeviceError, match="disconnected") as e:
+        port.read(1, "wait", 10.0)
+    assert clock.now() == pytest.approx(1.0)
+    assert "Plug" in e.value.remedy
+    assert not port.is_open
+    with pytest.raises(DeviceError, match="unplugged"):
+        port.write(b"a", "say a")
+    with pytest.raises(DeviceError, match="port is closed"):
+        port.read(1, "read", 1.0)
+    clock.wait_until(3.0, lambda: False)
+    port.write(b"a", "say a")
+    assert port.read(1, "say a", 1.0) == b"a"
+
+
+def test_a_port_pulled_and_mended_unseen_is_dead_all_the_same(port, wire, clock):
+    clock.wait_until(1.0, lambda: False)
+    wire.receive(1.0)
+    wire.inject(WireFault("disconnect"))
+    wire.mend()
+    with pytest.raises(DeviceError, match="disconnected"):
+        port.write(b"a", "say a")
+    port.write(b"a", "say a")
+
+
+def test_a_port_belongs_to_one(port, clock):
+    other = SerialLine("other", "sim://echo", clock, baudrate=9600)
+    with pytest.raises(DeviceError, match="in use") as e:
+        other.open()
+    assert "other program" in e.value.remedy
+    port.close()
+    other.open()
+    other.close()
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "sim://nobody",
+        "/nowhere/tty",
+        "gopher://x",
+        "socket://127.0.0.1:1",
+        "socket://x",
+        "/dev/null",
+    ],
+)
+def test_a_port_that_cannot_be_opened_is_a_device_error(url, wire, clock):
+    with pytest.raises(DeviceError, match="thing: open: port"):
+        SerialLine("thing", url, clock, baudrate=9600).open()
+
+
+def test_a_read_is_ended_from_outside(tmp_path):
+    clock = RealClock()
+    with ServedLine(Line(Echo(), baudrate=9600), tmp_path / "tty", clock):
+        port = SerialLine("echo", str(tmp_path / "tty"), clock, baudrate=9600)
+        port.open()
+        threading.Timer(0.1, port.cancel).start()
+        with pytest.raises(DeviceError):
+            port.read(1, "wait", 60.0)
+        assert clock.now() < 30
+        port.close()
+
+
+def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
+    clock, path = RealClock(), tmp_path / "tty"
+    wire = Line(Echo(), baudrate=9600)
+    with ServedLine(wire, path, clock):
+        port = SerialLine("echo", str(path), clock, baudrate=9600)
+        port.open()
+        with pytest.raises(DeviceError, match="other program"):
+            SerialLine("other", str(path), clock, baudrate=9600).open()
+        port.write(b"abc\r", "say abc")
+        assert port.read_until(b"\r", "say abc", 5.0) == b"abc\r"
+        assert clock.now() >= 5 * 10 / 9600
+        with pytest.raises(DeviceError, match="no reply within"):
+            port.read(1, "read", 0.05)
+        wire.inject(WireFault("disconnect", at=clock.now(), seconds=0.3))
+        with pytest.raises(DeviceError, match=r"port .*tty"):
+            port.read(1, "read", 5.0)
+        with pytest.raises(DeviceError, match="No such file"):
+            port.write(b"x", "say x")
+        while not path.exists():
+            time.sleep(0.01)
+        port.write(b"x", "say x")
+        assert port.read(1, "say x", 5.0) == b"x"
+        port.close()
+    assert not path.exists()
+
+
+# pyserial's spy never closes its file itself.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_spy_writes_down_what_was_said(tmp_path):
+    clock = RealClock()
+    with ServedLine(Line(Echo(), baudrate=115200), tmp_path / "tty", clock):
+        url = f"spy://{tmp_path}/tty?file={tmp_path}/talk.txt"
+        port = SerialLine("echo", url, clock, baudrate=115200)
+        port.write(b"abc", "say abc")
+        assert port.read(3, "say abc", 5.0) == b"abc"
+        port.close()
+    assert "61 62 63" in (tmp_path / "talk.txt").read_text()
