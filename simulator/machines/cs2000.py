@@ -20,7 +20,7 @@ from simulator.wire.machine import Reply
 
 Array = NDArray[np.float64]
 
-WAVELENGTHS: Array = np.arange(380, 781) * 1e-9
+WAVELENGTHS: Array = np.arange(380, 781).astype(np.float64) * 1e-9
 """At which it measures, in metres."""
 
 _LATENCY = 0.02
@@ -51,6 +51,7 @@ class _Measurement:
     integration: float = 0.0
     nd: int = 0
     real: bool = False
+    by_key: bool = False
 
 
 @dataclass
@@ -135,7 +136,7 @@ class CS2000Machine:
         """The measuring key, if MSWE has enabled it: nothing is said of it on the wire."""
         if not (self.remote and self._settings["MSWE"]) or self._measuring:
             return []
-        return self._start(t)
+        return self._start(t, by_key=True)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
         replies = self._go_on(t)
@@ -288,10 +289,10 @@ class CS2000Machine:
         self._measuring = None
         return self._say("OK00", t)
 
-    def _start(self, t: float) -> list[Reply]:
+    def _start(self, t: float, by_key: bool = False) -> list[Reply]:
         self._data = None
         until = t + min(10.0, max(1.0, self._needed()[0] / 10))
-        self._measuring = _Measurement(until)
+        self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
     def _measure_on(self, t: float) -> list[Reply]:
@@ -306,28 +307,26 @@ class CS2000Machine:
             self._data = self._seen() * 10.0 ** self._settings["NDFS"]
             self._unread = set(_SPANS)
             self._conditions = self._conditions_of(going)
-            return self._tell("OK00", t)
+            return self._tell("OK00", going, t)
         problem = "ER81" if "stuck" in self._faults else ""
         integration, nd = self._needed()
         if not problem and self._signal(integration, nd) > 1.001 * _FULL:
             problem = "ER10"
         if problem:
             self._measuring = None
-            return self._tell(problem, t)
+            return self._tell(problem, going, t)
         seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
-        self._measuring = _Measurement(t + seconds, integration, nd, True)
-        return [*self._tell(f"OK00,{seconds:03d}", t), Reply(t + seconds, b"")]
+        self._measuring = _Measurement(t + seconds, integration, nd, True, going.by_key)
+        return [*self._tell(f"OK00,{seconds:03d}", going, t), Reply(t + seconds, b"")]
 
-    def _tell(self, text: str, t: float) -> list[Reply]:
-        """Say how a measurement gets on, at once."""
-        if self._settings["MSWE"]:
-            return []
-        return [Reply(t, text.encode() + self._delimiter)]
+    def _tell(self, text: str, of: _Measurement, t: float) -> list[Reply]:
+        """Say at once how a measurement gets on, if it was asked for on the wire."""
+        return [] if of.by_key else [Reply(t, text.encode() + self._delimiter)]
 
     def _seen(self) -> Array:
         """Radiance through the slit and the external filter, in W/(sr m² nm)."""
         reach = self._slit
-        nm = np.arange(380 - reach, 781 + reach)
+        nm = np.arange(380 - reach, 781 + reach).astype(np.float64)
         light = np.asarray(self._spectrum(nm * 1e-9), np.float64) * 1e-9
         if reach:
             weights = reach - np.abs(np.arange(-reach, reach + 1.0))

@@ -1,0 +1,253 @@
+"""What all filter wheels share: their slots, the choice by wavelength, and the way there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Self
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Setting, Slot, Surroundings
+
+PICOMETRE = 1e-12
+"""How near a wavelength must be to a slot's centre to mean it."""
+
+
+def slots_from(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
+    """The slots of a wheel, counted from 1.
+
+    slots_nm: centre and full width at half maximum of each, in nanometres. names: of each; left
+    out, its centre is its name. ValueError names what can't be.
+    """
+    if isinstance(slots_nm, str) or not isinstance(slots_nm, Sequence) or not slots_nm:
+        raise ValueError(f"slots_nm is {slots_nm!r}; give [centre, width] of every slot")
+    for number, pair in enumerate(slots_nm, start=1):
+        if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(_is_length, pair)):
+            raise ValueError(
+                f"slots_nm of slot {number} is {pair!r}; give [centre, width] in nanometres, "
+                "both greater than 0"
+            )
+    if not _are_names(names, len(slots_nm)):
+        raise ValueError(
+            f"names is {names!r}; give {len(slots_nm)} different names, one a slot, or none"
+        )
+    said = tuple(names) or tuple(f"{centre:g} nm" for centre, _ in slots_nm)
+    return tuple(
+        Slot(name, round(centre * 1e3) * 1e-12, width * 1e-9)
+        for name, (centre, width) in zip(said, slots_nm, strict=True)
+    )
+
+
+def _is_length(value: object) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and 0 < value < math.inf  # type: ignore[operator]
+
+
+def _are_names(names: Sequence[str], count: int) -> bool:
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        return False
+    if not all(isinstance(name, str) and name for name in names):
+        return False
+    return len(names) in (0, count) and len(set(names)) == len(names)
+
+
+def route(
+    start: int,
+    end: int,
+    count: int,
+    avoid: Collection[int] = (),
+    *,
+    longest: int = 0,
+    forward_only: bool = False,
+) -> list[int]:
+    """The slots at which to stop, the last of them `end`; empty if the wheel stands there.
+
+    A wheel takes the shorter way to each stop, and which one between opposite slots nobody
+    knows. Where `avoid` lies on that way, there are stops that lead it around the other side.
+    avoid: slots that must not cross the light on the way; `start` and `end` may be among them.
+    longest: most slots that it may turn at once, 0 for any. forward_only: it turns to higher
+    numbers alone, and from the last to the first. ValueError if avoid can't be avoided.
+    """
+    for name, slot in (("start", start), ("end", end)):
+        if not 1 <= slot <= count:
+            raise ValueError(f"{name} is slot {slot}; the wheel has 1 to {count}")
+    if start == end:
+        return []
+    ways = [_way(start, end, count, 1)]
+    if not forward_only:
+        ways.append(_way(start, end, count, -1))
+    free = [way for way in ways if not set(way[:-1]) & set(avoid)]
+    if not free:
+        crossed = sorted({slot for way in ways for slot in way[:-1]} & set(avoid))
+        raise ValueError(f"every way from slot {start} to slot {end} crosses {crossed}")
+    way = min(free, key=len)
+    # Opposite slots are no stops for each other, unless both ways are as good.
+    most = count if forward_only else max((count - 1) // 2, 1)
+    if len(free) == len(ways) and not forward_only:
+        most = max(most, count // 2)
+    most = min(most, longest) if longest else most
+    legs = math.ceil(len(way) / most)
+    return [way[math.ceil(len(way) * leg / legs) - 1] for leg in range(1, legs + 1)]
+
+
+def _way(start: int, end: int, count: int, step: int) -> list[int]:
+    """The slots after `start` up to `end`, in one direction."""
+    steps = (end - start) * step % count
+    return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
+
+
+def steps_between(start: int, end: int, count: int) -> int:
+    """How many slots the shorter way is."""
+    return min((end - start) % count, (start - end) % count)
+
+
+class Wheel:
+    """A filter wheel but for its wire; its driver says where it stands and has it turn.
+
+    slots_nm, names: see slots_from(). avoid: numbers of slots that must not cross the light on
+    the way to another one, such as an empty one. step_ms: the most that it needs from a slot to
+    the next one. settling_ms: until a filter that has arrived doesn't shake any more.
+
+    A driver gives `model`, `_where()` and `_go()`; `_answers`, the seconds that all its questions
+    take besides the turning; and `_longest` and `_forward_only`, as route() understands them.
+    """
+
+    model = "filter wheel"
+    _answers = 2.0
+    _longest = 0
+    _forward_only = False
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        slots_nm: Sequence[Sequence[float]],
+        names: Sequence[str] = (),
+        avoid: Sequence[int] = (),
+        step_ms: float = 2000.0,
+        settling_ms: float = 0.0,
+    ) -> None:
+        self._clock = surroundings.clock
+        self._slots = slots_from(slots_nm, names)
+        if not _are_slots(avoid, len(self._slots)):
+            raise ValueError(f"avoid is {avoid!r}; give numbers from 1 to {len(self._slots)}")
+        if not 0 < step_ms <= 60_000:
+            raise ValueError(f"step_ms is {step_ms}; it must be more than 0 and up to 60000")
+        if not 0 <= settling_ms <= 60_000:
+            raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 60000")
+        self._avoid = frozenset(avoid)
+        self._step = step_ms * 1e-3
+        self.settling = settling_ms * 1e-3
+
+    @property
+    def reply_time(self) -> float:
+        """Seconds for the longest way that it may take, and for all questions on it."""
+        return self._longest_way * self._step + self._answers
+
+    @property
+    def _longest_way(self) -> int:
+        count = len(self._slots)
+        return count - 1 if self._avoid or self._forward_only else count // 2
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        return self._slots
+
+    @property
+    def slot(self) -> int:
+        """Where it stands, as it says now."""
+        return self._where("read the slot")
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]:
+        centres = [slot.wavelength for slot in self._slots]
+        return min(centres), max(centres)
+
+    @property
+    def bandwidth(self) -> float:
+        return self._slots[self.slot - 1].bandwidth
+
+    @property
+    def wavelength(self) -> float:
+        return self._slots[self.slot - 1].wavelength
+
+    def set_slot(self, number: int) -> Setting[int]:
+        """Turn to a slot and wait until the wheel stands there."""
+        command = f"turn to slot {number}"
+        if not 1 <= number <= len(self._slots):
+            raise self._refuse(command, "no such slot", f"Choose 1 to {len(self._slots)}")
+        for stop in self._route(command, number):
+            self._go(command, stop)
+        return Setting(number, number, self._clock.now() + self.settling)
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Turn to the slot whose centre is within a picometre."""
+        for number, slot in enumerate(self._slots, start=1):
+            if abs(slot.wavelength - wavelength) < PICOMETRE:
+                setting = self.set_slot(number)
+                return Setting(wavelength, slot.wavelength, setting.ready_at)
+        raise self._refuse(
+            f"tune to {wavelength * 1e9:.1f} nm",
+            "no slot passes it",
+            f"Choose one of {', '.join(slot.name for slot in self._slots)}",
+        )
+
+    def make_safe(self) -> None:
+        """Park it at its first slot."""
+        self.set_slot(1)
+
+    def _route(self, command: str, number: int) -> list[int]:
+        start, count = self._where(command), len(self._slots)
+        try:
+            return route(
+                start,
+                number,
+                count,
+                self._avoid,
+                longest=self._longest,
+                forward_only=self._forward_only,
+            )
+        except ValueError as error:
+            raise self._refuse(
+                command, str(error), "Choose another slot, or take it out of avoid"
+            ) from None
+
+    def _where(self, command: str) -> int:
+        """The slot at which it stands, waiting until it does; DeviceError says why it doesn't."""
+        raise NotImplementedError
+
+    def _go(self, command: str, number: int) -> None:
+        """Turn the shorter way to a slot; return when it stands there, DeviceError if not."""
+        raise NotImplementedError
+
+    def _open(self) -> None:
+        """Reach the device; DeviceError if it can't be."""
+
+    def _close(self) -> None:
+        """Let the device go."""
+
+    def __enter__(self) -> Self:
+        try:
+            self._open()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        try:
+            self.make_safe()
+        except DeviceError:
+            # What went wrong in the block says more.
+            if error is None:
+                raise
+        finally:
+            self._close()
+
+    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self.model, command, reply, remedy)
+
+
+def _are_slots(numbers: Sequence[int], count: int) -> bool:
+    if isinstance(numbers, str) or not isinstance(numbers, Sequence):
+        return False
+    return all(type(number) is int and 1 <= number <= count for number in numbers)
