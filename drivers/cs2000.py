@@ -6,6 +6,7 @@ instruments, and in commercial software only with its permission; see the README
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from drivers.cs2000_link import LONGEST, CodeError, Link
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Spectrum, Surroundings
 from drivers.serial_line import SerialLine
+
+log = logging.getLogger(__name__)
 
 _BAUDRATES = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _MODES = {"normal": 0, "fast": 1, "multi": 2, "manual": 3, "multi fast": 4}
@@ -189,14 +192,13 @@ class CS2000:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         try:
-            with self._line.within(self.reply_time):
-                self.make_safe()
-                # Its keys work again.
-                self._link.ask("RMTS,0", "close")
-        except DeviceError:
-            # What went wrong in the block says more.
-            if error is None:
-                raise
+            if self._identity.serial:
+                with self._line.within(self.reply_time):
+                    self.make_safe()
+                    # Its keys work again.
+                    self._link.ask("RMTS,0", "close")
+        except DeviceError as failure:
+            log.warning("left as it is: %s", failure)
         finally:
             self._line.close()
 
@@ -328,7 +330,7 @@ class CS2000:
     def _all_blocks(self, command: str) -> list[str]:
         texts: list[str] = []
         for number, count in enumerate(_BLOCKS, start=1):
-            block = self._link.ask(f"MEDR,1,1,{number}", command).split(",")
+            block = self._link.ask(f"MEDR,1,1,{number}", command, long=True).split(",")
             if len(block) != count or any(len(text) != 8 for text in block):
                 raise self._line.error(command, f"block {number} has {len(block)} values")
             texts += block

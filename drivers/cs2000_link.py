@@ -32,6 +32,9 @@ _ROUNDS = 3
 _QUIET = 0.02
 """Seconds without a byte, after which an answer counts as the only one."""
 
+_THINKS = 0.05
+"""Seconds that it takes to begin an answer, more or less."""
+
 _RESTS = (0.1, 1.0, 4.0)
 """The same where anything may still be on its way: at first, and where that wasn't enough."""
 
@@ -92,12 +95,20 @@ class Link:
 
     def __init__(self, line: SerialLine, baudrate: int, check: Callable[[str], None]) -> None:
         self.line, self._check = line, check
-        self.patience = PATIENCE + LONGEST / baudrate
+        self._longest = LONGEST / baudrate
+        self.patience = PATIENCE + self._longest
         """Seconds for an answer, its way over the line included."""
 
-    def ask(self, text: str, command: str, seconds: float | None = None) -> str:
-        """Say something; what the answer has after its code, but for the comma."""
+    def ask(self, text: str, command: str, seconds: float | None = None, long: bool = False) -> str:
+        """Say something; what the answer has after its code, but for the comma.
+
+        long: whether it will be as long as answers are, so that nothing is missed in between.
+        """
         self.say(text, command)
+        if long:
+            self.line.clock.wait_until(
+                self.line.clock.now() + self._longest + _THINKS, lambda: self.line.cancelled
+            )
         return self.answer(text, command, seconds)
 
     def say(self, text: str, command: str) -> None:

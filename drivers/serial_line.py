@@ -72,6 +72,16 @@ class SerialLine:
     def is_open(self) -> bool:
         return self._port is not None
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether somebody has given the device up."""
+        return self._cancelled.is_set()
+
+    @property
+    def time_left(self) -> float:
+        """Seconds that are left of those granted by within(); infinite outside of it."""
+        return self._until - self.clock.now()
+
     def open(self, command: str = "open") -> None:
         """Take the port for this program alone, unless it is open."""
         if self._port is not None:

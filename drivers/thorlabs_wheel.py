@@ -7,6 +7,7 @@ after a move as soon as that is done.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Sequence
 
@@ -14,6 +15,8 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.serial_line import SerialLine
 from drivers.wheel import Wheel, steps_between
+
+log = logging.getLogger(__name__)
 
 _PROMPT = b"> "
 
@@ -122,6 +125,15 @@ class ThorlabsWheel(Wheel):
     def kill(self) -> None:
         """End a call that goes on, and all later ones; from any thread."""
         self._line.cancel()
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        try:
+            if self._firmware:
+                self.make_safe()
+        except DeviceError as failure:
+            log.warning("left as it is: %s", failure)
+        finally:
+            self._close()
 
     def _open(self) -> None:
         with self._line.within(self.reply_time):

@@ -49,6 +49,7 @@ def measurements() -> dict[str, Measurement]:
         free_space_peers,
         free_space_problems,
         full_disk,
+        fuzz,
         live,
         peers,
         problems,
@@ -60,6 +61,7 @@ def measurements() -> dict[str, Measurement]:
         separable,
         startup,
         troubles,
+        wire_faults,
         work_saved,
     )
 
@@ -92,6 +94,8 @@ def measurements() -> dict[str, Measurement]:
         "kill": durability.after_kills,
         "disk": full_disk.full_disk_figure,
         "faults": troubles.fault_figure,
+        "wire": wire_faults.wire_fault_figure,
+        "fuzz": fuzz.fuzz_figure,
         "cancel": promptness.cancel_figure,
         "overhead": promptness.overhead_figure,
         "sustained": promptness.sustained_figure,

@@ -1,1 +1,1 @@
-"""Simulated serial instruments: bytes in, bytes out, and the time."""
+"""Serial instruments as their manuals describe them: bytes in, bytes out."""

@@ -119,6 +119,20 @@ class CS2000Machine:
             "MEDR": self._medr,
         }
 
+    @property
+    def measured(self) -> Array | None:
+        """Radiance in W/(sr m² nm) at WAVELENGTHS, as measured last; None if there is none."""
+        return self._data
+
+    @property
+    def conditions(self) -> str:
+        """Of the last measurement, as MEDR tells them."""
+        return self._conditions
+
+    @property
+    def is_measuring(self) -> bool:
+        return self._measuring is not None
+
     def suffer(self, kind: str | None) -> None:
         if kind is None:
             self._faults.clear()

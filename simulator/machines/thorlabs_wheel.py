@@ -47,7 +47,7 @@ class ThorlabsWheelMachine:
             raise ValueError(f"slots is {slots}; a wheel has 6 or 12")
         if not 1 <= position <= slots:
             raise ValueError(f"position is {position}; the wheel has 1 to {slots}")
-        self._firmware = firmware
+        self.firmware = firmware
         self._old = firmware == "1.0"
         self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
         self._state |= {"sensors": 1, "baud": 1}
@@ -66,6 +66,11 @@ class ThorlabsWheelMachine:
     def position(self) -> int:
         """The slot that is in the light."""
         return self._state["pos"]
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """What it would answer to each question."""
+        return dict(self._state)
 
     @property
     def saved(self) -> dict[str, int]:
@@ -127,7 +132,7 @@ class ThorlabsWheelMachine:
         if "error code" in self._faults or (self._old and not primed):
             return _NOT_DEFINED
         if line == b"*idn?":
-            return b"THORLABS FW102C/FW212C Filter Wheel version %s\r" % self._firmware.encode()
+            return b"THORLABS FW102C/FW212C Filter Wheel version %s\r" % self.firmware.encode()
         if line == b"save":
             self._saved = dict(self._state)
             return b""

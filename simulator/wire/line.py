@@ -39,7 +39,7 @@ class Line:
         self._leaving: list[tuple[float, int, bytes, bool]] = []
         self._coming: list[tuple[float, int, int]] = []
         self._free_there = self._free_here = -math.inf
-        self._faults: list[WireFault] = []
+        self._faults: dict[str, list[WireFault]] = {}
         self._pulled = 0
         self._now = -math.inf
         self._suffered: tuple[str, ...] = ()
@@ -65,9 +65,10 @@ class Line:
     def next_at(self) -> float:
         """When something may arrive or change next; infinite if nothing is on its way."""
         with self._lock:
-            queues = (self._going, self._leaving, self._coming)
-            times = [queue[0][0] for queue in queues if queue]
-            return min(times, default=math.inf)
+            going = self._going[0][0] if self._going else math.inf
+            leaving = self._leaving[0][0] if self._leaving else math.inf
+            coming = self._coming[0][0] if self._coming else math.inf
+            return min(going, leaving, coming)
 
     def inject(self, fault: WireFault) -> None:
         """ValueError if neither the wire nor the machine knows such a fault."""
@@ -75,7 +76,7 @@ class Line:
         if fault.kind not in known:
             raise ValueError(f"kind is {fault.kind!r}; choose one of {', '.join(known)}")
         with self._lock:
-            self._faults.append(fault)
+            self._faults.setdefault(fault.kind, []).append(fault)
 
     def mend(self) -> None:
         """All faults end; what they have delayed is still on its way."""
@@ -91,14 +92,14 @@ class Line:
     def pulls(self, t: float) -> int:
         """How often the plug has been pulled by t: who held the port then holds nothing."""
         with self._lock:
-            pulls = [f for f in self._faults if f.kind == "disconnect" and f.at <= t]
-            return self._pulled + len(pulls)
+            pulls = self._faults.get("disconnect", ())
+            return self._pulled + sum(fault.at <= t for fault in pulls)
 
     def next_pull(self, t: float) -> float:
         """When the plug is pulled next, infinite if it isn't."""
         with self._lock:
-            later = [f.at for f in self._faults if f.kind == "disconnect" and f.at > t]
-            return min(later, default=math.inf)
+            pulls = self._faults.get("disconnect", ())
+            return min((fault.at for fault in pulls if fault.at > t), default=math.inf)
 
     def _advance(self, t: float) -> None:
         """Everything that happens by t, in its order."""
@@ -135,7 +136,7 @@ class Line:
 
     def _tell_machine(self, t: float) -> None:
         own = self.machine.own_faults
-        now = tuple(f.kind for f in self._faults if f.kind in own and f.lasts(t))
+        now = tuple(kind for kind in own if self._struck(kind, t))
         if now == self._suffered:
             return
         self._suffered = now
@@ -173,7 +174,8 @@ class Line:
         return byte ^ (1 << int(self._rng.integers(8))) if self._strikes("bit flips", t) else byte
 
     def _struck(self, kind: str, t: float) -> WireFault | None:
-        return next((f for f in self._faults if f.kind == kind and f.lasts(t)), None)
+        faults = self._faults.get(kind)
+        return next((f for f in faults if f.lasts(t)), None) if faults else None
 
     def _strikes(self, kind: str, t: float) -> WireFault | None:
         """The fault, if it lasts at t and chance has it."""

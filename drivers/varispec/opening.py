@@ -1,0 +1,182 @@
+"""How a VariSpec is found, brought to rest and initialised."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.errors import DeviceError
+from drivers.varispec.options import Options
+from drivers.varispec.protocol import TEMPERATURE, VERSION, Status, Version
+from drivers.varispec.talk import Refusal, Talk
+
+_OPENING = 57.0
+"""Seconds in which it is open or has failed; whoever opens a device waits for a minute."""
+
+_INITIALISING = 30.0
+_CYCLE = 12.0
+"""Seconds that initialising and one exercise take about, says the manual."""
+
+_PATIENCE = 1.5
+"""By how much that may be exceeded."""
+
+_POLL = 0.5
+"""Seconds between two questions whether it is done."""
+
+_ASLEEP = "It may be asleep: give its serial number. Check power, cable, port and baud rate"
+
+
+class Opening:
+    """report: is told what is done and the share that is done."""
+
+    def __init__(self, talk: Talk, options: Options, report: Callable[[str, float], None]) -> None:
+        self._talk, self._line, self._options = talk, talk.line, options
+        self._report = report
+        self.temperature = 0.0
+        """Degrees Celsius when it was initialised, or first seen."""
+        self.since = 0.0
+        self.how = ""
+
+    def begin(self) -> Version:
+        """Find the filter and make it ready; DeviceError within a minute."""
+        options = self._options
+        with self._line.within(_OPENING):
+            self._line.reopen("open")
+            self._wait_for_power_up()
+            told = self._talk.persist(self._find, self._identify)
+            if options.serial and int(told.serial) != int(options.serial):
+                raise Refusal(
+                    self._line.model,
+                    "open",
+                    f"it is number {told.serial}, not {options.serial}",
+                    "Check the option port",
+                )
+            if options.recalibrate == "always" or not self._ask_status().initialised:
+                self.initialise(completely=True)
+            elif options.recalibrate == "correct":
+                self.initialise(completely=False)
+            else:
+                self._note("found initialised")
+            if options.exercise and not self._ask_status().exercised:
+                self.exercise(1)
+        return told
+
+    def come_to_rest(self, command: str, known: Version | None) -> Status:
+        """Abort, forget what is on its way, and look whether it is still the same filter.
+
+        Whatever a power failure resets is set again; it may be uninitialised then.
+        """
+        talk = self._talk
+        talk.stop(command)
+        status = self._status_of_the_awake(command, known)
+        if talk.is_busy(command):
+            raise self._line.error(command, "it is busy", "Wait; if it stays so, switch it off")
+        for text in ("B 0", "G 0", "R 1"):
+            talk.say(text, command)
+        if talk.ask_whole("R", command):
+            raise self._line.error(command, "its error can't be cleared")
+        if known is not None:
+            found = self._ask_version(command)
+            if found != known:
+                raise self._line.error(
+                    command, f"another filter answers: {found}", "Plug the right one in"
+                )
+        self._line.in_step = True
+        return status
+
+    def initialise(self, completely: bool) -> None:
+        """Initialise, or only correct for the temperature."""
+        talk, command = self._talk, "initialise" if completely else "correct for the temperature"
+        talk.persist(self._find, lambda: talk.say(f"I {completely:d}", command))
+        self._wait_until_idle("initialising", command, _INITIALISING)
+        talk.persist(self._find, lambda: self._require_initialised(command))
+        self._note("initialised" if completely else "corrected for the temperature")
+
+    def exercise(self, cycles: int) -> None:
+        talk = self._talk
+        talk.persist(self._find, lambda: talk.say(f"E {cycles}", "exercise"))
+        self._wait_until_idle("exercising", "exercise", cycles * _CYCLE)
+        talk.persist(self._find, lambda: talk.require_no_error("exercise"))
+
+    def read_temperature(self, command: str) -> float:
+        def ask() -> float:
+            return float(self._talk.ask("Y ?", TEMPERATURE, command)[1])
+
+        told = self._talk.agreed(ask, command, lambda one, other: abs(one - other) <= 0.25)
+        if not -40.0 <= told <= 100.0:
+            raise self._line.error(command, f"its temperature is {told:g} °C")
+        return told
+
+    def _find(self) -> None:
+        self.come_to_rest("open", None)
+
+    def _identify(self) -> Version:
+        return self._talk.agreed(lambda: self._ask_version("open"), "open")
+
+    def _ask_status(self) -> Status:
+        return self._talk.persist(self._find, lambda: self._talk.status("open"))
+
+    def _ask_version(self, command: str) -> Version:
+        answer = self._talk.ask("V ?", VERSION, command)
+        version = Version(answer[1], float(answer[2]), float(answer[3]), answer[4])
+        if not 100.0 <= version.shortest < version.longest:
+            raise self._line.error(command, f"it says that it is {version}")
+        return version
+
+    def _status_of_the_awake(self, command: str, known: Version | None) -> Status:
+        try:
+            return self._talk.status(command)
+        except DeviceError as error:
+            serial = known.serial if known else self._options.serial
+            if not self._line.is_open:
+                raise
+            if not serial:
+                raise self._line.error(command, error.reply, _ASLEEP) from error
+        self._talk.stop(command)
+        self._talk.awaken(serial)
+        return self._talk.status(command)
+
+    def _wait_for_power_up(self) -> None:
+        """A filter that was just switched on initialises itself; to abort that costs time."""
+        self._line.settle(0.07, 1.0, "open")
+        try:
+            busy = self._talk.is_busy("open")
+        except DeviceError:
+            return
+        if busy:
+            self._wait_until_idle("waiting for its power-up", "open", _INITIALISING)
+
+    def _require_initialised(self, command: str) -> None:
+        self._talk.require_no_error(command)
+        if not self._talk.status(command).initialised:
+            raise Refusal(
+                self._line.model,
+                command,
+                "it doesn't get initialised",
+                "Check the cable between optics and electronics; switch it off and on",
+            )
+
+    def _wait_until_idle(self, what: str, command: str, seconds: float) -> None:
+        """Ask whether it is done, until it is; an answer that noise spoils is asked for again."""
+        clock = self._line.clock
+        began = clock.now()
+        late = began + min(seconds * _PATIENCE + 5.0, self._line.time_left - 1.0)
+        while clock.now() < late:
+            self._report(what, min((clock.now() - began) / max(seconds, 1e-3), 0.99))
+            try:
+                if not self._talk.is_busy(command):
+                    self._report(what, 1.0)
+                    return
+            except DeviceError:
+                if not self._line.is_open or self._line.cancelled:
+                    raise
+                self._line.settle(0.07, 1.0, command)
+            clock.wait_until(clock.now() + _POLL, lambda: self._line.cancelled)
+        raise self._line.error(
+            command,
+            f"it is still busy after {clock.now() - began:.0f} s",
+            "Switch the filter off and on",
+        )
+
+    def _note(self, how: str) -> None:
+        self.temperature = self._talk.persist(self._find, lambda: self.read_temperature("open"))
+        self.since, self.how = self._line.clock.now(), how

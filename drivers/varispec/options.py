@@ -1,0 +1,55 @@
+"""A VariSpec's options, checked before anything is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.varispec.protocol import PALETTE
+
+RECALIBRATE = ("if needed", "correct", "always")
+
+_BAUD_RATES = (9600, 19200, 115200)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What VariSpec() takes; see there."""
+
+    port: str
+    baudrate: int
+    settling_ms: float
+    bandwidth_nm: float
+    recalibrate: str
+    exercise: bool
+    palette_nm: tuple[float, ...]
+    serial: str
+    terminator: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.port, str) or not self.port.strip():
+            raise ValueError(f'port is {self.port!r}; name a port, "/dev/ttyUSB0" for example')
+        _require_one_of("baudrate", self.baudrate, _BAUD_RATES)
+        _require_within("settling_ms", self.settling_ms, 0, 10_000)
+        _require_within("bandwidth_nm", self.bandwidth_nm, 0.01, 200)
+        _require_one_of("recalibrate", self.recalibrate, RECALIBRATE)
+        _require_one_of("exercise", self.exercise, (False, True))
+        if len(self.palette_nm) > PALETTE:
+            raise ValueError(f"palette_nm has {len(self.palette_nm)} elements; 128 are most")
+        for wavelength in self.palette_nm:
+            _require_within("palette_nm's element", wavelength, 100, 9999)
+        if self.serial and not (self.serial.isdecimal() and len(self.serial) <= 5):
+            raise ValueError(f"serial is {self.serial!r}; give its five digits, or none")
+        _require_one_of("terminator", self.terminator, ("\r", "\n"))
+
+
+def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}")
+
+
+def _require_within(name: str, value: Any, low: float, high: float) -> None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not low <= value <= high:
+        raise ValueError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}")

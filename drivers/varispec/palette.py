@@ -1,0 +1,43 @@
+"""A VariSpec's palette: wavelengths whose drive levels it calculates in advance."""
+
+from __future__ import annotations
+
+from drivers.varispec.protocol import ELEMENT, PALETTE
+from drivers.varispec.talk import Talk
+
+
+class Palette:
+    """What the filter was told to hold, and what it says that it holds. Nanometres."""
+
+    def __init__(self, talk: Talk) -> None:
+        self._talk = talk
+        self._defined: dict[float, int] = {}
+
+    def forget(self) -> None:
+        self._defined.clear()
+
+    def find(self, nm: float) -> int | None:
+        """The element of a wavelength that was defined here."""
+        return self._defined.get(nm)
+
+    def clear(self) -> None:
+        self.forget()
+        self._talk.set("C 1", "clear the palette")
+
+    def define(self, element: int, nm: float) -> None:
+        self._talk.set(f"D {nm:.2f},{element}", f"palette with {nm:.2f} nm")
+        self._defined[nm] = element
+
+    def read(self) -> tuple[float, ...]:
+        """One answer is enough where it is what was defined here."""
+        held = self._ask()
+        if held and held == tuple(self._defined):
+            return held
+        return self._talk.agreed(self._ask, "read the palette")
+
+    def _ask(self) -> tuple[float, ...]:
+        command = "read the palette"
+        count = float(self._talk.ask("D ?", ELEMENT, command)[1])
+        if count != int(count) or count > PALETTE:
+            raise self._talk.line.error(command, f"it says it has {count} elements")
+        return tuple(float(self._talk.read_answer(ELEMENT, command)[1]) for _ in range(int(count)))

@@ -1,0 +1,5 @@
+"""A VariSpec tunable filter, from its serial port to the wavelength it passes."""
+
+from simulator.machines.varispec.machine import VariSpecMachine
+
+__all__ = ["VariSpecMachine"]

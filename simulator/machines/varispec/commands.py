@@ -1,0 +1,135 @@
+"""A VariSpec's commands as text: what they mean and what is answered (manual 1.37, ch. 3)."""
+
+from __future__ import annotations
+
+import re
+
+from simulator.machines.varispec.state import Fault, VariSpecState
+
+_LINE = re.compile(r"\s*([A-Za-z])\s*(.*?)\s*")
+_SYNTAX = 1
+_READ_ONLY = 2
+
+_ILLEGAL = {"E": 3, "I": 5, "M": 7, "G": 17}
+"""Error codes of arguments that a command doesn't take; a syntax error for all others."""
+
+_LEGAL = {
+    "B": range(3),
+    "C": range(2),
+    "E": range(256),
+    "G": range(256),
+    "I": range(2),
+    "M": (0, 4),
+    "R": range(2),
+    "X": range(256),
+}
+
+
+def parse(line: str) -> tuple[str, list[str]]:
+    """A command's letter and its arguments; Fault if it isn't one."""
+    found = _LINE.fullmatch(line)
+    if not found or found[1].upper() not in "ABCDEGIJMPRSVWXY":
+        raise Fault(_SYNTAX)
+    return found[1].upper(), [word for word in re.split(r"[,\s]+", found[2]) if word]
+
+
+def number(word: str) -> float:
+    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)", word):
+        raise Fault(_SYNTAX)
+    return float(word)
+
+
+def whole(letter: str, words: list[str]) -> int:
+    """The one argument of a command that takes only some whole numbers."""
+    if len(words) != 1:
+        raise Fault(_SYNTAX)
+    value = number(words[0])
+    if value not in _LEGAL.get(letter, (value,)):
+        raise Fault(_ILLEGAL.get(letter, _SYNTAX))
+    return int(value)
+
+
+def carry_out(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
+    """What a command changes, but for I and E, which take their time."""
+    if letter in "VY":
+        raise Fault(_READ_ONLY)
+    if letter in "AS":
+        if whole(letter, words) == serial:
+            state.asleep = letter == "S"
+    elif letter == "W":
+        _tune(state, words)
+    elif letter == "P":
+        _choose(state, words)
+    elif letter == "D":
+        if not 1 <= len(words) <= 2:
+            raise Fault(_SYNTAX)
+        element = int(number(words[1])) if len(words) == 2 else None
+        state.define(number(words[0]), element)
+    elif letter == "J":
+        jump = number(words[0]) if len(words) == 1 else float("nan")
+        if not abs(jump) <= state.longest - state.shortest:
+            raise Fault(14 if len(words) == 1 else _SYNTAX)
+        state.jump = round(jump, 2)
+    else:
+        _set_whole(state, letter, whole(letter, words))
+
+
+def _tune(state: VariSpecState, words: list[str]) -> None:
+    if len(words) != 1:
+        raise Fault(_SYNTAX)
+    steps = {">": 1, "<": -1}
+    if words[0] in steps:
+        state.tune(state.wavelength + steps[words[0]] * state.jump)
+    else:
+        state.tune(number(words[0]))
+
+
+def _choose(state: VariSpecState, words: list[str]) -> None:
+    steps = {">": 1, "<": -1}
+    if len(words) == 1 and words[0] in steps:
+        state.choose_next(steps[words[0]])
+    else:
+        state.choose(whole("P", words))
+
+
+def _set_whole(state: VariSpecState, letter: str, value: int) -> None:
+    if letter == "B":
+        state.brief = value
+    elif letter == "G":
+        state.sync = value
+    elif letter == "M":
+        state.mode = value
+    elif letter == "R" and value:
+        state.error = 0
+    elif letter == "C" and value:
+        state.palette.clear()
+        state.element = 255
+    elif letter == "X" and value:
+        state.pulse()
+
+
+def values(state: VariSpecState, letter: str, serial: int, firmware: str, heat: float) -> list[str]:
+    """What a query of this letter is answered with, a line each, as wide as the manual says."""
+    if letter == "V":
+        optics = f"{state.shortest:.2f}  {state.longest:.2f}"
+        return [f"   {firmware}  {optics} {serial:05d}"]
+    if letter == "Y":
+        return [f"{heat:7.2f}"]
+    if letter == "W":
+        return [f"{state.wavelength:7.2f}" if state.initialised else "*"]
+    if letter == "J":
+        return [f"{state.jump:7.2f}"]
+    if letter == "D":
+        return [f"{len(state.palette):6d}", *(f"{one:7.2f}" for one in state.palette)]
+    told = {
+        "A": 1,
+        "B": state.brief,
+        "E": state.pending,
+        "G": state.sync,
+        "I": int(state.initialised),
+        "M": state.mode,
+        "P": state.element,
+        "R": state.error,
+        "S": 0,
+    }
+    return [f"{told.get(letter, 0):6d}"]

@@ -1,0 +1,33 @@
+"""Every serial driver, every fault, every command: the figure's trial, fewer moments."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from labapp.figures.fuzz import fuzz
+from labapp.figures.serial_cases import SERIAL_CASES
+from labapp.figures.wire_faults import kinds, suffer
+
+_MOMENTS = int(os.environ.get("LABAPP_FAULT_MOMENTS", "1"))
+_FUZZED = int(os.environ.get("LABAPP_FUZZED_DRIVERS", "3"))
+
+
+@pytest.mark.parametrize(
+    ("case", "kind"),
+    [pytest.param(c, k, id=f"{c.name}-{k}") for c in SERIAL_CASES for k in kinds(c)],
+)
+def test_truth_or_a_device_error_in_time_and_the_next_command_works(case, kind):
+    wrong = [one for one in suffer(case, kind, _MOMENTS, seed=99) if one.wrong]
+    assert not wrong
+
+
+@pytest.mark.parametrize("case", SERIAL_CASES, ids=lambda case: case.name)
+def test_changed_answers_are_never_believed(case):
+    changed = 0
+    for seed in range(_FUZZED):
+        for count, ended in fuzz(case, 1000 + seed):
+            changed += count
+            assert ended in ("", "DeviceError")
+    assert changed > 50
