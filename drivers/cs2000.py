@@ -271,7 +271,7 @@ class CS2000:
                     f"it doesn't come to an end: {seconds} s were told, {_OVERTIME:g} more granted",
                     "Switch it off and on",
                 )
-        while self._measures(command) and self._clock.now() < late:
+        while self._may_measure(command) and self._clock.now() < late:
             self._look(command, cancelled)
             self._clock.wait_until(self._clock.now() + _BUSY, cancelled)
 
@@ -279,16 +279,21 @@ class CS2000:
         """Whether it says that it has measured; CodeError if it says why it couldn't."""
         if not self._line.has_come(b"\r", command, _LOOK):
             return False
+        return self._patiently(lambda: self._link.answer("MEAS,1", command) == "", False)
+
+    def _may_measure(self, command: str) -> bool:
+        return self._patiently(lambda: self._measures(command), True)
+
+    def _patiently(self, ask: Callable[[], bool], unclear: bool) -> bool:
+        """An answer; `unclear` where it is an old or a broken one, for it can be asked again."""
         try:
-            return self._link.answer("MEAS,1", command) == ""
+            return ask()
         except CodeError:
             raise
         except DeviceError:
             if not self._line.is_open:
                 raise
-            # Something old or broken: whether it has ended will be seen.
-            self._line.in_step = True
-            return False
+            return unclear
 
     def _look(self, command: str, cancelled: Callable[[], bool]) -> None:
         """Tell that it gets on; DeviceError if nobody wants it any more."""

@@ -175,7 +175,7 @@ class Link:
 
         rests: seconds of quiet that are waited for, time after time.
         """
-        late = self.line.clock.now() + _DEAF
+        late = self.line.clock.now() + min(_DEAF, self.line.time_left)
         rounds = 0
         while not self.line.in_step:
             try:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.serial_line import SerialLine
 from drivers.wheel import Wheel, steps_between
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -111,16 +114,18 @@ class ThorlabsWheel(Wheel):
 
     def health(self) -> dict[str, str]:
         """Firmware and settings, as the wheel tells them."""
+
+        def read() -> dict[str, str]:
+            return {name: self._agreed(f"{name}?", "health") for name in ("pos", *self._settable)}
+
         with self._line.within(self.reply_time):
-            told = {"slot": str(self._where("health"))}
-            told |= {name: self._agreed(f"{name}?", "health") for name in self._settable}
-        return {"firmware": self._firmware, **told}
+            told = self._persistently("health", read)
+        return {"firmware": self._firmware, "slot": told.pop("pos"), **told}
 
     def save(self) -> None:
         """Have the wheel keep its settings for when it is switched on again."""
         with self._line.within(self.reply_time):
-            self._get_ready("save")
-            self._tell("save", "save")
+            self._persistently("save", lambda: self._tell("save", "save"))
 
     def kill(self) -> None:
         """End a call that goes on, and all later ones; from any thread."""
@@ -148,16 +153,20 @@ class ThorlabsWheel(Wheel):
         return ("trig",) if self._firmware == "1.0" else ("speed", "sensors", "trig", "pcount")
 
     def _where(self, command: str) -> int:
+        count = len(self._slots)
+        self._last = self._persistently(command, lambda: self._number("pos?", command, count))
+        return self._last
+
+    def _persistently(self, command: str, work: Callable[[], T]) -> T:
+        """The result of work, tried again where something late may have got in between."""
         self._get_ready(command)
         try:
-            self._last = self._number("pos?", command, len(self._slots))
+            return work()
         except DeviceError:
             if not self._line.is_open:
                 raise
-            # What came late, before it was at its prompt, may have got in between.
-            self._get_ready(command)
-            self._last = self._number("pos?", command, len(self._slots))
-        return self._last
+        self._get_ready(command)
+        return work()
 
     def _go(self, command: str, number: int) -> None:
         turning = steps_between(self._last, number, len(self._slots)) * self._step
@@ -189,7 +198,8 @@ class ThorlabsWheel(Wheel):
         """
         if self._line.in_step and not self._line.settle(0.0, _QUIET, command):
             return
-        late = self._clock.now() + len(self._slots) // 2 * self._step
+        turning = len(self._slots) // 2 * self._step
+        late = self._clock.now() + min(turning, self._line.time_left)
         prompts = 0
         while True:
             try:

@@ -158,7 +158,7 @@ WHEEL = {
     "slot": Command(lambda d, rng: d.slot, lambda told, m: told == m.position),
     "wavelength": Command(lambda d, rng: d.wavelength, _is_near),
     "health": Command(lambda d, rng: d.health(), _wheel_is_healthy),
-    "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved["sensors"] == 0),
+    "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved == m.settings),
     "make_safe": Command(lambda d, rng: d.make_safe(), lambda told, m: m.position == 1),
 }
 
