@@ -93,12 +93,14 @@ class SerialLine:
         self._errors = port_errors()
         self.in_step = False
         self._buffer.clear()
+        # pyserial's RFC 2217 knows no time-out for writing.
+        writing = None if self.url.lower().startswith("rfc2217:") else _WRITING
         try:
             self._port = serial.serial_for_url(
                 self.url,
                 baudrate=self._baudrate,
                 timeout=0,
-                write_timeout=_WRITING,
+                write_timeout=writing,
                 rtscts=self._rtscts,
                 exclusive=True,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from drivers.errors import DeviceError
@@ -33,6 +34,7 @@ class Opening:
         self._report = report
         self.temperature = 0.0
         """Degrees Celsius when it was initialised, or first seen."""
+        self._plugged_at = -math.inf
         self.since = 0.0
         self.how = ""
 
@@ -41,6 +43,7 @@ class Opening:
         options = self._options
         with self._line.within(_OPENING):
             self._line.reopen("open")
+            self._plugged_at = -math.inf
             self._wait_for_power_up()
             told = self._talk.persist(self._find, self._identify)
             if options.serial and int(told.serial) != int(options.serial):
@@ -66,6 +69,7 @@ class Opening:
         Whatever a power failure resets is set again; it may be uninitialised then.
         """
         talk = self._talk
+        self._spare_a_power_up(command)
         talk.stop(command)
         status = self._status_of_the_awake(command, known)
         if talk.is_busy(command):
@@ -144,6 +148,25 @@ class Opening:
             return
         if busy:
             self._wait_until_idle("waiting for its power-up", "open", _INITIALISING)
+
+    def _spare_a_power_up(self, command: str) -> None:
+        """A plug that was out was its power, too: what it then does must not be aborted."""
+        now = self._line.clock.now
+        if not self._line.is_open:
+            self._line.open(command)
+            self._plugged_at = now()
+            self._line.settle(0.07, 0.5, command)
+        if now() - self._plugged_at > _INITIALISING * _PATIENCE:
+            return
+        try:
+            busy = self._talk.is_busy(command)
+        except DeviceError:
+            return
+        if busy:
+            raise self._line.error(
+                command, "it is busy, initialising itself perhaps", "Wait for half a minute"
+            )
+        self._plugged_at = -math.inf
 
     def _require_initialised(self, command: str) -> None:
         self._talk.require_no_error(command)

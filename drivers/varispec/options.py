@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -39,13 +40,20 @@ class Options:
             raise ValueError(f"palette_nm has {len(self.palette_nm)} elements; 128 are most")
         for wavelength in self.palette_nm:
             _require_within("palette_nm's element", wavelength, 100, 9999)
-        if self.serial and not (self.serial.isdecimal() and len(self.serial) <= 5):
-            raise ValueError(f"serial is {self.serial!r}; give its five digits, or none")
+        if not isinstance(self.serial, str) or not re.fullmatch(r"[0-9]{0,5}", self.serial):
+            raise ValueError(f'serial is {self.serial!r}; give its five digits, as "50527"')
         _require_one_of("terminator", self.terminator, ("\r", "\n"))
 
 
+def as_tuple(name: str, given: Any) -> tuple[Any, ...]:
+    """ValueError where an option isn't a list."""
+    if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
+        raise ValueError(f"{name} is {given!r}; give a list of numbers")
+    return tuple(given)
+
+
 def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
-    if value not in choices:
+    if not isinstance(value, type(choices[0])) or value not in choices:
         raise ValueError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}")
 
 

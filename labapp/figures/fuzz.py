@@ -24,7 +24,7 @@ _COMMANDS = 40
 def fuzz_figure(folder: Path) -> list[Figure]:
     """Answers and echoes changed by chance, until 100 000 were, for each serial driver."""
     figures = []
-    for case in SERIAL_CASES:
+    for case in (case for case in SERIAL_CASES if not case.variant):
         changed = true = failed = 0
         wrong: list[str] = []
         for seed in range(_REPLIES):

@@ -39,7 +39,7 @@ class SerialCase:
 
     machine: a fresh one, ready for use. device: the driver on a port, not yet open. opening:
     seconds in which it must be open. delay: seconds by which late answers are late, more than
-    the driver waits for them.
+    the driver waits for them. variant: of another case with the same driver.
     """
 
     name: str
@@ -49,6 +49,7 @@ class SerialCase:
     commands: dict[str, Command]
     opening: float = 60.0
     delay: float = 3.0
+    variant: bool = False
 
 
 def _tune(device: Any, rng: Rng) -> Any:
@@ -91,13 +92,13 @@ def _holds(palette: Any, machine: Any) -> bool:
 
 
 VARISPEC = {
-    "open": Command(lambda device, rng: device.__enter__(), _knows_itself, 60.0),
+    "open": Command(lambda device, rng: device.__enter__(), _knows_itself),
     "set_wavelength": Command(_tune, _is_tuned),
     "wavelength": Command(
         lambda d, rng: d.wavelength, lambda told, m: told == _metres(m.state.wavelength)
     ),
     "temperature": Command(lambda d, rng: d.temperature, lambda told, m: 20 < told < 26),
-    "health": Command(lambda d, rng: d.health(), _is_healthy, 6.0),
+    "health": Command(lambda d, rng: d.health(), _is_healthy),
     "define_palette": Command(_define, _holds, 20.0),
     "palette": Command(lambda d, rng: d.palette, _holds, 8.0),
     "clear_palette": Command(
@@ -227,6 +228,7 @@ SERIAL_CASES = (
         9600,
         lambda surroundings, url: VariSpec(surroundings, port=url),
         VARISPEC,
+        variant=True,
     ),
     _wheel(6, "1.07", (2,)),
     _wheel(12, "1.04", ()),

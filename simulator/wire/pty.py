@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import select
 import threading
@@ -88,6 +87,6 @@ class ServedLine:
             return
         ends, self._ends = self._ends, None
         self.path.unlink(missing_ok=True)
-        self.line.receive(math.nextafter(self.clock.now(), math.inf))
+        self.line.receive(self.clock.now())
         for end in ends:
             os.close(end)

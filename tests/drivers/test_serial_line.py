@@ -128,6 +128,7 @@ def test_a_port_belongs_to_one(port, clock):
         "gopher://x",
         "socket://127.0.0.1:1",
         "socket://x",
+        "rfc2217://127.0.0.1:1",
         "/dev/null",
     ],
 )

@@ -236,7 +236,7 @@ def test_a_palette_is_used_where_it_was_defined():
         assert device.set_wavelength(600e-9).actual == 600e-9
         assert bench.clock.now() - began > 0.3
         assert device.choose(0).actual == 450e-9
-        with pytest.raises(DeviceError, match="palette has 3"):
+        with pytest.raises(DeviceError, match="no such element of the palette"):
             device.choose(3)
         device.clear_palette()
         assert device.palette == ()
@@ -271,6 +271,34 @@ def test_it_sleeps_and_is_awakened():
         assert not bench.machine.state.asleep
 
 
+def test_the_temperature_is_read_again_after_ten_minutes():
+    heat = [20.0]
+    bench = Bench(heat=lambda t: heat[0])
+    with bench.filter() as device:
+        heat[0] = 10.0
+        device.set_wavelength(500e-9)
+        assert device.settling == pytest.approx(0.05)
+        bench.later(601.0)
+        setting = device.set_wavelength(510e-9)
+        assert setting.ready_at - bench.clock.now() == pytest.approx(0.0827, abs=1e-4)
+
+
+def test_infrared_models_are_advised_to_settle_longer():
+    bench = Bench(range_nm=(650.0, 1100.0))
+    with bench.filter() as device:
+        assert "150 ms" in device.health()["advice"]
+    with bench.filter(settling_ms=150.0) as device:
+        assert device.health()["advice"] == "none"
+
+
+def test_a_closed_filter_is_not_opened_by_a_command():
+    bench = Bench()
+    with bench.filter() as device:
+        pass
+    with pytest.raises(DeviceError, match="it is not open"):
+        device.set_wavelength(500e-9)
+
+
 def test_another_filter_is_refused():
     bench = Bench()
     with pytest.raises(DeviceError, match="it is number 50527, not 12345"):
@@ -285,17 +313,30 @@ def test_another_filter_is_refused():
             device.set_wavelength(500e-9)
 
 
-def test_a_filter_that_lost_its_power_says_so_and_is_ready_once_opened_again():
+def lose_power(bench, device):
+    bench.line.inject(WireFault("disconnect", bench.clock.now(), 1.0))
+    with pytest.raises(DeviceError):
+        device.set_wavelength(500e-9)
+    bench.later(1.0)
+    bench.machine.power_up(bench.clock.now())
+    with pytest.raises(DeviceError, match="busy, initialising itself"):
+        device.set_wavelength(500e-9)
+
+
+def test_a_filter_that_lost_its_power_initialises_itself_undisturbed_and_works_again():
+    bench = Bench()
+    with bench.filter(palette_nm=(500.0,)) as device:
+        lose_power(bench, device)
+        bench.later(30.0)
+        assert device.set_wavelength(500e-9).actual == 500e-9
+        assert (bench.machine.state.wavelength, bench.machine.state.sync) == (500, 0)
+
+
+def test_a_filter_that_lost_its_power_is_ready_once_opened_again():
     bench = Bench()
     supervised = Supervised("filter", bench.filter)
     with supervised:
-        bench.line.inject(WireFault("disconnect", bench.clock.now(), 1.0))
-        with pytest.raises(DeviceError):
-            supervised.set_wavelength(500e-9)
-        bench.machine.power_up(bench.clock.now())
-        bench.later(1.0)
-        with pytest.raises(DeviceError, match=r"busy|not initialised"):
-            supervised.set_wavelength(500e-9)
+        lose_power(bench, supervised)
         supervised.revive()
         assert supervised.set_wavelength(500e-9).actual == 500e-9
         assert bench.machine.state.sync == 0
@@ -383,7 +424,11 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
         ("exercise", "yes"),
         ("palette_nm", (1.0,)),
         ("palette_nm", range(400, 600)),
+        ("palette_nm", 500.0),
+        ("palette_nm", ("500",)),
         ("serial", "x"),
+        ("serial", 50527),
+        ("baudrate", [9600]),
         ("terminator", "\n\r"),
     ],
 )
