@@ -310,32 +310,38 @@ class CS2000Machine:
         return [Reply(until, b"")]
 
     def _measure_on(self, t: float) -> list[Reply]:
-        going = self._measuring
-        if going is None or going.until > t:
-            return []
-        if going.real:
-            if "busy forever" in self._faults:
-                return []
-            self._measuring = None
-            # It makes up for the external filter that it was told of, there or not.
-            self._data = self._seen() * 10.0 ** self._settings["NDFS"]
-            self._unread = set(_SPANS)
-            self._conditions = self._conditions_of(going)
-            return self._tell("OK00", going, t)
-        problem = "ER81" if "stuck" in self._faults else ""
-        integration, nd = self._needed()
-        if not problem and self._signal(integration, nd) > 1.001 * _FULL:
-            problem = "ER10"
-        if problem:
-            self._measuring = None
-            return self._tell(problem, going, t)
-        seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
-        self._measuring = _Measurement(t + seconds, integration, nd, True, going.by_key)
-        return [*self._tell(f"OK00,{seconds:03d}", going, t), Reply(t + seconds, b"")]
+        """The phases of a measurement that are over by t, whoever looks."""
+        replies: list[Reply] = []
+        while (going := self._measuring) and going.until <= t:
+            if going.real and "busy forever" in self._faults:
+                break
+            replies += self._end(going) if going.real else self._begin(going)
+        return replies
 
-    def _tell(self, text: str, of: _Measurement, t: float) -> list[Reply]:
-        """Say at once how a measurement gets on, if it was asked for on the wire."""
-        return [] if of.by_key else [Reply(t, text.encode() + self._delimiter)]
+    def _begin(self, going: _Measurement) -> list[Reply]:
+        """The pre-measurement is over: tell how long the measurement will take."""
+        self._measuring = None
+        if "stuck" in self._faults:
+            return self._tell("ER81", going)
+        integration, nd = self._needed()
+        if self._signal(integration, nd) > 1.001 * _FULL:
+            return self._tell("ER10", going)
+        seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
+        until = going.until + seconds
+        self._measuring = _Measurement(until, integration, nd, True, going.by_key)
+        return [*self._tell(f"OK00,{seconds:03d}", going), Reply(until, b"")]
+
+    def _end(self, going: _Measurement) -> list[Reply]:
+        self._measuring = None
+        # It makes up for the external filter that it was told of, there or not.
+        self._data = self._seen() * 10.0 ** self._settings["NDFS"]
+        self._unread = set(_SPANS)
+        self._conditions = self._conditions_of(going)
+        return self._tell("OK00", going)
+
+    def _tell(self, text: str, of: _Measurement) -> list[Reply]:
+        """Say how a measurement gets on, if it was asked for on the wire."""
+        return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _seen(self) -> Array:
         """Radiance through the slit and the external filter, in W/(sr m² nm)."""
