@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cs2000_link import LONGEST, CodeError, Link
+from drivers.cs2000_link import LONGEST, Cancelled, CodeError, Link
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Spectrum, Surroundings
 from drivers.serial_line import SerialLine
@@ -291,7 +291,7 @@ class CS2000:
         except CodeError:
             raise
         except DeviceError:
-            if not self._line.is_open:
+            if self._line.cancelled or not self._line.is_open:
                 raise
             return unclear
 
@@ -299,7 +299,8 @@ class CS2000:
         """Tell that it gets on; DeviceError if nobody wants it any more."""
         self.alive_at = time.monotonic()
         if cancelled():
-            raise self._line.error(command, "it was cancelled", "Measure again")
+            self._line.in_step = False
+            raise Cancelled(self._line.model, command, "it was cancelled", "Measure again")
 
     def _conditions(self, command: str) -> tuple[float, bool, float]:
         """Integration time, whether the internal filter was in, and angle of a measurement."""

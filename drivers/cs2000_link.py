@@ -87,6 +87,10 @@ class CodeError(DeviceError):
     code = ""
 
 
+class Cancelled(DeviceError):
+    """Nobody wants it any more."""
+
+
 class Link:
     """Questions to the instrument and its answers, never one for another.
 
@@ -164,8 +168,9 @@ class Link:
         except CodeError as error:
             if error.code not in _PASSING or self.line.clock.now() > late:
                 raise
-        except DeviceError:
-            if not self.line.is_open or self.line.clock.now() > late:
+        except DeviceError as error:
+            unwanted = isinstance(error, Cancelled) or self.line.cancelled
+            if unwanted or not self.line.is_open or self.line.clock.now() > late:
                 raise
         self.get_ready(command, _RESTS[-1:])
         return work()
@@ -189,7 +194,8 @@ class Link:
                 # A deaf one is asked as long as it may be deaf.
                 spoke = isinstance(error, CodeError)
                 over = (spoke and rounds >= _ROUNDS) or self.line.clock.now() >= late
-                if over or not passing or not self.line.is_open:
+                lost = self.line.cancelled or not self.line.is_open
+                if over or lost or not passing:
                     raise
 
     def _come_to_rest(self, command: str, quiet: float) -> None:

@@ -163,7 +163,7 @@ class ThorlabsWheel(Wheel):
         try:
             return work()
         except DeviceError:
-            if not self._line.is_open:
+            if self._line.cancelled or not self._line.is_open:
                 raise
         self._get_ready(command)
         return work()
@@ -175,13 +175,13 @@ class ThorlabsWheel(Wheel):
         try:
             self._tell(f"pos={number}", command, turning + _PATIENCE)
         except DeviceError as error:
-            if not self._line.is_open:
+            if self._line.cancelled or not self._line.is_open:
                 raise
             failure = error
         try:
             stands = self._where(command)
         except DeviceError as error:
-            raise failure or error from None
+            raise (error if self._line.cancelled else failure or error) from None
         if stands != number and failure:
             raise failure
         if stands != number:
@@ -212,7 +212,7 @@ class ThorlabsWheel(Wheel):
             except DeviceError:
                 # A prompt says that it doesn't turn: more of them change nothing.
                 over = prompts >= _PROMPTS or self._clock.now() >= late
-                if not self._line.is_open or over:
+                if self._line.cancelled or not self._line.is_open or over:
                     raise
             else:
                 self._line.in_step = True

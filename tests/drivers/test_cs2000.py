@@ -16,7 +16,7 @@ from drivers.interfaces import Spectroradiometer, Surroundings
 from drivers.supervised import Supervised
 from simulator.clock import VirtualClock
 from simulator.machines.cs2000 import CS2000Machine
-from simulator.wire import Reply
+from simulator.wire import Reply, plug_in
 
 
 def light(wavelengths):
@@ -259,7 +259,7 @@ def test_a_value_that_can_not_be_is_never_taken(plugged, digits, said):
             replies = super().feed(data, t)
             return [
                 Reply(r.at, r.data[:5] + digits.encode() + r.data[13:])
-                if len(r.data) == 906 and r.data[5:13] == self.third
+                if len(r.data) == 905 and r.data[5:13] == self.third
                 else r
                 for r in replies
             ]
@@ -274,11 +274,8 @@ def test_a_value_that_can_not_be_is_never_taken(plugged, digits, said):
 
 def test_killed_a_measurement_ends(plugged):
     bench = plugged()
-    bench.clock = bench.surroundings = None
     slow = VirtualClock(speed=20)
     bench.surroundings = Surroundings(slow)
-    from simulator.wire import plug_in
-
     plug_in("bench", bench.line, slow)
     with meter(bench) as device:
         timer = threading.Timer(0.1, device.kill)

@@ -1,5 +1,7 @@
 """The Thorlabs wheel's driver, byte for byte and against its machine on a virtual clock."""
 
+import threading
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,6 +12,7 @@ from drivers.interfaces import FilterWheel, Surroundings
 from drivers.thorlabs_wheel import ThorlabsWheel
 from simulator.clock import VirtualClock
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
+from simulator.wire import Reply, plug_in
 
 SIX = [[450, 10], [500, 10], [550, 10], [600, 10], [650, 10], [700, 10]]
 IDN = b"THORLABS FW102C/FW212C Filter Wheel version 1.07"
@@ -209,6 +212,19 @@ def test_nobody_at_the_port_is_a_device_error_in_time(plugged):
     assert bench.clock.now() < device.reply_time + 1
 
 
+def test_killed_a_move_ends(plugged):
+    bench = plugged()
+    slow = VirtualClock(speed=5)
+    bench.surroundings = Surroundings(slow)
+    plug_in("bench", bench.line, slow)
+    with wheel(bench) as device:
+        timer = threading.Timer(0.1, device.kill)
+        timer.start()
+        with pytest.raises(DeviceError, match="given up"):
+            device.set_slot(4)
+        timer.join()
+
+
 @pytest.mark.parametrize(
     ("option", "said"),
     [
@@ -242,8 +258,6 @@ class Chatter:
         self.line = b""
 
     def feed(self, data, t):
-        from simulator.wire import Reply
-
         replies = [Reply(t, data)] if data else []
         if data == b"\r":
             replies.append(Reply(t + 0.001, self.says))
