@@ -187,9 +187,9 @@ class VariSpec:
     def refresh(self, *, completely: bool = True) -> None:
         """Initialise again (30 s), or only correct for the temperature (no time to speak of).
 
-        Not between pictures that are to be compared.
+        Not between pictures that are to be compared. 30 s more if its plug was just out.
         """
-        self._do("come to rest", lambda: None)
+        self._rest("initialise")
         self._opening.initialise(completely)
         self._note_temperature(self._opening.temperature)
         self.set_wavelength(_metres(self._tuning.nm or self._told.shortest))
@@ -198,7 +198,7 @@ class VariSpec:
         """Exercise the liquid crystals, 12 s a cycle; 3 are enough, says the manual."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
-        self._do("come to rest", lambda: None)
+        self._rest("exercise")
         self._opening.exercise(cycles)
 
     def sleep(self) -> None:
@@ -255,6 +255,12 @@ class VariSpec:
 
         with self._line.within(seconds):
             return self._talk.persist(rest, work)
+
+    def _rest(self, command: str) -> None:
+        """In step, with nothing going on, before something that lasts."""
+        _ = self._told
+        self._opening.wait_if_plugged_in_again(command)
+        self._do(command, lambda: None)
 
     def _report(self, what: str, share: float) -> None:
         self.alive_at = time.monotonic()

@@ -20,6 +20,9 @@ _CYCLE = 12.0
 _PATIENCE = 1.5
 """By how much that may be exceeded."""
 
+_POWERING = _INITIALISING * _PATIENCE
+"""Seconds since it was plugged in, within which it may still be initialising itself."""
+
 _POLL = 0.5
 """Seconds between two questions whether it is done."""
 
@@ -62,6 +65,15 @@ class Opening:
             if options.exercise and not self._ask_status().exercised:
                 self.exercise(1)
         return told
+
+    def wait_if_plugged_in_again(self, command: str) -> None:
+        """For calls that may last: let it finish what it does since its plug was out."""
+        if not self._line.is_open:
+            self._line.open(command)
+        elif self._line.clock.now() - self._plugged_at > _POWERING:
+            return
+        self._wait_for_power_up()
+        self._plugged_at = -math.inf
 
     def come_to_rest(self, command: str, known: Version | None) -> Status:
         """Abort, forget what is on its way, and look whether it is still the same filter.
@@ -136,7 +148,7 @@ class Opening:
             if not serial:
                 raise self._line.error(command, error.reply, _ASLEEP) from error
         self._talk.stop(command)
-        self._talk.awaken(serial)
+        self._talk.say(f"A {int(serial)}", command)
         return self._talk.status(command)
 
     def _wait_for_power_up(self) -> None:
@@ -156,7 +168,7 @@ class Opening:
             self._line.open(command)
             self._plugged_at = now()
             self._line.settle(0.07, 0.5, command)
-        if now() - self._plugged_at > _INITIALISING * _PATIENCE:
+        if now() - self._plugged_at > _POWERING:
             return
         try:
             busy = self._talk.is_busy(command)

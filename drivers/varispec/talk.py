@@ -118,9 +118,6 @@ class Talk:
         if self.line.settle(_QUIET, 0.5, "sleep"):
             raise self.line.error("sleep", "it still answers")
 
-    def awaken(self, serial: str) -> None:
-        self.say(f"A {int(serial)}", "awaken")
-
     def is_busy(self, command: str) -> bool:
         """Whether commands are still being carried out; idle only if it says so twice."""
         return any(self._ask_at_once(BUSY, b"<>", command) == b"<" for _ in range(2))

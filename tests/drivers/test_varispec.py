@@ -332,6 +332,15 @@ def test_a_filter_that_lost_its_power_initialises_itself_undisturbed_and_works_a
         assert (bench.machine.state.wavelength, bench.machine.state.sync) == (500, 0)
 
 
+def test_refreshing_waits_for_a_power_up():
+    bench = Bench()
+    with bench.filter() as device:
+        lose_power(bench, device)
+        began = bench.clock.now()
+        device.refresh()
+        assert 59 < bench.clock.now() - began < 63
+
+
 def test_a_filter_that_lost_its_power_is_ready_once_opened_again():
     bench = Bench()
     supervised = Supervised("filter", bench.filter)
@@ -370,6 +379,28 @@ def test_a_late_answer_is_never_taken_for_another_ones():
                     continue
                 assert bench.machine.state.wavelength == nm
             bench.line.mend()
+
+
+def test_a_wrong_echo_is_an_error_that_shows_both():
+    bench = Bench()
+    with bench.filter() as device:
+        bench.line.inject(WireFault("wrong echo"))
+        with pytest.raises(DeviceError, match="is echoed as") as e:
+            device.set_wavelength(500e-9)
+        assert "cable" in e.value.remedy
+        bench.line.mend()
+
+
+def test_a_temperature_is_believed_once_three_answers_agree():
+    told = iter([20.0, 28.0, 20.0, 28.0, 28.1, 28.0])
+    bench = Bench(heat=lambda t: 25.0)
+    with bench.filter() as device:
+        bench.machine._heat = lambda t: next(told)
+        assert device.temperature == 28.0
+        told = iter([20.0, 28.0] * 50)
+        with pytest.raises(DeviceError, match="its answers differ"):
+            _ = device.temperature
+        bench.machine._heat = lambda t: 25.0
 
 
 def test_a_call_that_goes_on_is_ended_by_kill():
