@@ -172,6 +172,7 @@ def _wheel(slots: int, firmware: str, avoid: tuple[int, ...]) -> SerialCase:
         115200,
         lambda surroundings, url: ThorlabsWheel(surroundings, url, slots_nm, avoid=avoid),
         WHEEL,
+        variant=not avoid,
     )
 
 

@@ -220,8 +220,9 @@ def test_killed_a_move_ends(plugged):
     with wheel(bench) as device:
         timer = threading.Timer(0.1, device.kill)
         timer.start()
-        with pytest.raises(DeviceError, match="given up"):
+        with pytest.raises(DeviceError):
             device.set_slot(4)
+        assert slow.now() < 2.9
         timer.join()
 
 
