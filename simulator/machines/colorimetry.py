@@ -9,6 +9,7 @@ their norm. The constants of luminance and the planckian locus are of CIE 015:20
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -19,6 +20,9 @@ KM = 683.002
 
 _C2 = 1.4388e-2
 """Second radiation constant, in metre kelvins, as the colour temperature is defined with it."""
+
+_TEMPERATURES = np.geomspace(1000, 100_000, 2000)
+"""Kelvins, at which the planckian locus is looked at."""
 
 _SEEN = (400e-9, 651e-9)
 """Metres, beyond which the fits are too dark to have a chromaticity of their own."""
@@ -83,11 +87,10 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
     u, v = uniform(xyz)
     if math.isnan(u):
         return math.nan, math.nan
-    temperatures = np.geomspace(1000, 100_000, 2000)
-    light = np.array([_planck(wavelengths_m, t) for t in temperatures])
-    locus = light @ matching(wavelengths_m, observer).T
-    bottom = locus @ np.array([1.0, 15.0, 3.0])
-    du, dv = u - 4 * locus[:, 0] / bottom, (v - 9 * locus[:, 1] / bottom) * 2 / 3
+    temperatures = _TEMPERATURES
+    first, step = float(wavelengths_m[0]), float(wavelengths_m[1] - wavelengths_m[0])
+    locus = _planckian(first, step, len(wavelengths_m), observer)
+    du, dv = u - locus[0], (v - locus[1]) * 2 / 3
     distance = np.hypot(du, dv)
     nearest = int(np.argmin(distance))
     if distance[nearest] > 0.05 or nearest in (0, len(temperatures) - 1):
@@ -100,8 +103,15 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
     return float(temperatures[nearest] * ratio**shift), math.copysign(least, dv[nearest])
 
 
-def _planck(wavelengths_m: Array, temperature: float) -> Array:
-    return wavelengths_m**-5 / np.expm1(_C2 / (wavelengths_m * temperature))
+@functools.lru_cache(maxsize=8)
+def _planckian(first: float, step: float, count: int, observer: int) -> Array:
+    """u' and v' (2, n) of black bodies of all temperatures, by equally spaced wavelengths."""
+    wavelengths = (first + step * np.arange(count)).astype(np.float64)
+    light = wavelengths**-5 / np.expm1(_C2 / np.outer(_TEMPERATURES, wavelengths))
+    locus = light @ matching(wavelengths, observer).T
+    bottom = locus @ np.array([1.0, 15.0, 3.0])
+    both: Array = np.stack([4 * locus[:, 0], 9 * locus[:, 1]]) / bottom
+    return both
 
 
 def dominant(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
