@@ -23,6 +23,9 @@ _PATIENCE = 1.5
 _POWERING = _INITIALISING * _PATIENCE
 """Seconds since it was plugged in, within which it may still be initialising itself."""
 
+_CALCULATING = 0.5
+"""Seconds that electronics with RS-232 may be busy with a wavelength."""
+
 _POLL = 0.5
 """Seconds between two questions whether it is done."""
 
@@ -170,8 +173,11 @@ class Opening:
             self._line.settle(0.07, 0.5, command)
         if now() - self._plugged_at > _POWERING:
             return
+        clock = self._line.clock
+        late = now() + _CALCULATING
         try:
-            busy = self._talk.is_busy(command)
+            while (busy := self._talk.is_busy(command)) and now() < late:
+                clock.wait_until(now() + 0.05, lambda: self._line.cancelled)
         except DeviceError:
             return
         if busy:

@@ -332,6 +332,16 @@ def test_a_filter_that_lost_its_power_initialises_itself_undisturbed_and_works_a
         assert (bench.machine.state.wavelength, bench.machine.state.sync) == (500, 0)
 
 
+def test_a_plug_that_was_out_while_it_calculated_costs_one_command_only():
+    bench = Bench(electronics="rs232")
+    with bench.filter() as device:
+        bench.line.inject(WireFault("disconnect", bench.clock.now() + 0.03, 1.0))
+        with pytest.raises(DeviceError, match="Plug"):
+            device.set_wavelength(500e-9)
+        bench.line.mend()
+        assert device.set_wavelength(510e-9).actual == 510e-9
+
+
 def test_refreshing_waits_for_a_power_up():
     bench = Bench()
     with bench.filter() as device:
