@@ -136,7 +136,7 @@ def test_it_is_told_what_it_can_not_see(plugged):
         assert spectrum.dimmed
         assert spectrum.angle == pytest.approx(math.radians(0.2))
         assert bench.machine.written_to_flash == 0
-    assert meter(bench, mode="manual", integration_ms=7.5)._speed == "3,7500"
+    assert meter(bench, mode="manual", integration_ms=7.5)._wanted.speed == "3,7500"
 
 
 @pytest.mark.parametrize(

@@ -15,17 +15,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cs2000_link import LONGEST, Cancelled, CodeError, Link
+from drivers.cs2000.link import LONGEST, Cancelled, CodeError, Link
+from drivers.cs2000.options import NDS, chosen
+from drivers.cs2000.spectrum import numbers, read_spectrum
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Spectrum, Surroundings
 from drivers.serial_line import SerialLine
 
 log = logging.getLogger(__name__)
 
-_BAUDRATES = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
-_MODES = {"normal": 0, "fast": 1, "multi": 2, "manual": 3, "multi fast": 4}
-_NDS = {"off": 0, "on": 1, "auto": 2}
-_EXTERNAL = {"none": 0, "1/10": 1, "1/100": 2}
 _ANGLES = (1.0, 0.2, 0.1)
 
 _PRE = 12.0
@@ -41,15 +39,6 @@ _BUSY = 0.5
 """Seconds between questions to an instrument that is still measuring."""
 
 _CONDITIONS = "([0-4]),([0-2]),([0-9]{9}),([01]),([01]),([0-2]),([0-2]),([0-9]{2})"
-
-_BLOCKS = (100, 100, 100, 101)
-"""How many of the 401 values each block has. The last differs, so that blocks can't shift."""
-
-_FAILED = "D1BA43B6"
-"""What it tells of a value that it couldn't compute."""
-
-_BRIGHTEST = 1e7
-"""W/(sr m² nm) that nothing has which the instrument can look at, filters and all."""
 
 
 class CS2000:
@@ -84,27 +73,19 @@ class CS2000:
         close_up_lens: bool = False,
         rtscts: bool = True,
     ) -> None:
-        if not isinstance(port, str) or not port:
-            raise ValueError(f"port is {port!r}; look it up by: labapp devices")
-        if type(baudrate) is not int or baudrate not in _BAUDRATES:
-            raise ValueError(f"baudrate is {baudrate!r}; choose {', '.join(map(str, _BAUDRATES))}")
-        _require_one_of("mode", mode, _MODES)
-        nd = ("off" if mode == "manual" else "auto") if nd is None else nd
-        nds = {"off": 0, "on": 1} if mode == "manual" else _NDS
-        _require_one_of("nd", nd, nds)
-        _require_one_of("external_nd", external_nd, _EXTERNAL)
-        flags = (
-            ("external_sync", external_sync),
-            ("close_up_lens", close_up_lens),
-            ("rtscts", rtscts),
+        self._wanted = chosen(
+            port,
+            baudrate,
+            mode=mode,
+            integration_ms=integration_ms,
+            integration_s=integration_s,
+            nd=nd,
+            sync_hz=sync_hz,
+            external_sync=external_sync,
+            external_nd=external_nd,
+            close_up_lens=close_up_lens,
+            rtscts=rtscts,
         )
-        for name, value in flags:
-            if not isinstance(value, bool):
-                raise ValueError(f"{name} is {value!r}; give true or false")
-        self._speed = _speed(mode, integration_ms, integration_s)
-        self._nd = nds[nd]
-        self._sync = _sync(sync_hz, external_sync)
-        self._told = {"NDFS": _EXTERNAL[external_nd], "LNSS": int(close_up_lens)}
         self._clock = surroundings.clock
         self._line = SerialLine(
             "Konica Minolta CS-2000", port, self._clock, baudrate=baudrate, rtscts=rtscts
@@ -139,7 +120,7 @@ class CS2000:
             self._await_end(command, seconds, cancelled)
         with self._line.within(self.reply_time + began + seconds - self._clock.now()):
             conditions = self._link.persistently(command, lambda: self._conditions(command))
-            values = self._link.persistently(command, lambda: self._values(command))
+            values = self._link.persistently(command, lambda: read_spectrum(self._link, command))
         integration, dimmed, angle = conditions
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
@@ -149,7 +130,7 @@ class CS2000:
 
         def read() -> list[float]:
             found = self._link.agreed("MEDR,2,1,1", "([0-9A-F]{8},?){3}", command)
-            return self._numbers(found[0].split(","), command)
+            return numbers(self._link, found[0].split(","), command)
 
         with self._line.within(self.reply_time):
             x, y, z = self._link.persistently(command, read)
@@ -218,19 +199,23 @@ class CS2000:
             )
         self._identity, self._line.model = identity, identity.model
         self._link.ask("MSWE,0", command)
-        for name, value in self._told.items():
-            self._link.set(name, str(value), name[:3] + "R", command)
-        self._link.set("SCMS", self._sync, "SCMR", command)
+        self._link.set("NDFS", str(self._wanted.external_nd), "NDFR", command)
+        self._link.set("LNSS", str(self._wanted.lens), "LNSR", command)
+        self._link.set("SCMS", self._wanted.sync, "SCMR", command)
         self._set_speed(command)
 
     def _set_speed(self, command: str) -> None:
         try:
-            self._link.set("SPMS", f"{self._speed},{self._nd}", "SPMR", command)
+            self._link.set("SPMS", f"{self._wanted.speed},{self._wanted.nd}", "SPMR", command)
         except CodeError as error:
-            if error.code != "00" or self._nd != _NDS["auto"] or self._speed[0] not in "012":
+            if (
+                error.code != "00"
+                or self._wanted.nd != NDS["auto"]
+                or self._wanted.speed[0] not in "012"
+            ):
                 raise
             # Firmware up to 1.01 chooses its filter itself, and can't be told so.
-            self._link.set("SPMS", self._speed, "SPMR", command)
+            self._link.set("SPMS", self._wanted.speed, "SPMR", command)
 
     def _start(self, command: str, cancelled: Callable[[], bool]) -> int:
         """Begin to measure; how long it will take, in seconds, as it then tells."""
@@ -306,93 +291,11 @@ class CS2000:
         """Integration time, whether the internal filter was in, and angle of a measurement."""
         found = self._link.agreed("MEDR,0,0,1", _CONDITIONS, command)
         told = (found[1], found[2], found[5], found[6])
-        wanted = (self._speed[0], self._sync[0], str(self._told["LNSS"]), str(self._told["NDFS"]))
+        want = self._wanted
+        wanted = (want.speed[0], want.sync[0], str(want.lens), str(want.external_nd))
         integration = int(found[3]) * 1e-6
         if told != wanted or not 0 < integration <= 121:
             raise self._line.error(
                 command, f"it was measured under other conditions: {found[0]}", "Measure again"
             )
         return integration, found[4] == "1", math.radians(_ANGLES[int(found[7])])
-
-    def _values(self, command: str) -> NDArray[np.float64]:
-        """The 401 values in W/(sr m² nm), told twice the same."""
-        before = self._all_blocks(command)
-        for _ in range(2):
-            texts = self._all_blocks(command)
-            if texts == before:
-                break
-            before = texts
-        else:
-            raise self._line.error(command, "it tells the spectrum now so, now otherwise")
-        values = np.array(self._numbers(texts, command))
-        if values.max() > _BRIGHTEST or values.min() < -max(1e-4, 0.01 * values.max()):
-            raise self._line.error(
-                command,
-                f"the radiance is from {values.min():.3g} to {values.max():.3g} W/(sr m² nm)",
-                "Measure again",
-            )
-        return values
-
-    def _all_blocks(self, command: str) -> list[str]:
-        texts: list[str] = []
-        for number, count in enumerate(_BLOCKS, start=1):
-            block = self._link.ask(f"MEDR,1,1,{number}", command, long=True).split(",")
-            if len(block) != count or any(len(text) != 8 for text in block):
-                raise self._line.error(command, f"block {number} has {len(block)} values")
-            texts += block
-        return texts
-
-    def _numbers(self, texts: list[str], command: str) -> list[float]:
-        """What hexadecimal digits mean; DeviceError where that is no number."""
-        if _FAILED in texts:
-            raise self._line.error(
-                command, "it couldn't compute a value", "Measure again; check the light"
-            )
-        try:
-            numbers = np.frombuffer(bytes.fromhex("".join(texts)), ">f4").astype(np.float64)
-        except ValueError:
-            numbers = np.array([math.nan])
-        if len(numbers) != len(texts) or not np.isfinite(numbers).all():
-            raise self._line.error(command, "it tells what is no number", "Measure again")
-        return [float(number) for number in numbers]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
-    if not isinstance(value, str) or value not in known:
-        raise ValueError(f"{name} is {value!r}; choose {', '.join(known)}")
-
-
-def _speed(mode: str, integration_ms: float | None, integration_s: int | None) -> str:
-    """What SPMS is told before the filter; ValueError where a time doesn't fit the mode."""
-    multi = mode.startswith("multi")
-    if (integration_ms is not None) != (mode == "manual"):
-        raise ValueError(
-            f"integration_ms is {integration_ms} and mode {mode!r}; only manual has it"
-        )
-    if (integration_s is not None) != multi:
-        raise ValueError(
-            f"integration_s is {integration_s} and mode {mode!r}; only the multi modes have it"
-        )
-    if integration_ms is not None:
-        if not _is_number(integration_ms) or not 5 <= integration_ms <= 120_000:
-            raise ValueError(f"integration_ms is {integration_ms}; it must be from 5 to 120000")
-        return f"{_MODES[mode]},{round(integration_ms * 1000)}"
-    if integration_s is not None:
-        if type(integration_s) is not int or integration_s not in range(1, 17):
-            raise ValueError(f"integration_s is {integration_s}; it must be a whole 1 to 16")
-        return f"{_MODES[mode]},{integration_s}"
-    return str(_MODES[mode])
-
-
-def _sync(sync_hz: float, external: bool) -> str:
-    """What SCMS is told."""
-    if not _is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
-        raise ValueError(
-            f"sync_hz is {sync_hz} and external_sync {external}; "
-            "give 20 to 200 without external_sync, or 0"
-        )
-    return f"1,{round(sync_hz * 100)}" if sync_hz else "2" if external else "0"
