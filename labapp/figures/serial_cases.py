@@ -13,7 +13,8 @@ from drivers.interfaces import Surroundings
 from drivers.thorlabs_wheel import ThorlabsWheel
 from drivers.varispec import VariSpec
 from simulator.machines.colorimetry import tristimulus
-from simulator.machines.cs2000 import WAVELENGTHS, CS2000Machine
+from simulator.machines.cs2000 import CS2000Machine
+from simulator.machines.cs2000_optics import WAVELENGTHS
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 

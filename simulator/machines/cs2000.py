@@ -11,33 +11,15 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from simulator.machines.colorimetry import tristimulus
 from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
+from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
 from simulator.wire.machine import Reply
-
-Array = NDArray[np.float64]
-
-WAVELENGTHS: Array = np.arange(380, 781).astype(np.float64) * 1e-9
-"""At which it measures, in metres."""
 
 _LATENCY = 0.02
 """Seconds from a command to its answer."""
 
 _FORGETS = 60.0
 """Seconds of silence after which a command without an end is dropped."""
-
-_FULL = 2.5
-"""Luminance times integration time, cd s/m², that fills the sensor at 1 degree: the 5000 cd/m²
-of the data sheet, in the shortest time, through the internal filter."""
-
-_ND = 0.1
-"""What the internal filter passes; the instrument doesn't tell, and this is assumed."""
-
-_AREAS = (1.0, 0.04, 0.01)
-"""Of the field at 1, 0.2 and 0.1 degrees, relative to the first."""
 
 _SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300, 401)}
 """Which wavelengths each block of a spectrum has."""
@@ -85,13 +67,10 @@ class CS2000Machine:
             raise ValueError(f"model is {model!r}; choose CS-2000 or CS-2000A")
         if not re.fullmatch(r"[0-9]{7}", serial):
             raise ValueError(f"serial is {serial!r}; it has seven digits")
-        self._spectrum, self._slit = spectrum, slit_nm
+        self.optics = Optics(spectrum, slit_nm, angle)
         self._model, self._serial = model, serial
         self._version = tuple(int(part) for part in firmware.split("."))
         self._old = self._version < (1, 10) and model == "CS-2000"
-        self.angle = angle
-        self.attached_nd = 0
-        """The external filter that is really there: 0 none, 1 a tenth, 2 a hundredth."""
         self._settings = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
         self._speed: tuple[int, int, int] = (0, 0, 2)
         self._sync: tuple[int, int] = (0, 0)
@@ -247,7 +226,7 @@ class CS2000Machine:
         return "ER00" if given else f"OK00,{self._model:9},{variation},{self._serial}"
 
     def _stsr(self, given: list[int]) -> str:
-        return "ER00" if given else f"OK00,{self.angle}"
+        return "ER00" if given else f"OK00,{self.optics.angle}"
 
     def _dtcr(self, given: list[int]) -> str:
         return "ER00" if given else "OK00,20240201,235607"
@@ -305,7 +284,7 @@ class CS2000Machine:
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
         self._data = None
-        until = t + min(10.0, max(1.0, self._needed()[0] / 10))
+        until = t + min(10.0, max(1.0, self.optics.needed(*self._speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
@@ -323,8 +302,8 @@ class CS2000Machine:
         self._measuring = None
         if "stuck" in self._faults:
             return self._tell("ER81", going)
-        integration, nd = self._needed()
-        if self._signal(integration, nd) > 1.001 * _FULL:
+        integration, nd = self.optics.needed(*self._speed)
+        if self.optics.is_too_bright(integration, nd):
             return self._tell("ER10", going)
         seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
         until = going.until + seconds
@@ -334,7 +313,7 @@ class CS2000Machine:
     def _end(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # It makes up for the external filter that it was told of, there or not.
-        self._data = self._seen() * 10.0 ** self._settings["NDFS"]
+        self._data = self.optics.seen() * 10.0 ** self._settings["NDFS"]
         self._unread = set(_SPANS)
         self._conditions = self._conditions_of(going)
         return self._tell("OK00", going)
@@ -343,37 +322,10 @@ class CS2000Machine:
         """Say how a measurement gets on, if it was asked for on the wire."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
-    def _seen(self) -> Array:
-        """Radiance through the slit and the external filter, in W/(sr m² nm)."""
-        reach = self._slit
-        nm = np.arange(380 - reach, 781 + reach).astype(np.float64)
-        light = np.asarray(self._spectrum(nm * 1e-9), np.float64) * 1e-9
-        if reach:
-            weights = reach - np.abs(np.arange(-reach, reach + 1.0))
-            light = np.convolve(light, weights / weights.sum(), mode="valid")
-        return light * 10.0**-self.attached_nd
-
-    def _signal(self, integration: float, nd: int) -> float:
-        """What falls onto the sensor, in cd s/m² at 1 degree."""
-        luminance = float(tristimulus(WAVELENGTHS, self._seen() * 1e9)[1])
-        return luminance * integration * (_ND if nd else 1.0) * _AREAS[self.angle]
-
-    def _needed(self) -> tuple[float, int]:
-        """Integration time in seconds and the internal filter, as its mode has them."""
-        mode, given, nd = self._speed
-        if mode == 3:
-            return given * 1e-6, nd
-        if nd == 2:
-            nd = int(self._signal(0.005, 0) > _FULL)
-        longest = {0: 120.0, 1: 16.0}.get(mode, float(given))
-        bright = self._signal(1.0, nd)
-        fitting = 0.8 * _FULL / bright if bright > 0 else math.inf
-        return float(np.clip(fitting, 0.005, longest)), nd
-
     def _conditions_of(self, done: _Measurement) -> str:
         return (
             f"{self._speed[0]},{self._sync[0]},{round(done.integration * 1e6):09d},{done.nd},"
-            f"{self._settings['LNSS']},{self._settings['NDFS']},{self.angle},00"
+            f"{self._settings['LNSS']},{self._settings['NDFS']},{self.optics.angle},00"
         )
 
     def _medr(self, given: list[int]) -> str:

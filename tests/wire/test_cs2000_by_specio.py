@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.machines.cs2000 import WAVELENGTHS, CS2000Machine
+from simulator.machines.cs2000 import CS2000Machine
+from simulator.machines.cs2000_optics import WAVELENGTHS
 from simulator.wire import Line
 from simulator.wire.pty import ServedLine
 

@@ -5,7 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from simulator.machines.cs2000 import WAVELENGTHS, CS2000Machine
+from simulator.machines.cs2000 import CS2000Machine
+from simulator.machines.cs2000_optics import WAVELENGTHS
 from simulator.wire import Line
 
 
@@ -218,13 +219,13 @@ def test_too_bright_is_an_error_and_a_smaller_field_takes_it():
     bright = Computer(lambda w: flat(w) * 100)
     bright.say(b"RMTS,2\r")
     assert bright.say(b"MEAS,1\r", 20.0) == b"ER10\r"
-    bright.machine.angle = 1
+    bright.machine.optics.angle = 1
     assert bright.say(b"MEAS,1\r", 20.0).startswith(b"OK00,0")
     assert bright.say(b"MEDR,0,0,1\r")[-6:] == b",1,00\r"
 
 
 def test_an_external_filter_is_made_up_for_where_it_was_told_of(remote):
-    remote.machine.attached_nd = 1
+    remote.machine.optics.attached_nd = 1
     remote.say(b"MEAS,1\r", 20.0)
     assert remote.say(b"MEDR,1,0,1\r")[:15] == b"OK00,1.0000e-4,"
     remote.say(b"NDFS,1\r")
