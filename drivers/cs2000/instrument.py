@@ -32,6 +32,9 @@ _PRE = 12.0
 _OVERTIME = 5.0
 """Seconds by which a measurement may last longer than it was told."""
 
+_ASK = 4.0
+"""Seconds, and a twentieth of the measurement's, between questions whether it still measures."""
+
 _LOOK = 0.2
 """Seconds between looks at whether a measurement was cancelled."""
 
@@ -108,6 +111,8 @@ class CS2000:
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
         """Measure once: 3 to 250 s, by how bright it is.
 
+        Where something goes wrong, its reply time and 16 s may come on top.
+
         DeviceError if the light is too bright or too irregular, if a value couldn't be
         computed, or if it was cancelled.
         """
@@ -118,7 +123,8 @@ class CS2000:
             started = self._clock.now()
         with self._line.within(seconds + _OVERTIME + 1):
             self._await_end(command, seconds, cancelled)
-        with self._line.within(self.reply_time + began + seconds - self._clock.now()):
+        spent = started - began
+        with self._line.within(max(self.reply_time - spent, self._link.patience)):
             conditions = self._link.persistently(command, lambda: self._conditions(command))
             values = self._link.persistently(command, lambda: read_spectrum(self._link, command))
         integration, dimmed, angle = conditions
@@ -245,7 +251,14 @@ class CS2000:
 
     def _await_end(self, command: str, seconds: int, cancelled: Callable[[], bool]) -> None:
         late = self._clock.now() + seconds + _OVERTIME
+        pause = _ASK + seconds / 20
+        ask_at = self._clock.now() + pause
         while not self._ended(command):
+            if self._clock.now() >= ask_at:
+                # What it told may have been spoilt on its way, or its end not have come.
+                if not self._may_measure(command):
+                    return
+                ask_at = self._clock.now() + pause
             if cancelled():
                 self._line.write(b"MEAS,0\r", command)
             self._look(command, cancelled)

@@ -207,8 +207,8 @@ CS = {
         lambda d, m: (d.identity.serial, d.identity.model[15:]) == ("1000123", "CS-2000A"),
         60.0,
     ),
-    "measure": Command(lambda d, rng: d.measure(lambda: False), _is_the_light, 36.0),
-    "tristimulus": Command(_colours, _are_the_colours, 68.0),
+    "measure": Command(lambda d, rng: d.measure(lambda: False), _is_the_light, 50.0),
+    "tristimulus": Command(_colours, _are_the_colours, 82.0),
     "health": Command(
         lambda d, rng: d.health(),
         lambda told, m: list(told.values()) == ["1000123", "1°", "2024-02-01"],
