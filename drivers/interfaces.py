@@ -193,6 +193,40 @@ class Camera(Device, Protocol):
     def capture(self, cancelled: Callable[[], bool]) -> Frame: ...
 
 
+@dataclass(frozen=True)
+class Spectrum:
+    """Light as a spectroradiometer measured it.
+
+    wavelengths: metres, (n,), ascending. radiance: W/(sr m² m) at each, (n,); a thousand
+    million times what is told per nanometre. integration: seconds for which light was taken.
+    dimmed: whether the instrument put a filter of its own before its sensor, whose effect is
+    made up for. angle: of the field that it looked at, in radians. time: the clock's time at
+    which the measurement began.
+    """
+
+    wavelengths: NDArray[np.float64]
+    radiance: NDArray[np.float64]
+    integration: float
+    dimmed: bool
+    angle: float
+    time: float
+
+
+class Spectroradiometer(Device, Protocol):
+    """Measures the spectral radiance of a spot when asked; safe is not measuring.
+
+    measure() takes as long as the light is dim, which comes on top of its reply time: it tells
+    `alive_at` meanwhile.
+    """
+
+    @property
+    def wavelengths(self) -> NDArray[np.float64]:
+        """At which it measures, in metres, (n,)."""
+        ...
+
+    def measure(self, cancelled: Callable[[], bool]) -> Spectrum: ...
+
+
 class TargetChanger(Device, Protocol):
     """Whatever puts one of several named targets before the camera; safe is any."""
 

@@ -159,6 +159,22 @@ class SerialLine:
 
         return self._take(length, command, seconds)
 
+    def has_come(self, end: bytes, command: str, seconds: float) -> bool:
+        """Whether an `end` is there to be read; waits up to so many seconds for it.
+
+        DeviceError once the time of within() is over.
+        """
+        late = self.clock.now() + seconds
+        while end not in self._buffer:
+            if (now := self.clock.now()) >= self._until:
+                raise self.error(command, "no reply in time")
+            left = min(late, self._until) - now
+            piece = self._wait_for_some(command, left) if left > 0 else b""
+            if not piece:
+                return False
+            self._buffer += piece
+        return True
+
     def settle(self, quiet: float, at_most: float, command: str = "come to rest") -> bytes:
         """Discard what comes until nothing has come for `quiet` seconds; what was discarded."""
         self.open(command)

@@ -8,8 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from drivers.cs2000 import CS2000
 from drivers.interfaces import Surroundings
+from drivers.thorlabs_wheel import ThorlabsWheel
 from drivers.varispec import VariSpec
+from simulator.machines.colorimetry import tristimulus
+from simulator.machines.cs2000 import CS2000Machine
+from simulator.machines.cs2000_optics import WAVELENGTHS
+from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 
 Rng = np.random.Generator
@@ -109,6 +115,107 @@ VARISPEC = {
     ),
 }  # fmt: skip
 
+
+def _turn(device: Any, rng: Rng) -> Any:
+    return device.set_slot(int(rng.integers(1, len(device.slots) + 1)))
+
+
+def _turn_by_wavelength(device: Any, rng: Rng) -> Any:
+    return device.set_wavelength(device.slots[int(rng.integers(len(device.slots)))].wavelength)
+
+
+def _stands(setting: Any, machine: Any) -> bool:
+    return setting.asked == setting.actual == machine.position
+
+
+def _centre(slot: int) -> float:
+    """Of the cases' wheels."""
+    return (400 + 20 * slot) / 1e9
+
+
+def _is_near(wavelength: float, machine: Any) -> bool:
+    return abs(wavelength - _centre(machine.position)) < 1e-12
+
+
+def _is_set(device: Any, machine: Any) -> bool:
+    wanted = {"speed": 1, "sensors": 0, "trig": 0, "pcount": len(device.slots)}
+    told: bool = device.identity.model[-5:-1] == f"W{'102' if wanted['pcount'] == 6 else '212'}"
+    known = wanted if machine.firmware != "1.0" else {"trig": 0}
+    return told and all(machine.settings[name] == value for name, value in known.items())
+
+
+def _wheel_is_healthy(health: dict[str, str], machine: Any) -> bool:
+    told = {"slot": machine.position, **machine.settings}
+    settings = {name: int(value) for name, value in health.items() if name != "firmware"}
+    same = all(told[name] == value for name, value in settings.items())
+    return same and health["firmware"] == machine.firmware and len(settings) >= 2
+
+
+WHEEL = {
+    "open": Command(lambda device, rng: device.__enter__(), _is_set, 60.0),
+    "set_slot": Command(_turn, _stands),
+    "set_wavelength": Command(
+        _turn_by_wavelength, lambda told, m: told.asked == told.actual and _is_near(told.actual, m)
+    ),
+    "slot": Command(lambda d, rng: d.slot, lambda told, m: told == m.position),
+    "wavelength": Command(lambda d, rng: d.wavelength, _is_near),
+    "health": Command(lambda d, rng: d.health(), _wheel_is_healthy),
+    "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved == m.settings),
+    "make_safe": Command(lambda d, rng: d.make_safe(), lambda told, m: m.position == 1),
+}
+
+
+def _wheel(slots: int, firmware: str, avoid: tuple[int, ...]) -> SerialCase:
+    slots_nm = [[_centre(slot) * 1e9, 10] for slot in range(1, slots + 1)]
+    return SerialCase(
+        f"Thorlabs FW{'102' if slots == 6 else '212'}C, firmware {firmware}",
+        lambda: ThorlabsWheelMachine(slots, firmware),
+        115200,
+        lambda surroundings, url: ThorlabsWheel(surroundings, url, slots_nm, avoid=avoid),
+        WHEEL,
+        variant=not avoid,
+    )
+
+
+def _light(wavelengths: Any) -> Any:
+    """Bright enough to be measured in three seconds, and no two nanometres alike."""
+    nm = wavelengths * 1e9
+    return 2e5 * (1 + 0.5 * np.sin(nm / 23) + nm / 1000)
+
+
+def _is_the_light(told: Any, machine: Any) -> bool:
+    if machine.measured is None or machine.is_measuring:
+        return False
+    conditions = machine.conditions.split(",")
+    same = np.allclose(told.radiance, machine.measured * 1e9, rtol=1e-6, atol=0)
+    times = round(told.integration * 1e6) == int(conditions[2])
+    return bool(same and times and told.dimmed == (conditions[3] == "1"))
+
+
+def _are_the_colours(told: Any, machine: Any) -> bool:
+    return bool(np.allclose(told, tristimulus(WAVELENGTHS, machine.measured * 1e9), rtol=1e-6))
+
+
+def _colours(device: Any, rng: Rng) -> Any:
+    device.measure(lambda: False)
+    return device.tristimulus()
+
+
+CS = {
+    "open": Command(
+        lambda device, rng: device.__enter__(),
+        lambda d, m: (d.identity.serial, d.identity.model[15:]) == ("1000123", "CS-2000A"),
+        60.0,
+    ),
+    "measure": Command(lambda d, rng: d.measure(lambda: False), _is_the_light, 50.0),
+    "tristimulus": Command(_colours, _are_the_colours, 82.0),
+    "health": Command(
+        lambda d, rng: d.health(),
+        lambda told, m: list(told.values()) == ["1000123", "1°", "2024-02-01"],
+    ),
+    "make_safe": Command(lambda d, rng: d.make_safe(), lambda told, m: not m.is_measuring),
+}
+
 SERIAL_CASES = (
     SerialCase(
         "VariSpec",
@@ -124,6 +231,17 @@ SERIAL_CASES = (
         lambda surroundings, url: VariSpec(surroundings, port=url),
         VARISPEC,
         variant=True,
+    ),
+    _wheel(6, "1.07", (2,)),
+    _wheel(12, "1.04", ()),
+    _wheel(6, "1.0", ()),
+    SerialCase(
+        "CS-2000A",
+        lambda: CS2000Machine(_light),
+        115200,
+        lambda surroundings, url: CS2000(surroundings, url),
+        CS,
+        delay=12.0,
     ),
 )
 """Another serial driver joins by an entry here."""

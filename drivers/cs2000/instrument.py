@@ -1,0 +1,314 @@
+"""Konica Minolta's spectroradiometers CS-2000 and CS-2000A, over USB or RS-232C.
+
+Its maker's communication specifications may be used for software that works with these
+instruments, and in commercial software only with its permission; see the README.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.cs2000.link import LONGEST, Cancelled, CodeError, Link
+from drivers.cs2000.options import NDS, chosen
+from drivers.cs2000.spectrum import numbers, read_spectrum
+from drivers.errors import DeviceError
+from drivers.interfaces import Identity, Spectrum, Surroundings
+from drivers.serial_line import SerialLine
+
+log = logging.getLogger(__name__)
+
+_ANGLES = (1.0, 0.2, 0.1)
+
+_PRE = 12.0
+"""Seconds for a pre-measurement, which takes one to ten."""
+
+_OVERTIME = 5.0
+"""Seconds by which a measurement may last longer than it was told."""
+
+_ASK = 4.0
+"""Seconds, and a twentieth of the measurement's, between questions whether it still measures."""
+
+_LOOK = 0.2
+"""Seconds between looks at whether a measurement was cancelled."""
+
+_BUSY = 0.5
+"""Seconds between questions to an instrument that is still measuring."""
+
+_CONDITIONS = "([0-4]),([0-2]),([0-9]{9}),([01]),([01]),([0-2]),([0-2]),([0-9]{2})"
+
+
+class CS2000:
+    """A CS-2000 or CS-2000A, kept in remote mode while it is open.
+
+    port: such as "/dev/ttyACM0". baudrate: only RS-232C cares, which has 600 to 115200. mode:
+    "normal", "fast", "multi" or "multi fast" (several integrations of integration_s seconds, 1
+    to 16, are averaged) or "manual" (integration_ms, 5 to 120000, in whole microseconds).
+    nd: its internal filter, "off", "on" or "auto"; in manual mode only "off" or "on". sync_hz:
+    20 to 200, the rate of a flickering light; 0 for none. external_sync: by its socket.
+    external_nd: the filter before its lens, "none", "1/10" or "1/100", and close_up_lens:
+    it can't see them, and has to be told. rtscts: whether wires hold the other side up.
+
+    Settings go into its flash memory, which wears, only where its firmware is older than
+    3.00.9301, and only where they differ from those that it has.
+    """
+
+    settling = 0.0
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        port: str,
+        baudrate: int = 115200,
+        mode: str = "normal",
+        integration_ms: float | None = None,
+        integration_s: int | None = None,
+        nd: str | None = None,
+        sync_hz: float = 0.0,
+        external_sync: bool = False,
+        external_nd: str = "none",
+        close_up_lens: bool = False,
+        rtscts: bool = True,
+    ) -> None:
+        self._wanted = chosen(
+            port,
+            baudrate,
+            mode=mode,
+            integration_ms=integration_ms,
+            integration_s=integration_s,
+            nd=nd,
+            sync_hz=sync_hz,
+            external_sync=external_sync,
+            external_nd=external_nd,
+            close_up_lens=close_up_lens,
+            rtscts=rtscts,
+        )
+        self._clock = surroundings.clock
+        self._line = SerialLine(
+            "Konica Minolta CS-2000", port, self._clock, baudrate=baudrate, rtscts=rtscts
+        )
+        self._link = Link(self._line, baudrate, self._check)
+        # Time to come to rest, to answer once as late as it may, and to tell a spectrum thrice.
+        self.reply_time = 2 * self._link.patience + 10 + 12 * LONGEST / baudrate
+        self._identity = Identity(self._line.model, "", simulated=False)
+        self.alive_at = 0.0
+
+    @property
+    def identity(self) -> Identity:
+        return self._identity
+
+    @property
+    def wavelengths(self) -> NDArray[np.float64]:
+        """380 to 780 nm in steps of one, in metres."""
+        return np.arange(380, 781) / 1e9
+
+    def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
+        """Measure once: 3 to 250 s, by how bright it is.
+
+        Where something goes wrong, its reply time and 16 s may come on top.
+
+        DeviceError if the light is too bright or too irregular, if a value couldn't be
+        computed, or if it was cancelled.
+        """
+        command = "measure"
+        began = self._clock.now()
+        with self._line.within(self.reply_time):
+            seconds = self._link.persistently(command, lambda: self._start(command, cancelled))
+            started = self._clock.now()
+        with self._line.within(seconds + _OVERTIME + 1):
+            self._await_end(command, seconds, cancelled)
+        spent = started - began
+        with self._line.within(max(self.reply_time - spent, self._link.patience)):
+            conditions = self._link.persistently(command, lambda: self._conditions(command))
+            values = self._link.persistently(command, lambda: read_spectrum(self._link, command))
+        integration, dimmed, angle = conditions
+        return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
+
+    def tristimulus(self) -> tuple[float, float, float]:
+        """X, Y, Z of the last measurement as it computes them, Y in cd/m²."""
+        command = "read X, Y, Z"
+
+        def read() -> list[float]:
+            found = self._link.agreed("MEDR,2,1,1", "([0-9A-F]{8},?){3}", command)
+            return numbers(self._link, found[0].split(","), command)
+
+        with self._line.within(self.reply_time):
+            x, y, z = self._link.persistently(command, read)
+        return x, y, z
+
+    def health(self) -> dict[str, str]:
+        """What it tells about itself."""
+        command = "health"
+
+        def read() -> dict[str, str]:
+            angle = int(self._link.agreed("STSR", "[0-2]", command)[0])
+            date = self._link.agreed("DTCR", "([0-9]{4})([0-9]{2})([0-9]{2}),[0-9]{6}", command)
+            return {
+                "serial number": self._identity.serial,
+                "measuring angle": f"{_ANGLES[angle]:g}°",
+                "calibrated": f"{date[1]}-{date[2]}-{date[3]}",
+            }
+
+        with self._line.within(self.reply_time):
+            return self._link.persistently(command, read)
+
+    def make_safe(self) -> None:
+        """Have it measure no more."""
+        with self._line.within(self.reply_time):
+            self._link.get_ready("make safe")
+
+    def kill(self) -> None:
+        """End a call that goes on, and all later ones; from any thread."""
+        self._line.cancel()
+
+    def __enter__(self) -> Self:
+        try:
+            with self._line.within(self.reply_time):
+                self._line.open()
+                self._link.get_ready("open")
+        except BaseException:
+            self._line.close()
+            raise
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        try:
+            if self._identity.serial:
+                with self._line.within(self.reply_time):
+                    self.make_safe()
+                    # Its keys work again.
+                    self._link.ask("RMTS,0", "close")
+        except DeviceError as failure:
+            log.warning("left as it is: %s", failure)
+        finally:
+            self._line.close()
+
+    def _check(self, command: str) -> None:
+        """That it is the same instrument, and set as wanted."""
+        found = self._link.agreed(
+            "IDDR", "([A-Z]{2}-[0-9]{4}[A-Z ]{2}),([0-9]),([0-9]{7})", command
+        )
+        identity = Identity(f"Konica Minolta {found[1].strip()}", found[3], simulated=False)
+        known = self._identity
+        if known.serial and known != identity:
+            raise self._line.error(
+                command,
+                f"another instrument answers: {identity.model}, number {identity.serial}, "
+                f"not {known.serial}",
+                "Plug the first one in again, or open the bench again",
+            )
+        self._identity, self._line.model = identity, identity.model
+        self._link.ask("MSWE,0", command)
+        self._link.set("NDFS", str(self._wanted.external_nd), "NDFR", command)
+        self._link.set("LNSS", str(self._wanted.lens), "LNSR", command)
+        self._link.set("SCMS", self._wanted.sync, "SCMR", command)
+        self._set_speed(command)
+
+    def _set_speed(self, command: str) -> None:
+        try:
+            self._link.set("SPMS", f"{self._wanted.speed},{self._wanted.nd}", "SPMR", command)
+        except CodeError as error:
+            if (
+                error.code != "00"
+                or self._wanted.nd != NDS["auto"]
+                or self._wanted.speed[0] not in "012"
+            ):
+                raise
+            # Firmware up to 1.01 chooses its filter itself, and can't be told so.
+            self._link.set("SPMS", self._wanted.speed, "SPMR", command)
+
+    def _start(self, command: str, cancelled: Callable[[], bool]) -> int:
+        """Begin to measure; how long it will take, in seconds, as it then tells."""
+        self._link.say("MEAS,1", command)
+        late = self._clock.now() + _PRE
+        while not self._line.has_come(b"\r", command, _LOOK):
+            self._look(command, cancelled)
+            if self._clock.now() >= late:
+                raise self._line.error(command, f"MEAS,1 isn't answered within {_PRE:g} s")
+        told = self._link.answer("MEAS,1", command)
+        if len(told) != 3 or not told.isdecimal() or not 2 <= int(told) <= 242:
+            raise self._line.error(command, f"it takes {told!r} s, not 002 to 242", "Try again")
+        # An old answer may look the same; what it says now proves that it does measure.
+        if not self._measures(command):
+            raise self._line.error(command, "it doesn't measure", "Try again")
+        return int(told)
+
+    def _measures(self, command: str) -> bool:
+        try:
+            self._link.ask("MEDR,0,0,1", command)
+        except CodeError as error:
+            if error.code not in ("02", "00"):
+                raise
+            self._line.in_step = True
+            return True
+        return False
+
+    def _await_end(self, command: str, seconds: int, cancelled: Callable[[], bool]) -> None:
+        late = self._clock.now() + seconds + _OVERTIME
+        pause = _ASK + seconds / 20
+        ask_at = self._clock.now() + pause
+        while not self._ended(command):
+            if self._clock.now() >= ask_at:
+                # What it told may have been spoilt on its way, or its end not have come.
+                if not self._may_measure(command):
+                    return
+                ask_at = self._clock.now() + pause
+            if cancelled():
+                self._line.write(b"MEAS,0\r", command)
+            self._look(command, cancelled)
+            if self._clock.now() >= late:
+                self._line.write(b"MEAS,0\r", command)
+                raise self._line.error(
+                    command,
+                    f"it doesn't come to an end: {seconds} s were told, {_OVERTIME:g} more granted",
+                    "Switch it off and on",
+                )
+        while self._may_measure(command) and self._clock.now() < late:
+            self._look(command, cancelled)
+            self._clock.wait_until(self._clock.now() + _BUSY, cancelled)
+
+    def _ended(self, command: str) -> bool:
+        """Whether it says that it has measured; CodeError if it says why it couldn't."""
+        if not self._line.has_come(b"\r", command, _LOOK):
+            return False
+        return self._patiently(lambda: self._link.answer("MEAS,1", command) == "", False)
+
+    def _may_measure(self, command: str) -> bool:
+        return self._patiently(lambda: self._measures(command), True)
+
+    def _patiently(self, ask: Callable[[], bool], unclear: bool) -> bool:
+        """An answer; `unclear` where it is an old or a broken one, for it can be asked again."""
+        try:
+            return ask()
+        except CodeError:
+            raise
+        except DeviceError:
+            if self._line.cancelled or not self._line.is_open:
+                raise
+            return unclear
+
+    def _look(self, command: str, cancelled: Callable[[], bool]) -> None:
+        """Tell that it gets on; DeviceError if nobody wants it any more."""
+        self.alive_at = time.monotonic()
+        if cancelled():
+            self._line.in_step = False
+            raise Cancelled(self._line.model, command, "it was cancelled", "Measure again")
+
+    def _conditions(self, command: str) -> tuple[float, bool, float]:
+        """Integration time, whether the internal filter was in, and angle of a measurement."""
+        found = self._link.agreed("MEDR,0,0,1", _CONDITIONS, command)
+        told = (found[1], found[2], found[5], found[6])
+        want = self._wanted
+        wanted = (want.speed[0], want.sync[0], str(want.lens), str(want.external_nd))
+        integration = int(found[3]) * 1e-6
+        if told != wanted or not 0 < integration <= 121:
+            raise self._line.error(
+                command, f"it was measured under other conditions: {found[0]}", "Measure again"
+            )
+        return integration, found[4] == "1", math.radians(_ANGLES[int(found[7])])

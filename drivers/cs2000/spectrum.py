@@ -1,0 +1,64 @@
+"""The spectrum that a CS-2000 has measured, told twice and looked through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.cs2000.link import Link
+
+_BLOCKS = (100, 100, 100, 101)
+"""How many of the 401 values each block has. The last differs, so that blocks can't shift."""
+
+_FAILED = "D1BA43B6"
+"""What it tells of a value that it couldn't compute."""
+
+_BRIGHTEST = 1e7
+"""W/(sr m² nm) that nothing has which the instrument can look at, filters and all."""
+
+
+def read_spectrum(link: Link, command: str) -> NDArray[np.float64]:
+    """The 401 values in W/(sr m² nm), told twice the same."""
+    before = _all_blocks(link, command)
+    for _ in range(2):
+        texts = _all_blocks(link, command)
+        if texts == before:
+            break
+        before = texts
+    else:
+        raise link.line.error(command, "it tells the spectrum now so, now otherwise")
+    values = np.array(numbers(link, texts, command))
+    if values.max() > _BRIGHTEST or values.min() < -max(1e-4, 0.01 * values.max()):
+        raise link.line.error(
+            command,
+            f"the radiance is from {values.min():.3g} to {values.max():.3g} W/(sr m² nm)",
+            "Measure again",
+        )
+    return values
+
+
+def _all_blocks(link: Link, command: str) -> list[str]:
+    texts: list[str] = []
+    for number, count in enumerate(_BLOCKS, start=1):
+        block = link.ask(f"MEDR,1,1,{number}", command, long=True).split(",")
+        if len(block) != count or any(len(text) != 8 for text in block):
+            raise link.line.error(command, f"block {number} has {len(block)} values")
+        texts += block
+    return texts
+
+
+def numbers(link: Link, texts: list[str], command: str) -> list[float]:
+    """What hexadecimal digits mean; DeviceError where that is no number."""
+    if _FAILED in texts:
+        raise link.line.error(
+            command, "it couldn't compute a value", "Measure again; check the light"
+        )
+    try:
+        found = np.frombuffer(bytes.fromhex("".join(texts)), ">f4").astype(np.float64)
+    except ValueError:
+        found = np.array([math.nan])
+    if len(found) != len(texts) or not np.isfinite(found).all():
+        raise link.line.error(command, "it tells what is no number", "Measure again")
+    return [float(number) for number in found]

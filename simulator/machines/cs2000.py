@@ -1,0 +1,354 @@
+"""A Konica Minolta CS-2000 or CS-2000A spectroradiometer as a machine of bytes.
+
+Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
+rev. 7.00, 2020; the optical limits are those of the instrument's data sheet.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
+from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
+from simulator.wire.machine import Reply
+
+_LATENCY = 0.02
+"""Seconds from a command to its answer."""
+
+_FORGETS = 60.0
+"""Seconds of silence after which a command without an end is dropped."""
+
+_SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300, 401)}
+"""Which wavelengths each block of a spectrum has."""
+
+
+@dataclass
+class _Measurement:
+    """One that goes on: until when its present phase lasts, and what it has found."""
+
+    until: float
+    integration: float = 0.0
+    nd: int = 0
+    real: bool = False
+    by_key: bool = False
+
+
+@dataclass
+class _Answer:
+    at: float
+    text: str
+    delimiter: bytes
+
+
+class CS2000Machine:
+    """What it is told over the wire, and the light that falls into it.
+
+    spectrum: the radiance in W/(sr m² m) at wavelengths in metres, asked whenever it measures.
+    model, serial, firmware: as it tells them; firmware decides what it knows. angle: 0 for 1
+    degree, 1 for 0.2, 2 for 0.1, as its dial stands. slit_nm: full width at half maximum of
+    its triangular slit, 0 for none; the data sheet has 5 nm at most.
+    """
+
+    own_faults = ("busy forever", "stuck", "error code")
+
+    def __init__(
+        self,
+        spectrum: Callable[[Array], Array],
+        model: str = "CS-2000A",
+        serial: str = "1000123",
+        firmware: str = "3.00.9301",
+        angle: int = 0,
+        slit_nm: int = 5,
+    ) -> None:
+        if model not in ("CS-2000", "CS-2000A"):
+            raise ValueError(f"model is {model!r}; choose CS-2000 or CS-2000A")
+        if not re.fullmatch(r"[0-9]{7}", serial):
+            raise ValueError(f"serial is {serial!r}; it has seven digits")
+        self.optics = Optics(spectrum, slit_nm, angle)
+        self._model, self._serial = model, serial
+        self._version = tuple(int(part) for part in firmware.split("."))
+        self._old = self._version < (1, 10) and model == "CS-2000"
+        self._settings = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
+        self._speed: tuple[int, int, int] = (0, 0, 2)
+        self._sync: tuple[int, int] = (0, 0)
+        self.remote = 0
+        self.written_to_flash = 0
+        """Settings that have gone into its flash memory, which wears."""
+        self._faults: set[str] = set()
+        self._buffer, self._heard_at = bytearray(), -math.inf
+        self._after_cr = False
+        self._delimiter = b"\r"
+        self._answers: list[_Answer] = []
+        self._measuring: _Measurement | None = None
+        self._data: Array | None = None
+        self._conditions = ""
+        self._unread: set[int] = set()
+        self._commands: dict[str, Callable[[list[int]], str]] = {
+            "RMTS": self._rmts,
+            "IDDR": self._iddr,
+            "STSR": self._stsr,
+            "DTCR": self._dtcr,
+            "SCMS": self._scms,
+            "SCMR": self._scmr,
+            "SPMS": self._spms,
+            "SPMR": self._spmr,
+            "MEDR": self._medr,
+        }
+
+    @property
+    def measured(self) -> Array | None:
+        """Radiance in W/(sr m² nm) at WAVELENGTHS, as measured last; None if there is none."""
+        return self._data
+
+    @property
+    def conditions(self) -> str:
+        """Of the last measurement, as MEDR tells them."""
+        return self._conditions
+
+    @property
+    def is_measuring(self) -> bool:
+        return self._measuring is not None
+
+    def suffer(self, kind: str | None) -> None:
+        if kind is None:
+            self._faults.clear()
+        else:
+            self._faults.add(kind)
+
+    def press_escape(self) -> None:
+        """The key on its back: a measurement is broken off, or else remote mode left."""
+        if self._measuring:
+            self._measuring = None
+        else:
+            self.remote = 0
+
+    def press_measure(self, t: float) -> list[Reply]:
+        """The measuring key, if MSWE has enabled it: nothing is said of it on the wire."""
+        if not (self.remote and self._settings["MSWE"]) or self._measuring:
+            return []
+        return self._start(t, by_key=True)
+
+    def feed(self, data: bytes, t: float) -> list[Reply]:
+        replies = self._go_on(t)
+        for byte in data:
+            if self._buffer and t - self._heard_at > _FORGETS:
+                self._buffer.clear()
+                if self._old:
+                    replies += self._say("ER00", t)
+            self._heard_at = t
+            replies += self._hear(byte, t)
+        return replies
+
+    def _hear(self, byte: int, t: float) -> list[Reply]:
+        after_cr, self._after_cr = self._after_cr, byte == 0x0D
+        if byte == 0x0A and after_cr:
+            # It answers with the end that was used; the answer is not on its way yet.
+            self._delimiter = b"\r\n"
+            if self._answers:
+                self._answers[-1].delimiter = self._delimiter
+            return []
+        if byte not in (0x0D, 0x0A):
+            self._buffer.append(byte)
+            return []
+        self._delimiter = bytes([byte])
+        command, self._buffer = bytes(self._buffer), bytearray()
+        return self._obey(command.decode("latin-1"), t)
+
+    def _say(self, text: str, t: float) -> list[Reply]:
+        self._answers.append(_Answer(t + _LATENCY, text, self._delimiter))
+        return [Reply(t + _LATENCY, b"")]
+
+    def _go_on(self, t: float) -> list[Reply]:
+        """What has become due by t."""
+        replies = self._measure_on(t)
+        while self._answers and self._answers[0].at <= t:
+            answer = self._answers.pop(0)
+            replies.append(Reply(t, answer.text.encode() + answer.delimiter))
+        return replies
+
+    def _obey(self, command: str, t: float) -> list[Reply]:
+        if self._measuring and not self._measuring.real:
+            # No command is taken while it looks how long it has to measure.
+            return []
+        name, *parameters = command.split(",")
+        if "error code" in self._faults:
+            return self._say("ER99", t)
+        if name != "RMTS" and not self.remote:
+            return self._say("ER00", t)
+        if self._measuring and name == "MEDR":
+            return self._say("ER02", t)
+        if self._measuring and name != "MEAS":
+            return self._say("ER00", t)
+        work = self._commands.get(name) or self._simple(name)
+        if work is None and name != "MEAS":
+            return self._say("ER00", t)
+        if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
+            return self._say("ER17", t)
+        numbers = [int(p) for p in parameters]
+        if work is None:
+            return self._meas(numbers, t)
+        answer = work(numbers)
+        if answer == "OK00" and name in ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS"):
+            self.written_to_flash += self.remote == 1
+        return self._say(answer, t)
+
+    def _simple(self, name: str) -> Callable[[list[int]], str] | None:
+        """Settings of one number each, and the questions for them."""
+        asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
+        if asked:
+            return lambda given: "ER00" if given else f"OK00,{self._settings[asked]}"
+        if name not in self._settings:
+            return None
+
+        def put(given: list[int]) -> str:
+            if len(given) != 1:
+                return "ER00"
+            if given[0] > (2 if name == "NDFS" else 1):
+                return "ER17"
+            self._settings[name] = given[0]
+            return "OK00"
+
+        return put
+
+    def _rmts(self, given: list[int]) -> str:
+        if len(given) != 1:
+            return "ER00"
+        if given[0] > (2 if self._version >= (3, 0, 9301) else 1):
+            return "ER17"
+        self.remote = given[0]
+        return "OK00"
+
+    def _iddr(self, given: list[int]) -> str:
+        variation = 2 if self._model == "CS-2000A" else 1
+        return "ER00" if given else f"OK00,{self._model:9},{variation},{self._serial}"
+
+    def _stsr(self, given: list[int]) -> str:
+        return "ER00" if given else f"OK00,{self.optics.angle}"
+
+    def _dtcr(self, given: list[int]) -> str:
+        return "ER00" if given else "OK00,20240201,235607"
+
+    def _scms(self, given: list[int]) -> str:
+        if not given or len(given) != (2 if given[0] == 1 else 1):
+            return "ER00" if not given or given[0] <= 2 else "ER17"
+        if given[0] > 2 or (given[0] == 1 and not 2000 <= given[1] <= 20000):
+            return "ER17"
+        self._sync = given[0], given[1] if given[0] == 1 else 0
+        return "OK00"
+
+    def _scmr(self, given: list[int]) -> str:
+        mode, frequency = self._sync
+        tail = f",{frequency:05d}" if mode == 1 else ""
+        return "ER00" if given else f"OK00,{mode}{tail}"
+
+    def _spms(self, given: list[int]) -> str:
+        if not given:
+            return "ER00"
+        mode, rest = given[0], given[1:]
+        if mode > (3 if self._old else 4):
+            return "ER17"
+        timed = mode >= 2
+        has_nd = mode == 3 or not self._old
+        least = timed + (mode == 3)
+        if not least <= len(rest) <= timed + has_nd:
+            return "ER00"
+        seconds = rest[0] if timed else 0
+        nd = rest[timed] if len(rest) > timed else 2
+        times = range(5000, 120_000_001) if mode == 3 else range(1, 17)
+        if (timed and seconds not in times) or nd > (1 if mode == 3 else 2):
+            return "ER17"
+        self._speed = mode, seconds, nd
+        return "OK00"
+
+    def _spmr(self, given: list[int]) -> str:
+        mode, seconds, nd = self._speed
+        texts = [f"OK00,{mode}"]
+        if mode >= 2:
+            texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
+        if mode == 3 or not self._old:
+            texts.append(str(nd))
+        return "ER00" if given else ",".join(texts)
+
+    def _meas(self, given: list[int], t: float) -> list[Reply]:
+        if len(given) != 1:
+            return self._say("ER00", t)
+        if given[0] > 1 or bool(given[0]) == (self._measuring is not None):
+            return self._say("ER17", t)
+        if given[0]:
+            return self._start(t)
+        self._measuring = None
+        return self._say("OK00", t)
+
+    def _start(self, t: float, by_key: bool = False) -> list[Reply]:
+        self._data = None
+        until = t + min(10.0, max(1.0, self.optics.needed(*self._speed)[0] / 10))
+        self._measuring = _Measurement(until, by_key=by_key)
+        return [Reply(until, b"")]
+
+    def _measure_on(self, t: float) -> list[Reply]:
+        """The phases of a measurement that are over by t, whoever looks."""
+        replies: list[Reply] = []
+        while (going := self._measuring) and going.until <= t:
+            if going.real and "busy forever" in self._faults:
+                break
+            replies += self._end(going) if going.real else self._begin(going)
+        return replies
+
+    def _begin(self, going: _Measurement) -> list[Reply]:
+        """The pre-measurement is over: tell how long the measurement will take."""
+        self._measuring = None
+        if "stuck" in self._faults:
+            return self._tell("ER81", going)
+        integration, nd = self.optics.needed(*self._speed)
+        if self.optics.is_too_bright(integration, nd):
+            return self._tell("ER10", going)
+        seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
+        until = going.until + seconds
+        self._measuring = _Measurement(until, integration, nd, True, going.by_key)
+        return [*self._tell(f"OK00,{seconds:03d}", going), Reply(until, b"")]
+
+    def _end(self, going: _Measurement) -> list[Reply]:
+        self._measuring = None
+        # It makes up for the external filter that it was told of, there or not.
+        self._data = self.optics.seen() * 10.0 ** self._settings["NDFS"]
+        self._unread = set(_SPANS)
+        self._conditions = self._conditions_of(going)
+        return self._tell("OK00", going)
+
+    def _tell(self, text: str, of: _Measurement) -> list[Reply]:
+        """Say how a measurement gets on, if it was asked for on the wire."""
+        return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
+
+    def _conditions_of(self, done: _Measurement) -> str:
+        return (
+            f"{self._speed[0]},{self._sync[0]},{round(done.integration * 1e6):09d},{done.nd},"
+            f"{self._settings['LNSS']},{self._settings['NDFS']},{self.optics.angle},00"
+        )
+
+    def _medr(self, given: list[int]) -> str:
+        if len(given) != 3:
+            return "ER00"
+        mode, form, number = given
+        known: dict[int, set[int]] = {0: {1}, 1: set(_SPANS), 2: set(BLOCKS)}
+        if mode > 2 or form > 1 or number not in known[mode]:
+            return "ER17"
+        if self._data is None:
+            return "ER20"
+        if mode == 0:
+            return f"OK00,{self._conditions}"
+        how = (form == 1, self._old)
+        if mode == 1:
+            texts = [written("spectral", float(v), *how) for v in self._data[_SPANS[number]]]
+        else:
+            texts = block(BLOCKS[number], colorimetric(WAVELENGTHS, self._data), *how)
+        self._forget(mode, number)
+        return ",".join(["OK00", *texts])
+
+    def _forget(self, mode: int, number: int) -> None:
+        """With its key enabled, what was read is gone."""
+        self._unread -= {number} if mode == 1 else set()
+        if self._settings["MSWE"] and (mode == 2 or not self._unread):
+            self._data = None

@@ -1,0 +1,170 @@
+"""A Thorlabs FW102C or FW212C filter wheel as a machine of bytes.
+
+Sources: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3, for the commands; the public
+drivers of pyLabLib, msl-equipment and Odemis for what real wheels were seen to do.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from simulator.wire.machine import Reply
+
+_PROMPT = b"> "
+_NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"
+_ARG_INVALID = b"Command error CMD_ARG_INVALID\r"
+
+_COMMAND = re.compile(rb"([a-z]+)(?:(\?)|=([0-9]+))")
+
+_LATENCY = 0.002
+"""Seconds from a command's end to its answer."""
+
+_HELD = 256
+"""Bytes that wait while it turns; what comes besides is lost."""
+
+
+class ThorlabsWheelMachine:
+    """What it is told over the wire, and where it stands.
+
+    slots: 6 or 12. firmware: "1.0", which knows less and wants a line ">" before each command,
+    or a later one such as "1.07". position: where it stands at first. step: seconds from a slot
+    to the next, slow and fast. turned: told the slot that is in the light, one after the other
+    as they cross it.
+    """
+
+    own_faults = ("busy forever", "stuck", "error code")
+
+    def __init__(
+        self,
+        slots: int = 6,
+        firmware: str = "1.07",
+        position: int = 1,
+        step: tuple[float, float] = (2.0, 1.0),
+        turned: Callable[[int], None] | None = None,
+    ) -> None:
+        if slots not in (6, 12):
+            raise ValueError(f"slots is {slots}; a wheel has 6 or 12")
+        if not 1 <= position <= slots:
+            raise ValueError(f"position is {position}; the wheel has 1 to {slots}")
+        self.firmware = firmware
+        self._old = firmware == "1.0"
+        self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
+        self._state |= {"sensors": 1, "baud": 1}
+        self._saved = dict(self._state)
+        self._step, self._turned = step, turned
+        self._faults: set[str] = set()
+        self._switched_on = True
+        self._primed = False
+        self._line = bytearray()
+        self._held = bytearray()
+        self._answer: tuple[float, bytes] | None = None
+        self._hangs = False
+        self._way: list[tuple[float, int]] = []
+
+    @property
+    def position(self) -> int:
+        """The slot that is in the light."""
+        return self._state["pos"]
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """What it would answer to each question."""
+        return dict(self._state)
+
+    @property
+    def saved(self) -> dict[str, int]:
+        """The settings that it will have when it is switched on again."""
+        return dict(self._saved)
+
+    def suffer(self, kind: str | None) -> None:
+        if kind is None:
+            self._faults.clear()
+        else:
+            self._faults.add(kind)
+
+    def feed(self, data: bytes, t: float) -> list[Reply]:
+        self._held += data[: _HELD - len(self._held)]
+        replies = self._go_on(t)
+        while self._held and self._answer is None:
+            byte = bytes(self._held[:1])
+            del self._held[:1]
+            replies.append(Reply(t, byte))
+            if byte != b"\r":
+                self._line += byte
+                continue
+            line, self._line = bytes(self._line), bytearray()
+            replies += self._begin(line, t)
+        return replies
+
+    def _begin(self, line: bytes, t: float) -> list[Reply]:
+        """Carry a command out; when it will have to be looked at again."""
+        self._way = []
+        output = self._output(line, t)
+        at = (self._way[-1][0] if self._way else t) + _LATENCY
+        self._hangs = bool(self._way) and "busy forever" in self._faults
+        if self._way and self._faults & {"stuck", "busy forever"}:
+            self._way = []
+        self._answer = at, output + _PROMPT
+        return [Reply(time, b"") for time, _ in self._way] + [Reply(at, b"")]
+
+    def _go_on(self, t: float) -> list[Reply]:
+        """What its turning and its answers have come to by t."""
+        while self._way and self._way[0][0] <= t:
+            self._state["pos"] = self._way.pop(0)[1]
+            if self._turned:
+                self._turned(self._state["pos"])
+        if self._hangs and "busy forever" in self._faults:
+            return []
+        if self._answer is None or self._answer[0] > t:
+            return []
+        (_, output), self._answer, self._hangs = self._answer, None, False
+        return [Reply(t, output)]
+
+    def _output(self, line: bytes, t: float) -> bytes:
+        """What it says to a command, but for the prompt."""
+        if self._switched_on:
+            self._switched_on = False
+            return b"\0\0" + _NOT_DEFINED
+        primed, self._primed = self._primed, line == b">"
+        if not line:
+            return b""
+        if "error code" in self._faults or (self._old and not primed):
+            return _NOT_DEFINED
+        if line == b"*idn?":
+            return b"THORLABS FW102C/FW212C Filter Wheel version %s\r" % self.firmware.encode()
+        if line == b"save":
+            self._saved = dict(self._state)
+            return b""
+        found = _COMMAND.fullmatch(line)
+        name = found[1].decode() if found else ""
+        if not found or name not in self._known:
+            return _NOT_DEFINED
+        if found[2]:
+            return b"%d\r" % self._state[name]
+        return self._set(name, int(found[3]), t)
+
+    @property
+    def _known(self) -> set[str]:
+        return set(self._state) - ({"pcount", "speed", "sensors"} if self._old else set())
+
+    def _set(self, name: str, value: int, t: float) -> bytes:
+        count = self._state["pcount"]
+        legal = {"pos": range(1, count + 1), "pcount": (6, 12)}.get(name, (0, 1))
+        if value not in legal:
+            return _ARG_INVALID
+        if name == "pos":
+            self._way = self._turn(value, t)
+        else:
+            self._state[name] = value
+        if name == "pcount" and self.position > value:
+            self._state["pos"] = 1
+        return b""
+
+    def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
+        """When which slot comes into the light on the shorter way."""
+        count, start = self._state["pcount"], self.position
+        forward = (goal - start) % count
+        step, number = (1, forward) if forward <= count / 2 else (-1, count - forward)
+        seconds = self._step[self._state["speed"]]
+        return [(t + i * seconds, (start - 1 + i * step) % count + 1) for i in range(1, number + 1)]
