@@ -159,9 +159,8 @@ class Panel:
         return self._stage
 
     def _screens_changed(self, *_: object) -> None:
-        with contextlib.suppress(DeviceError), self._in_words("follow the screen"):
-            if not self._on.follow():
-                self._forget()
+        with contextlib.suppress(DeviceError):
+            self._be_there("follow the screen")
 
     def _be_there(self, command: str) -> None:
         """DeviceError while the screen is gone; when it is back, it is covered with neutral."""

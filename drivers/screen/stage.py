@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from drivers.screen.checking import require_plain_ramp, what_differs
 from drivers.screen.choosing import Wanted, choose
 from drivers.screen.session import connect
 from drivers.x11 import ScreenReader, XConnection
-from drivers.x11.outputs import Output, outputs, ramp, watch_changes
+from drivers.x11.outputs import Output, outputs, ramp, was_lost, watch_changes
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QImage
@@ -73,19 +72,12 @@ class Stage:
         except DeviceError:
             self.uncover()
             raise
-        if self._canvas is not None and there.region == self.output.region:
+        lost = was_lost(self.changes, self.output)
+        if self._canvas is not None and there.region == self.output.region and not lost:
             self.output = there
             return True
         self.output = there
         self._cover()
-        return False
-
-    def follow(self) -> bool:
-        """Whether the screen still is as it was, after screens have changed."""
-        for _ in self.changes.events():
-            pass
-        with contextlib.suppress(DeviceError):
-            return self.require()
         return False
 
     def draw(self, image: QImage) -> None:

@@ -41,6 +41,7 @@ class Output:
     refresh: float
     primary: bool
     distorted: str = ""
+    number: int = 0
     crtc: int = 0
 
     @property
@@ -88,6 +89,26 @@ def watch_changes(x: XConnection) -> None:
     x.order("RANDR", 4, "IHxx", x.setup.root, _CHANGES)
 
 
+def was_lost(x: XConnection, output: Output) -> bool:
+    """Whether a screen was dark or unplugged since this was asked, even if it is back.
+
+    x: told by `watch_changes` to watch, and used for nothing else.
+    """
+    _, first = x.extension("RANDR")
+    lost = False
+    for event in x.events():
+        if event[0] & 0x7F != first + 1:
+            continue
+        if event[1] == 0:
+            crtc, mode = struct.unpack_from("<II", event, 12)
+            lost |= crtc == output.crtc and not mode
+        elif event[1] == 1:
+            number, crtc = struct.unpack_from("<II", event, 16)
+            gone = not crtc or event[30] == _DISCONNECTED
+            lost |= number == output.number and gone
+    return lost
+
+
 def ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
     """What the graphics card makes of grey levels: (3, n) of 0 to 65535; n is 0 without one."""
     told = x.call("RANDR", 23, "I", crtc)
@@ -131,7 +152,7 @@ def _output(
     columns, rows, rate = modes.get(mode, (width, height, 0.0))
     distorted = _distortion(x, crtc, (columns, rows), (width, height), turned)
     monitor = read_edid(_property(x, number, edid))
-    return Output(name, monitor, left, top, width, height, rate, primary, distorted, crtc)
+    return Output(name, monitor, left, top, width, height, rate, primary, distorted, number, crtc)
 
 
 def _distortion(

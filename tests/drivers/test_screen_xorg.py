@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 import pytest
-from xservers import PATIENCE, lay_out, wait_for, xorg
+from xservers import PATIENCE, edid, lay_out, wait_for, xorg
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
@@ -198,7 +198,6 @@ with ScreenSLM(Surroundings(RealClock()), display=sys.argv[1]) as slm:
 
 
 def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
-    # Whatever lies below the window is bright: only a window can be neutral.
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, bench.display], stdout=subprocess.PIPE, text=True
     )
@@ -261,6 +260,7 @@ def test_a_screen_unplugged_between_two_calls_is_neutral(bench, slm, rng):
     lay_out(bench)
     wait_for(lambda: not bench.pixels()[PLACE].any(), "neutral")
     assert slm.shown == "neutral"
+    assert slm.health()["screen lost"] == "1 times"
 
 
 def test_a_screen_that_moves_is_followed(bench, slm, rng):
@@ -307,7 +307,7 @@ def test_a_wrong_screen_is_refused(bench, options, words):
 
 def test_two_screens_of_the_size_are_ambiguous(bench):
     bench.xrandr("--addmode DUMMY2 1920x1080")
-    bench.xrandr("--output DUMMY2 --mode 1920x1080 --pos 0x0 --output DUMMY0 --pos 3200x0")
+    bench.xrandr("--output DUMMY2 --mode 1920x1080 --pos 3200x0")
     bench.xrandr("")
     try:
         with pytest.raises(DeviceError, match="several screens"), opened(bench):
@@ -322,28 +322,6 @@ def test_a_mirrored_screen_is_refused(bench):
     bench.xrandr("--output DUMMY0 --pos 1280x0")
     with pytest.raises(DeviceError, match="shows what DUMMY0 shows"), opened(bench):
         pass
-
-
-def test_a_scaled_screen_is_refused(bench):
-    bench.xrandr("--addmode DUMMY1 1280x720")
-    bench.xrandr("--output DUMMY1 --mode 1280x720 --scale-from 1920x1080")
-    try:
-        with pytest.raises(DeviceError, match="doesn't show its pixels as they are"), opened(bench):
-            pass
-    finally:
-        bench.xrandr("--output DUMMY1 --scale 1x1 --mode 1920x1080")
-
-
-def edid(name: bytes, serial: bytes) -> bytes:
-    """By VESA's E-EDID standard, release A2: maker HEC, two text descriptors."""
-    told = bytearray(128)
-    told[:8] = bytes.fromhex("00ffffffffffff00")
-    told[8:10] = (8 << 10 | 5 << 5 | 3).to_bytes(2, "big")
-    for at, kind, text in ((72, 0xFC, name), (90, 0xFF, serial)):
-        told[at : at + 5] = bytes([0, 0, 0, kind, 0])
-        told[at + 5 : at + 18] = (text + b"\n").ljust(13)[:13]
-    told[127] = -sum(told) % 256
-    return bytes(told)
 
 
 def tell_edid(server, data: bytes) -> None:
