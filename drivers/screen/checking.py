@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def require_plain_ramp(ramp: NDArray[np.uint16]) -> str:
+def what_ramp_does(ramp: NDArray[np.uint16]) -> str:
     """What a gamma ramp does to grey levels, in words; empty if it leaves them alone.
 
     ramp: (3, n), 0 to 65535. A server may keep 8 bits of it, cut or rounded.

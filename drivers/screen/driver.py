@@ -21,9 +21,14 @@ from drivers.screen.player import Presentations
 T = TypeVar("T")
 
 _OPENING = 30.0
-_AGAIN = 3.5
+_AGAIN = 4.0
 """Seconds in which a window that died must be back: its files lie in memory by then."""
-_CALL = 2.5
+
+_CALL = 4.0
+"""Seconds in which the window must answer: it may be given a long video."""
+
+_MOST = 1 << 30
+"""Bytes of a video: 517 frames of 1920x1080."""
 
 
 class ScreenSLM:
@@ -40,6 +45,7 @@ class ScreenSLM:
     lies behind the graphics card's memory can't be read back, but its gamma ramp, scaling and
     turning are. Frames of a video are shown one a refresh, none left out; `presentations()`
     tells when. A screen that is unplugged is a DeviceError until it is back, neutral.
+    Once the window is closed, the desktop is seen: give it a black background there.
     """
 
     reply_time = _AGAIN + _CALL
@@ -185,6 +191,9 @@ class ScreenSLM:
             wanted = "x".join(("frames", *map(str, self.shape))[-axes:])
             reply = f"{grey.dtype} of shape {grey.shape} isn't uint8 of {wanted}"
             raise DeviceError(self._model, command, reply, "Compute it again")
+        if grey.nbytes > _MOST:
+            reply = f"{grey.nbytes >> 20} MiB are more than {_MOST >> 20}"
+            raise DeviceError(self._model, command, reply, "Show fewer frames")
         return np.ascontiguousarray(grey)
 
 

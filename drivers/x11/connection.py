@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import queue
 import select
 import struct
 import threading
@@ -61,7 +62,7 @@ class XConnection:
         except OSError as error:
             raise XError("libxcb isn't installed (Debian: libxcb1)") from error
         screen = ctypes.c_int(0)
-        self._at: int | None = xcb.xcb_connect(display.encode(), ctypes.byref(screen))
+        self._at: int | None = _connected(display, screen)
         if xcb.xcb_connection_has_error(self._at):
             self.close()
             raise XError(f"no X server answers at {display!r}")
@@ -165,6 +166,21 @@ class XConnection:
 
     def _lost(self) -> XError:
         return XError(f"the X server {self.display} has gone")
+
+
+def _connected(display: str, screen: ctypes.c_int) -> int:
+    """The library's connection, good or bad; XError if the server doesn't say a word."""
+    made: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+    def connect() -> None:
+        made.put(libxcb.library().xcb_connect(display.encode(), ctypes.byref(screen)))
+
+    # The library waits for a greeting for ever: then the thread does, and nobody else.
+    threading.Thread(target=connect, name=f"connect to {display}", daemon=True).start()
+    try:
+        return made.get(timeout=PATIENCE)
+    except queue.Empty:
+        raise XError(f"the X server {display} doesn't answer") from None
 
 
 def _setup(address: int, number: int) -> Setup:

@@ -14,7 +14,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.screen import ScreenSLM, screens
-from drivers.screen.checking import require_plain_ramp, what_differs
+from drivers.screen.checking import what_differs, what_ramp_does
 from drivers.screen.choosing import Wanted, choose
 from drivers.screen.player import Player
 from drivers.screen.session import forbid_scaling
@@ -177,7 +177,7 @@ def test_a_window_on_top_is_told_with_its_place(rng):
 def test_a_ramp_that_changes_nothing_passes(size):
     plain = np.round(np.linspace(0, 65535, size))
     for kept in (plain, plain // 256 * 256, plain // 256 * 257):
-        assert not require_plain_ramp(np.tile(kept.astype(np.uint16), (3, 1)))
+        assert not what_ramp_does(np.tile(kept.astype(np.uint16), (3, 1)))
 
 
 @pytest.mark.parametrize("size", [256, 1024])
@@ -196,7 +196,7 @@ def test_a_ramp_that_changes_one_colour_is_told(size, bend, colour):
     plain = np.linspace(0, 1, size)
     ramp = np.tile(plain, (3, 1))
     ramp[colour] = bend(plain)
-    assert "gamma ramp" in require_plain_ramp(np.round(65535 * ramp).astype(np.uint16))
+    assert "gamma ramp" in what_ramp_does(np.round(65535 * ramp).astype(np.uint16))
 
 
 # The account.

@@ -54,8 +54,8 @@ def wait_for(seen: Callable[[], object], what: str) -> None:
 class XServer:
     """A display, asked by the tools that come with X."""
 
-    def __init__(self, display: str) -> None:
-        self.display = display
+    def __init__(self, display: str, process: int) -> None:
+        self.display, self.process = display, process
 
     def run(self, *command: str, given: str = "") -> str:
         done = subprocess.run(
@@ -116,9 +116,9 @@ def started(command: list[str]) -> Iterator[XServer]:
         with os.fdopen(reading) as told:
             number = told.readline().strip()
         assert number, f"{command[0]} didn't start"
-        yield XServer(f":{number}")
+        yield XServer(f":{number}", server.pid)
     finally:
-        server.terminate()
+        server.kill()
         server.wait()
 
 
