@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 _APPEARING = 0.5
 """Seconds in which a picture must be on the screen: compositors take their time."""
 
+_AGAIN = 0.05
+"""Seconds until a picture that came late is looked at once more."""
+
 _BANDS = 4
 """Parts of a video's frame that are looked at one after the other."""
 
@@ -88,11 +91,19 @@ class Stage:
         """DeviceError if the screen doesn't show this, pixel for pixel, or changes its levels."""
         self.plain_ramp = self._check_ramp()
         late = time.monotonic() + _APPEARING
-        while wrong := what_differs(self._seen(), grey):
-            if time.monotonic() > late:
+        # Once it was wrong, right twice: another window may fight for its place.
+        right, enough = 0, 1
+        while right < enough:
+            wrong = what_differs(self._seen(), grey)
+            if wrong and time.monotonic() > late:
                 raise self._wrong(command, wrong)
-            self._come_to_top()
-        # Only who was covered looks for that: it is drawn again by the server's word.
+            if wrong:
+                right, enough = 0, 2
+                self._come_to_top()
+            else:
+                right += 1
+                if right < enough:
+                    time.sleep(_AGAIN)
 
     def glance(self, command: str, grey: NDArray[np.uint8]) -> None:
         """The same for a part of a picture that is shown now, in little time."""
