@@ -110,7 +110,10 @@ class ScreenSLM:
 
     @property
     def shown(self) -> str:
-        """The identifier of what is on the screen: "neutral" if it was unplugged since."""
+        """The identifier of what is on the screen: "neutral" if it was unplugged since.
+
+        A still is read back again: DeviceError if something covers it.
+        """
         return self._ask("shown", lambda window: window.state())
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:

@@ -55,6 +55,7 @@ class Panel:
     def __enter__(self) -> Self:
         with self._in_words("open"):
             self._stage = Stage(self._model, self._wanted, self._display, self._allow_ramp)
+            self._frames = [self._stage.neutral]
             self._model = describe(self._stage.output)
         return self
 
@@ -74,9 +75,12 @@ class Panel:
         return 1 / (self._on.output.refresh or self._wanted.refresh_hz)
 
     def state(self) -> str:
-        """The identifier of what is shown; DeviceError if the screen is gone, or was wrong."""
+        """The identifier of what is shown; DeviceError if the screen is gone or wrong."""
         self._be_there("shown")
         self._raise_trouble()
+        if self._video is None and self._shown:
+            with self._in_words("shown"):
+                self._on.look(f"show {self._shown}", self._frames[0])
         return self._shown
 
     def make_way(self, command: str) -> None:
@@ -178,6 +182,7 @@ class Panel:
         if self._shown != _NEUTRAL or self._video is not None:
             self._stop()
             self._shown = _NEUTRAL
+            self._images, self._frames = [], [self._on.neutral]
             self._lost += 1
 
     def _put(self, command: str, identifier: str, frames: list[NDArray[np.uint8]]) -> float:

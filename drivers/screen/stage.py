@@ -105,6 +105,12 @@ class Stage:
                 if right < enough:
                     time.sleep(_AGAIN)
 
+    def look(self, command: str, grey: NDArray[np.uint8]) -> None:
+        """DeviceError if something else stands there now, which then is covered again."""
+        if wrong := what_differs(self._seen(), grey):
+            self._come_to_top()
+            raise self._wrong(command, wrong)
+
     def glance(self, command: str, grey: NDArray[np.uint8]) -> None:
         """The same for a part of a picture that is shown now, in little time."""
         rows = -(-grey.shape[0] // _BANDS)
