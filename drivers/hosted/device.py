@@ -35,7 +35,8 @@ class Hosted:
     surroundings: of real devices; ValueError if they are virtual. model: the name in errors.
     factory: "module:attribute" of a callable `factory(surroundings, **options)`, which only
     the device's process imports. opening: seconds that making it may take at most, and
-    entering it again.
+    entering it again. replying: seconds that any other call may take at most; for ever if
+    it isn't given.
 
     The constructor starts the process and makes the device: what the factory raises, or its
     import, comes from here. `__enter__` enters the device: what that raises comes from there.
@@ -43,9 +44,11 @@ class Hosted:
 
     Public methods and attributes are the device's own, called and read there one at a time,
     in the process's main thread; attributes can't be set. A call waits for as long as the
-    device takes: whoever can't wait calls `kill()`. Arguments and answers are copies. A
-    callable among a method's arguments (`cancelled`) is asked here every 20 ms, and its place
-    is taken there by one that turns true after it, or when this process is gone.
+    device takes, unless `replying` says otherwise: whoever can't wait calls `kill()`.
+    Arguments and answers are copies. A callable among a method's arguments (`cancelled`) is
+    asked here every 20 ms, and its place is taken there by one that turns true after it, or
+    when this process is gone. A device that has something to do between two calls has a
+    method `_attend_until_readable(end)`: it does it until that descriptor can be read.
 
     Exceptions come back as themselves if they can be pickled and their class is known here,
     else as DeviceError, which also is what pending and later calls raise when the process has
@@ -61,13 +64,15 @@ class Hosted:
         options: Mapping[str, Any],
         *,
         opening: float = 30.0,
+        replying: float = math.inf,
     ) -> None:
         began = _start_of(surroundings, model)
         if not all(factory.partition(":")):
             raise ValueError(f"factory is {factory!r}; write it as 'module:attribute'")
-        if not opening > 0:
-            raise ValueError(f"opening is {opening} s; it must be positive")
-        self._model, self._opening = model, opening
+        for word, seconds in (("opening", opening), ("replying", replying)):
+            if not seconds > 0:
+                raise ValueError(f"{word} is {seconds} s; it must be positive")
+        self._model, self._opening, self._replying = model, opening, replying
         self._names: dict[str, bool] = {}
         self._lock = threading.RLock()
         self._busy = self._owed = self._lost = False
@@ -108,6 +113,11 @@ class Hosted:
         self._process.kill()
         reap(self._process, KILLING)
 
+    @property
+    def dead(self) -> bool:
+        """Whether the device's process has ended, or is about to, and answers no more."""
+        return self._lost or reap(self._process, 0) is not None
+
     def __getattr__(self, name: str) -> Any:
         # Through __dict__: without names, as in a half-made object, this would ask itself.
         names: dict[str, bool] = self.__dict__.get("_names", {})
@@ -135,7 +145,7 @@ class Hosted:
         name: str = "",
         arguments: Sequence[Any] = (),
         options: Mapping[str, Any] | None = None,
-        within: float = math.inf,
+        within: float | None = None,
     ) -> Any:
         """What the device answers; what can't be sent raises here, and nothing was sent."""
         watched: list[Callable[[], Any]] = []
@@ -144,7 +154,8 @@ class Hosted:
         if len(watched) > FLAGS:
             raise ValueError(f"{name}: {len(watched)} callables; {FLAGS} can be given at most")
         request = pack((command, name, given, named))
-        return self._exchange(name or command, request, watched, within)
+        seconds = self._replying if within is None else within
+        return self._exchange(name or command, request, watched, seconds)
 
     def _exchange(
         self,

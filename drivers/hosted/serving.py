@@ -50,8 +50,15 @@ class _Host:
     def run(self) -> None:
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             while not self._left:
+                self._attend()
                 request = self._channel.read(self._channel.connection.recv())
                 self._channel.connection.send(self._reply(request))
+
+    def _attend(self) -> None:
+        """Let a device that has something to do between two calls do it, until one comes."""
+        attend = getattr(type(self._device), "_attend_until_readable", None)
+        if attend is not None:
+            attend(self._device, self._channel.connection.fileno())
 
     def _reply(self, request: Parcel) -> Note:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 import sys
 import threading
 import time
@@ -126,6 +127,16 @@ class Hung(Modest):
         """As a library does that never lets go of the interpreter."""
         self._note("hung")
         ctypes.PyDLL(None).sleep(10**6)
+
+
+class Busy(Modest):
+    """It has something to do between two calls: it counts."""
+
+    done = 0
+
+    def _attend_until_readable(self, end):
+        while not select.select([end], [], [], 0.01)[0]:
+            self.done += 1
 
 
 class HungOnTheWayIn(Modest):

@@ -369,6 +369,42 @@ def test_a_factory_that_is_no_name_is_refused(factory):
         Hosted(Surroundings(RealClock()), "camera", factory, {})
 
 
+def test_a_device_goes_on_between_calls():
+    with opened("Busy") as device:
+        late = time.monotonic() + PATIENCE
+        before = device.done
+        while device.done < before + 5:
+            assert time.monotonic() < late
+            time.sleep(0.02)
+
+
+def test_a_device_that_is_busy_between_calls_is_left_when_its_owner_is_gone(tmp_path):
+    notes = tmp_path / "notes"
+    device = opened("Busy", notes=str(notes)).__enter__()
+    device._channel.connection.close()
+    wait_for(notes, "left")
+    assert notes.read_text().split() == ["entered", "safe", "left"]
+    device._release()
+
+
+def test_a_call_that_takes_longer_than_it_may_kills_the_process():
+    surroundings = Surroundings(RealClock())
+    device = Hosted(
+        surroundings, "camera", "hosted_devices:Hung", {}, opening=PATIENCE, replying=0.3
+    )
+    with device:
+        assert not device.dead
+        assert device.twice(21) == 42
+        with pytest.raises(DeviceError, match=r"no answer within 0.3 s; its process was killed"):
+            device.capture(never)
+        assert device.dead
+
+
+def test_no_time_to_reply_is_refused():
+    with pytest.raises(ValueError, match="replying is 0 s; it must be positive"):
+        Hosted(Surroundings(RealClock()), "camera", "hosted_devices:Modest", {}, replying=0)
+
+
 @pytest.mark.parametrize("opening", [0.0, -1.0, float("nan")])
 def test_no_time_to_open_is_refused(opening):
     with pytest.raises(ValueError, match="must be positive"):

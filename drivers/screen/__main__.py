@@ -1,0 +1,27 @@
+"""`python -m drivers.screen`: list the screens, and show on each which it is."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from drivers.errors import DeviceError
+from drivers.screen.identify import listed, screens, show_names
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m drivers.screen", description=__doc__)
+    parser.add_argument("--display", help="the X server, such as :0; DISPLAY if it isn't given")
+    parser.add_argument("--seconds", type=float, default=5.0, help="for which the names stand")
+    asked = parser.parse_args()
+    try:
+        print(listed(screens(asked.display)), flush=True)
+        show_names(asked.display, asked.seconds)
+    except DeviceError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

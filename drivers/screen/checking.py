@@ -1,0 +1,63 @@
+"""Whether the screen shows what it was given, and what isn't right if it doesn't."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def what_ramp_does(ramp: NDArray[np.uint16]) -> str:
+    """What a gamma ramp does to grey levels, in words; empty if it leaves them alone.
+
+    ramp: (3, n), 0 to 65535. A server may keep 8 bits of it, cut or rounded.
+    """
+    size = ramp.shape[1]
+    if size < 2:
+        return ""
+    plain = np.linspace(0, 65535, size)
+    kept = ramp.astype(float)
+    cut = ramp >> 8 == np.floor(plain).astype(np.uint16) >> 8
+    if (cut | (abs(kept - plain) <= 128)).all():
+        return ""
+    worst = abs(kept - plain).max() / 257
+    return f"the screen's gamma ramp changes grey levels by up to {worst:.0f} of 255"
+
+
+def what_differs(seen: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
+    """What isn't right on the screen, in words; empty if every pixel is.
+
+    seen: (rows, columns, 3 or 4), of which the first three are colours. grey: (rows, columns).
+    """
+    wrong = np.zeros(grey.shape, bool)
+    for colour in range(3):
+        wrong |= seen[..., colour] != grey
+    count = int(wrong.sum())
+    if not count:
+        return ""
+    return f"{count} of {grey.size} pixels are wrong: {_cause(seen, grey, wrong)}"
+
+
+def _cause(seen: NDArray[np.uint8], grey: NDArray[np.uint8], wrong: NDArray[np.bool_]) -> str:
+    rows, columns = np.flatnonzero(wrong.any(1)), np.flatnonzero(wrong.any(0))
+    top, left = int(rows[0]), int(columns[0])
+    height, width = int(rows[-1]) - top + 1, int(columns[-1]) - left + 1
+    if height * width < 0.98 * grey.size:
+        return f"another window lies on top, at {left},{top}, {width}x{height} pixels"
+    if _is_mapped(seen, grey):
+        return "each grey level is changed alike, as by colour management or a compositor"
+    return "the picture is scaled, shifted or covered (desktop scaling, another window on top)"
+
+
+def _is_mapped(seen: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool:
+    """Whether all pixels of one grey level became one colour, for more levels than one."""
+    levels = grey.ravel()
+    if levels.min() == levels.max():
+        return False
+    for colour in range(3):
+        values = seen[..., colour].ravel()
+        lowest, highest = np.full(256, 255, np.uint8), np.zeros(256, np.uint8)
+        np.minimum.at(lowest, levels, values)
+        np.maximum.at(highest, levels, values)
+        if (highest > lowest).any():
+            return False
+    return True

@@ -1,0 +1,206 @@
+"""The driver of a phase panel that is a second display, such as HOLOEYE's PLUTO."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.hosted import Hosted
+from drivers.interfaces import Identity, Setting, Surroundings
+from drivers.screen.choosing import Wanted
+from drivers.screen.player import Presentations
+
+T = TypeVar("T")
+
+_OPENING = 30.0
+_AGAIN = 4.0
+"""Seconds in which a window that died must be back: its files lie in memory by then."""
+
+_CALL = 4.0
+"""Seconds in which the window must answer: it may be given a long video."""
+
+_MOST = 1 << 30
+"""Bytes of a video: 517 frames of 1920x1080."""
+
+
+class ScreenSLM:
+    """A panel driven as a display: 8-bit greys on the screen that is named, and no other.
+
+    screen: an output's name ("HDMI-1"), or its monitor's model or serial number ("HE PLUTO-2.1");
+    if empty, the only screen of width x height pixels. refresh_hz: what it runs at. display:
+    the X server, as in DISPLAY, where it isn't this session's. settling_ms: time until the
+    panel's liquid crystal stands. allow_primary: it may be the operator's own, or the only
+    screen. allow_ramp: the graphics card's gamma ramp may change grey levels.
+
+    Its window lives in a process of its own, which turns neutral when this one ends. Each
+    still is read back from the screen and compared pixel for pixel, videos now and then. What
+    lies behind the graphics card's memory can't be read back, but its gamma ramp, scaling and
+    turning are. Frames of a video are shown one a refresh, none left out; `presentations()`
+    tells when. A screen that is unplugged is a DeviceError until it is back, neutral.
+    Once the window is closed, the desktop is seen: give it a black background there.
+    """
+
+    reply_time = _AGAIN + _CALL
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        screen: str = "",
+        width: int = 1920,
+        height: int = 1080,
+        refresh_hz: float = 60.0,
+        display: str | None = None,
+        settling_ms: float = 100.0,
+        allow_primary: bool = False,
+        allow_ramp: bool = False,
+    ) -> None:
+        if not isinstance(screen, str):
+            raise ValueError(f"screen is {screen!r}; give a name in quotes")
+        for name, size in (("width", width), ("height", height)):
+            if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= 32767:
+                raise ValueError(f"{name} is {size!r}; give pixels, from 1 to 32767")
+        _require_number("refresh_hz", refresh_hz, 1, 1000)
+        _require_number("settling_ms", settling_ms, 0, 1e6)
+        if display is not None and (not isinstance(display, str) or ":" not in display):
+            raise ValueError(f"display is {display!r}; write it as in DISPLAY, such as ':0'")
+        for name, word in (("allow_primary", allow_primary), ("allow_ramp", allow_ramp)):
+            if not isinstance(word, bool):
+                raise ValueError(f"{name} is {word!r}; write true or false")
+        self._clock = surroundings.clock
+        wanted = Wanted(screen, width, height, float(refresh_hz), allow_primary)
+        self._model = screen or "SLM on a screen"
+        self._options = {
+            "model": self._model,
+            "wanted": asdict(wanted),
+            "display": display,
+            "allow_ramp": allow_ramp,
+        }
+        self.shape = (height, width)
+        self.settling = settling_ms * 1e-3
+        self._window: Hosted | None = None
+        self._identity = Identity(self._model, "", simulated=False)
+        self._frame_time = 1 / refresh_hz
+        self._entered = self._killed = False
+
+    def __enter__(self) -> Self:
+        self._open(_OPENING)
+        self._entered = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Neutral, and the window closes. Nothing is raised: it may have been killed."""
+        self._entered = False
+        self._drop()
+
+    @property
+    def identity(self) -> Identity:
+        return self._identity
+
+    @property
+    def frame_time(self) -> float:
+        return self._frame_time
+
+    @property
+    def shown(self) -> str:
+        """The identifier of what is on the screen: "neutral" if it was unplugged since.
+
+        A still is read back again: DeviceError if something covers it.
+        """
+        return self._ask("shown", lambda window: window.state())
+
+    def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
+        """Show uint8 (rows, columns) as they are, and read them back from the screen."""
+        command = f"show {identifier}"
+        picture = self._require(command, np.asarray(grey), 2)
+        seen = self._ask(command, lambda window: window.show(identifier, picture))
+        return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
+
+    def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
+        """Show frames, uint8 (n, rows, columns), one at each refresh, again and again."""
+        command = f"play {identifier}"
+        frames = self._require(command, np.asarray(video), 3)
+        # A screen that is gone is told before so much is handed over.
+        self._ask(command, lambda window: window.make_way(command))
+        seen = self._ask(command, lambda window: window.play(identifier, frames))
+        return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
+
+    def presentations(self) -> Presentations:
+        """What was presented of the video that plays. DeviceError if none does."""
+        told = self._ask("presentations", lambda window: window.presentations())
+        if told is None:
+            raise DeviceError(self._model, "presentations", "no video plays", "Play one first")
+        return replace(told, times=told.times + self._bench_time(0.0))
+
+    def health(self) -> dict[str, str]:
+        return self._ask("health", lambda window: window.health())
+
+    def make_safe(self) -> None:
+        """Grey 0 on the whole screen."""
+        self._ask("make safe", lambda window: window.make_safe())
+
+    def kill(self) -> None:
+        """End the window's process at once, from any thread."""
+        self._killed = True
+        if self._window is not None:
+            self._window.kill()
+
+    def _open(self, within: float) -> None:
+        # Times from there are time.monotonic()'s, whatever clock the bench has.
+        told = Surroundings(RealClock(0.0))
+        place, half = "drivers.screen.panel:Panel", within / 2
+        window = Hosted(
+            told, self._model, place, self._options, opening=half, replying=_CALL
+        ).__enter__()
+        self._window = window
+        found: Identity = window.identity
+        if self._entered and found != self._identity:
+            self._drop()
+            reply = f"this is {found.model} {found.serial}, and it was {self._identity.serial}"
+            raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
+        self._identity, self._frame_time = found, window.frame_time
+        self._model = found.model
+
+    def _ask(self, command: str, call: Callable[[Any], T]) -> T:
+        """What the window answers; a window that has died is opened again first."""
+        if not self._entered or self._killed:
+            raise DeviceError(self._model, command, "it is closed", "Open it again")
+        if self._window is None or self._window.dead:
+            self._drop()
+            self._open(_AGAIN)
+        return call(self._window)
+
+    def _drop(self) -> None:
+        window, self._window = self._window, None
+        if window is not None:
+            try:
+                window.__exit__(None, None, None)
+            except DeviceError:
+                window.kill()
+
+    def _bench_time(self, monotonic: float) -> float:
+        return self._clock.now() + monotonic - time.monotonic()
+
+    def _require(self, command: str, grey: NDArray[Any], axes: int) -> NDArray[np.uint8]:
+        right = grey.ndim == axes and grey.shape[-2:] == self.shape and grey.size
+        if grey.dtype != np.uint8 or not right:
+            wanted = "x".join(("frames", *map(str, self.shape))[-axes:])
+            reply = f"{grey.dtype} of shape {grey.shape} isn't uint8 of {wanted}"
+            raise DeviceError(self._model, command, reply, "Compute it again")
+        if grey.nbytes > _MOST:
+            reply = f"{grey.nbytes >> 20} MiB are more than {_MOST >> 20}"
+            raise DeviceError(self._model, command, reply, "Show fewer frames")
+        return np.ascontiguousarray(grey)
+
+
+def _require_number(name: str, value: float, least: float, most: float) -> None:
+    number = not isinstance(value, bool) and isinstance(value, (int, float))
+    if not number or not (math.isfinite(value) and least <= value <= most):
+        raise ValueError(f"{name} is {value!r}; it must be from {least:g} to {most:g}")

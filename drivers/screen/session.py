@@ -1,0 +1,60 @@
+"""The desktop session that a window opens in: X11, and nothing that scales."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import MutableMapping
+
+from drivers.errors import DeviceError
+from drivers.x11 import XConnection, XError
+
+_SCALING = ("QT_SCALE_FACTOR", "QT_SCREEN_SCALE_FACTORS", "QT_FONT_DPI", "QT_USE_PHYSICAL_DPI")
+"""QT_SCALE_FACTOR scales even where QT_ENABLE_HIGHDPI_SCALING is 0."""
+
+_TO_X11 = "Log in to an X11 (Xorg) session: the login screen offers it, or WaylandEnable=false"
+
+
+def connect(model: str, display: str | None) -> XConnection:
+    """The X server; DeviceError if there is none, or it isn't master of its screens.
+
+    display: as in DISPLAY; that of the environment if None.
+    """
+    if display is None and _is_wayland():
+        reply = "this is a Wayland session, where no program can choose its screen or pixels"
+        raise DeviceError(model, "open", reply, _TO_X11)
+    name = display or os.environ.get("DISPLAY", "")
+    if not name:
+        reply = "there is no X display (DISPLAY isn't set)"
+        remedy = "Start it in an X11 session, or give display, such as ':0', in the bench file"
+        raise DeviceError(model, "open", reply, remedy)
+    try:
+        x = XConnection(name)
+        if x.has("XWAYLAND"):
+            x.close()
+            reply = f"{name} is Xwayland, whose pixels a Wayland session scales as it likes"
+            raise DeviceError(model, "open", reply, _TO_X11)
+    except XError as error:
+        remedy = "Look whether the display is there and you may use it (DISPLAY, XAUTHORITY)"
+        raise DeviceError(model, "open", str(error), remedy) from error
+    return x
+
+
+def forbid_scaling(environment: MutableMapping[str, str], display: str) -> None:
+    """Change this process's environment so that Qt draws pixel for pixel on that display."""
+    for name in _SCALING:
+        environment.pop(name, None)
+    environment.update(
+        QT_ENABLE_HIGHDPI_SCALING="0",
+        QT_QPA_PLATFORM="xcb",
+        DISPLAY=display,
+    )
+
+
+def _is_wayland() -> bool:
+    kind = os.environ.get("XDG_SESSION_TYPE", "").lower()
+    platform = os.environ.get("QT_QPA_PLATFORM", "").lower()
+    return (
+        kind == "wayland"
+        or platform.startswith("wayland")
+        or (bool(os.environ.get("WAYLAND_DISPLAY")) and kind != "x11")
+    )

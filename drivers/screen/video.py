@@ -1,0 +1,93 @@
+"""A video on the stage: a frame at each refresh, by the server's word or by the clock."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QSocketNotifier, Qt, QTimer
+
+from drivers.screen.player import Player
+from drivers.screen.refreshes import Refresh, Refreshes
+from drivers.x11 import XError
+
+_LATE = 0.25
+"""Seconds after which a refresh that isn't told is taken by the clock."""
+
+
+class Video(QObject):
+    """Plays from its start to its stop, while Qt's event loop runs."""
+
+    def __init__(
+        self,
+        frames: int,
+        period: float,
+        draw: Callable[[int], None],
+        display: str,
+        window: int,
+    ) -> None:
+        super().__init__()
+        self.player = Player(frames, period, draw, time.monotonic)
+        self._period = period
+        self._last = Refresh(0, time.monotonic())
+        self._wanted = 0
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._by_clock)
+        self._refreshes: Refreshes | None = None
+        try:
+            self._refreshes = Refreshes(display, window)
+        except XError:
+            # By the clock then, which can't know the phase of the screen's own.
+            self._wish(0)
+            return
+        self._notifier = QSocketNotifier(
+            self._refreshes.x.fileno(), QSocketNotifier.Type.Read, self
+        )
+        self._notifier.activated.connect(self.attend)
+        self._wish(0)
+
+    @property
+    def paced_by(self) -> str:
+        return "the clock" if self._refreshes is None else "the screen's refreshes"
+
+    def attend(self, *_: object) -> None:
+        """Do what is due."""
+        try:
+            while self._refreshes is not None and (told := self._refreshes.told()) is not None:
+                self._refreshed(told)
+        except XError:
+            self._give_up_refreshes()
+
+    def stop(self) -> None:
+        self._timer.stop()
+        self._give_up_refreshes()
+
+    def _refreshed(self, refresh: Refresh) -> None:
+        self._last = refresh
+        self._wish(self.player.refreshed(*refresh))
+
+    def _wish(self, number: int) -> None:
+        self._wanted = number
+        due = self._last.time + (number - self._last.number) * self._period - time.monotonic()
+        if self._refreshes is not None:
+            self._refreshes.ask_for(number)
+            due += _LATE
+        self._timer.start(max(0, round(due * 1e3)))
+
+    def _by_clock(self) -> None:
+        """The latest refresh by the clock; the same count goes on."""
+        now = time.monotonic()
+        passed = math.floor((now - self._last.time) / self._period)
+        # A timer may be half a millisecond early.
+        number = max(self._wanted, self._last.number + passed)
+        since = (number - self._last.number) * self._period
+        self._refreshed(Refresh(number, self._last.time + since))
+
+    def _give_up_refreshes(self) -> None:
+        if self._refreshes is not None:
+            self._notifier.setEnabled(False)
+            self._refreshes.close()
+            self._refreshes = None

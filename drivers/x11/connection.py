@@ -1,0 +1,221 @@
+"""A connection to an X server: requests, replies and events as bytes."""
+
+from __future__ import annotations
+
+import ctypes
+import queue
+import select
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+from drivers.x11 import libxcb
+
+PATIENCE = 2.0
+"""Seconds after which a server that doesn't answer is taken for a hung one."""
+
+_BAD = {
+    1: "bad request",
+    2: "bad value",
+    3: "bad window",
+    8: "bad match",
+    9: "bad drawable",
+    10: "access denied",
+}
+
+
+class XError(Exception):
+    """What an X server, or its absence, has to say."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a server tells of itself when it is greeted, for one of its screens.
+
+    masks: of red, green and blue in a pixel. bits: bits per pixel that a picture of the
+    root window takes, by its depth.
+    """
+
+    vendor: str
+    root: int
+    width: int
+    height: int
+    depth: int
+    masks: tuple[int, int, int]
+    bits: dict[int, int]
+    little_endian: bool
+
+
+class XConnection:
+    """An X server that is asked; XError if there is none, or it doesn't answer.
+
+    display: as in DISPLAY, such as ":0" or ":0.1".
+    """
+
+    def __init__(self, display: str) -> None:
+        self.display = display
+        try:
+            xcb = libxcb.library()
+        except OSError as error:
+            raise XError("libxcb isn't installed (Debian: libxcb1)") from error
+        screen = ctypes.c_int(0)
+        self._at: int | None = _connected(display, screen)
+        if xcb.xcb_connection_has_error(self._at):
+            self.close()
+            raise XError(f"no X server answers at {display!r}")
+        self._opcodes: dict[str, tuple[int, int]] = {}
+        self._lock = threading.RLock()
+        self.setup = _setup(xcb.xcb_get_setup(self._at), screen.value)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        if self._at is not None:
+            libxcb.library().xcb_disconnect(self._at)
+            self._at = None
+
+    def fileno(self) -> int:
+        """What becomes readable when events come."""
+        return int(libxcb.library().xcb_get_file_descriptor(self._open()))
+
+    def new_id(self) -> int:
+        return int(libxcb.library().xcb_generate_id(self._open()))
+
+    def tell(self, opcode: int, body: bytes) -> None:
+        """Send a request that has no reply; its errors come among the events."""
+        with self._lock:
+            if not libxcb.send(self._open(), opcode, body, answered=False):
+                raise self._lost()
+            libxcb.library().xcb_flush(self._open())
+
+    def ask(self, opcode: int, body: bytes, patience: float = PATIENCE) -> bytes:
+        """The reply to a request. body: from the opcode's place on; its length is filled in."""
+        with self._lock:
+            return self._ask(self._open(), opcode, body, patience)
+
+    def _ask(self, at: int, opcode: int, body: bytes, patience: float) -> bytes:
+        sequence = libxcb.send(at, opcode, body, answered=True)
+        if not sequence:
+            raise self._lost()
+        libxcb.library().xcb_flush(at)
+        late = time.monotonic() + patience
+        while True:
+            done, reply, error = libxcb.reply_or_error(at, sequence)
+            if error:
+                words = _BAD.get(error, f"error {error}")
+                raise XError(f"{self.display} refuses request {opcode}.{body[1]}: {words}")
+            if done and reply:
+                return reply
+            if done or libxcb.library().xcb_connection_has_error(at):
+                raise self._lost()
+            left = late - time.monotonic()
+            if left <= 0:
+                raise XError(f"the X server {self.display} doesn't answer")
+            select.select([self.fileno()], [], [], left)
+
+    def events(self) -> Iterator[bytes]:
+        """What has arrived, without waiting; XError if the server has gone."""
+        while (event := libxcb.next_event(self._open())) is not None:
+            yield event
+        if libxcb.library().xcb_connection_has_error(self._open()):
+            raise self._lost()
+
+    def extension(self, name: str) -> tuple[int, int]:
+        """Its major opcode and first event; XError if the server hasn't got it."""
+        if name not in self._opcodes:
+            word = name.encode()
+            reply = self.ask(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
+            if not reply[8]:
+                raise XError(f"the X server {self.display} has no {name} extension")
+            self._opcodes[name] = (reply[9], reply[10])
+        return self._opcodes[name]
+
+    def has(self, name: str) -> bool:
+        try:
+            self.extension(name)
+        except XError:
+            return False
+        return True
+
+    def call(self, name: str, minor: int, layout: str = "", *values: int | bytes) -> bytes:
+        """The reply to an extension's request."""
+        major, _ = self.extension(name)
+        return self.ask(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
+
+    def order(self, name: str, minor: int, layout: str = "", *values: int | bytes) -> None:
+        """Send an extension's request that has no reply."""
+        major, _ = self.extension(name)
+        self.tell(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
+
+    def atom(self, name: str) -> int:
+        word = name.encode()
+        reply = self.ask(16, struct.pack("<BBHHxx", 16, 0, 0, len(word)) + word)
+        return int(struct.unpack_from("<I", reply, 8)[0])
+
+    def _open(self) -> int:
+        if self._at is None:
+            raise XError(f"the connection to {self.display} is closed")
+        return self._at
+
+    def _lost(self) -> XError:
+        return XError(f"the X server {self.display} has gone")
+
+
+def _connected(display: str, screen: ctypes.c_int) -> int:
+    """The library's connection, good or bad; XError if the server doesn't say a word."""
+    made: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+    def connect() -> None:
+        made.put(libxcb.library().xcb_connect(display.encode(), ctypes.byref(screen)))
+
+    # The library waits for a greeting for ever: then the thread does, and nobody else.
+    threading.Thread(target=connect, name=f"connect to {display}", daemon=True).start()
+    try:
+        return made.get(timeout=PATIENCE)
+    except queue.Empty:
+        raise XError(f"the X server {display} doesn't answer") from None
+
+
+def _setup(address: int, number: int) -> Setup:
+    """Read the server's greeting; see "Connection Setup" of the protocol."""
+    words = struct.unpack("<H", ctypes.string_at(address + 6, 2))[0]
+    told = ctypes.string_at(address, 8 + 4 * words)
+    vendor_length, _, screens, formats, order = struct.unpack_from("<HHBBB", told, 24)
+    vendor = told[40 : 40 + vendor_length].decode("latin-1")
+    at = 40 + vendor_length + -vendor_length % 4
+    bits = {told[at + 8 * i]: told[at + 8 * i + 1] for i in range(formats)}
+    at += 8 * formats
+    if number >= screens:
+        raise XError(f"the X server has {screens} screens; there is no number {number}")
+    for _ in range(number):
+        at = _after_screen(told, at)[0]
+    visuals = _after_screen(told, at)[1]
+    root, width, height = (
+        *struct.unpack_from("<I", told, at),
+        *struct.unpack_from("<HH", told, at + 20),
+    )
+    (visual,) = struct.unpack_from("<I", told, at + 32)
+    return Setup(
+        vendor, root, width, height, told[at + 38], visuals.get(visual, (0, 0, 0)), bits, not order
+    )
+
+
+def _after_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
+    """Where the next screen begins, and the colour masks of this one's visuals."""
+    masks = {}
+    depths, at = told[at + 39], at + 40
+    for _ in range(depths):
+        (count,) = struct.unpack_from("<H", told, at + 2)
+        at += 8
+        for _ in range(count):
+            visual, red, green, blue = struct.unpack_from("<I4xIII", told, at)
+            masks[visual] = (red, green, blue)
+            at += 24
+    return at, masks

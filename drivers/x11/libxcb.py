@@ -1,0 +1,112 @@
+"""libxcb, as far as it is needed, by ctypes."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import struct
+from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_ubyte, c_uint, c_uint32, c_void_p
+from typing import Any
+
+
+class Protocol(ctypes.Structure):
+    """xcb_protocol_request_t of xcbext.h; without `ext`, `opcode` is the major opcode."""
+
+    _fields_ = (
+        ("count", c_size_t),
+        ("ext", c_void_p),
+        ("opcode", c_ubyte),
+        ("isvoid", c_ubyte),
+    )
+
+
+class Vector(ctypes.Structure):
+    """struct iovec."""
+
+    _fields_ = (("base", c_void_p), ("length", c_size_t))
+
+
+CHECKED = 1
+"""XCB_REQUEST_CHECKED: an error comes with the reply and not among the events."""
+
+
+@functools.cache
+def library() -> Any:
+    """OSError where libxcb isn't installed."""
+    xcb = ctypes.CDLL("libxcb.so.1")
+    for name, result, given in (
+        ("xcb_connect", c_void_p, (c_char_p, POINTER(c_int))),
+        ("xcb_connection_has_error", c_int, (c_void_p,)),
+        ("xcb_disconnect", None, (c_void_p,)),
+        ("xcb_get_file_descriptor", c_int, (c_void_p,)),
+        ("xcb_get_setup", c_void_p, (c_void_p,)),
+        ("xcb_generate_id", c_uint32, (c_void_p,)),
+        ("xcb_send_request", c_uint, (c_void_p, c_int, c_void_p, c_void_p)),
+        ("xcb_flush", c_int, (c_void_p,)),
+        ("xcb_poll_for_reply", c_int, (c_void_p, c_uint, POINTER(c_void_p), POINTER(c_void_p))),
+        ("xcb_wait_for_reply", c_void_p, (c_void_p, c_uint, POINTER(c_void_p))),
+        ("xcb_poll_for_event", c_void_p, (c_void_p,)),
+    ):
+        function = getattr(xcb, name)
+        function.restype, function.argtypes = result, given
+    return xcb
+
+
+@functools.cache
+def _free() -> Any:
+    free = ctypes.CDLL(None).free
+    free.restype, free.argtypes = None, (c_void_p,)
+    return free
+
+
+def taken(address: int, length: int) -> bytes:
+    """A copy of what the library allocated, which is freed."""
+    try:
+        return ctypes.string_at(address, length)
+    finally:
+        _free()(address)
+
+
+def send(connection: int, opcode: int, body: bytes, answered: bool) -> int:
+    """Send a request; its length is filled in. Its sequence number, 0 if it can't be sent."""
+    padded = ctypes.create_string_buffer(body + bytes(-len(body) % 4))
+    # The library uses the two vectors before the first.
+    vectors = (Vector * 3)()
+    vectors[2] = Vector(ctypes.cast(padded, c_void_p), len(body) + -len(body) % 4)
+    protocol = Protocol(1, None, opcode, not answered)
+    where = ctypes.addressof(vectors) + 2 * ctypes.sizeof(Vector)
+    return int(library().xcb_send_request(connection, CHECKED * answered, where, byref(protocol)))
+
+
+def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
+    """Whether a request is done, its reply, and the code of its error or 0."""
+    reply, error = c_void_p(), c_void_p()
+    done = library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
+    if error.value:
+        return True, b"", taken(error.value, 32)[1]
+    if not reply.value:
+        return bool(done), b"", 0
+    length = 32 + 4 * c_uint32.from_address(reply.value + 4).value
+    return True, taken(reply.value, length), 0
+
+
+def round_trip(connection: int) -> None:
+    """Return when the server has done all that was sent, by anybody, on this connection."""
+    get_input_focus = 43
+    sequence = send(connection, get_input_focus, struct.pack("<BxH", get_input_focus, 0), True)
+    error = c_void_p()
+    reply = library().xcb_wait_for_reply(connection, sequence, byref(error))
+    for answer in (reply, error.value):
+        if answer:
+            taken(answer, 32)
+
+
+def next_event(connection: int) -> bytes | None:
+    """The next event that has arrived, without waiting."""
+    event = library().xcb_poll_for_event(connection)
+    if not event:
+        return None
+    length = 36  # the library puts the full sequence number behind the first 32 bytes
+    if ctypes.string_at(event, 1)[0] & 0x7F == 35:  # a generic event may be longer
+        length += 4 * c_uint32.from_address(event + 4).value
+    return taken(event, length)

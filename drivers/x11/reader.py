@@ -1,0 +1,126 @@
+"""What really stands on an X screen, read by whoever wants to know: no Qt, no window."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.x11.connection import XConnection, XError
+from drivers.x11.shared import SharedMemory
+
+_RGB = (0xFF0000, 0x00FF00, 0x0000FF)
+
+
+class ScreenReader:
+    """Reads a rectangle of an X screen's pixels, from any process that may connect to it.
+
+    display: as in DISPLAY. region: x, y, width and height in pixels; None is the whole
+    screen. XError if there is no server, the region lies outside or the screen isn't one of
+    8 bits a colour. What lies behind the server's memory (gamma ramps, scaling by the
+    graphics card, the cable) isn't seen.
+    """
+
+    def __init__(self, display: str, region: tuple[int, int, int, int] | None = None) -> None:
+        self._x = XConnection(display)
+        self._memory: SharedMemory | None = None
+        self._damage, self._before = 0, False
+        try:
+            setup = self._x.setup
+            self._region = region or self._whole()
+            if setup.masks != _RGB or not setup.little_endian or setup.bits[setup.depth] != 32:
+                raise XError(
+                    f"{display} isn't a screen of 8 bits a colour (depth {setup.depth}, "
+                    f"masks {', '.join(f'{m:06x}' for m in setup.masks)})"
+                )
+            self._require_inside()
+            self._memory = self._share()
+            self._watch()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._x.close()
+        if self._memory is not None:
+            self._memory.close()
+            self._memory = None
+
+    def colours(self) -> NDArray[np.uint8]:
+        """Pixels now: (rows, columns, 3), red, green and blue."""
+        return np.ascontiguousarray(self.pixels()[..., 2::-1])
+
+    def grey(self) -> NDArray[np.uint8]:
+        """Pixels now: (rows, columns), the green, which is the others on a screen of greys."""
+        return np.ascontiguousarray(self.pixels()[..., 1])
+
+    def pixels(self, top: int = 0, rows: int | None = None) -> NDArray[np.uint8]:
+        """Some rows now: (rows, columns, 4), blue, green, red and what fills up.
+
+        Valid until the next call.
+        """
+        x, y, width, height = self._region
+        y, height = y + top, height - top if rows is None else rows
+        if self._memory is not None:
+            self._memory.fetch(x, y, width, height)
+            return self._memory.bytes[: 4 * width * height].reshape(height, width, 4)
+        whole, pixmap, root = 0xFFFFFFFF, 2, self._x.setup.root
+        body = struct.pack("<BBHIhhHHI", 73, pixmap, 0, root, x, y, width, height, whole)
+        pixels = np.frombuffer(self._x.ask(73, body), np.uint8, 4 * width * height, 32)
+        return pixels.reshape(height, width, 4)
+
+    def changed(self) -> bool:
+        """Whether anything was drawn on the screen since the last time it was asked.
+
+        True at first. Nothing is missed: what is drawn between this and reading the pixels
+        is told the next time. Always true where the server has no DAMAGE extension.
+        """
+        if not self._damage:
+            return True
+        _, first = self._x.extension("DAMAGE")
+        told = [event for event in self._x.events() if event[0] & 0x7F == first]
+        if told:
+            self._x.order("DAMAGE", 3, "III", self._damage, 0, 0)
+        before, self._before = self._before, True
+        return bool(told) or not before
+
+    def _whole(self) -> tuple[int, int, int, int]:
+        return (0, 0, *self._size())
+
+    def _size(self) -> tuple[int, int]:
+        """Columns and rows: they may have changed since the server greeted us."""
+        root = struct.pack("<BBHI", 14, 0, 0, self._x.setup.root)
+        columns, rows = struct.unpack_from("<HH", self._x.ask(14, root), 16)
+        return columns, rows
+
+    def _require_inside(self) -> None:
+        x, y, width, height = self._region
+        columns, rows = self._size()
+        if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
+            raise XError(
+                f"{width}x{height}+{x}+{y} isn't on the screen {self._x.display}, which has "
+                f"{columns}x{rows} pixels"
+            )
+
+    def _watch(self) -> None:
+        if self._x.has("DAMAGE"):
+            self._x.call("DAMAGE", 0, "II", 1, 1)
+            self._damage = self._x.new_id()
+            # Told once, until the damage is taken away (level 3, "non-empty").
+            self._x.order("DAMAGE", 1, "IIB3x", self._damage, self._x.setup.root, 3)
+
+    def _share(self) -> SharedMemory | None:
+        """Memory for the picture: some ten times as fast, but only on the same machine."""
+        with contextlib.suppress(XError):
+            return SharedMemory(self._x, 4 * self._region[2] * self._region[3])
+        return None

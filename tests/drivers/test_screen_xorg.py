@@ -1,0 +1,468 @@
+"""The panel on a real second screen: Xorg with two outputs."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from xservers import PATIENCE, edid, lay_out, wait_for, xorg
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.interfaces import Surroundings
+from drivers.screen import ScreenSLM, identify
+from drivers.x11 import ScreenReader, XConnection
+
+pytestmark = pytest.mark.xorg
+
+PLACE = np.s_[:1080, 1280:3200]
+NEIGHBOUR = np.s_[:, :1280]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with xorg(tmp_path_factory.mktemp("xorg")) as running:
+        yield running
+
+
+@pytest.fixture
+def bench(server, monkeypatch):
+    """A server whose screens are as on a bench, before and after."""
+    for name in ("WAYLAND_DISPLAY", "XDG_SESSION_TYPE"):
+        monkeypatch.delenv(name, raising=False)
+    yield server
+    lay_out(server)
+
+
+def opened(server, **options):
+    return ScreenSLM(Surroundings(RealClock()), **{"display": server.display, **options})
+
+
+@pytest.fixture
+def slm(bench):
+    with opened(bench) as device:
+        yield device
+
+
+def noise(rng, *shape):
+    return rng.integers(0, 256, shape or (1080, 1920), np.uint8)
+
+
+def process_of(slm) -> int:
+    return slm._window._process.pid
+
+
+# Pixels.
+
+
+@pytest.mark.parametrize(
+    ("scale", "manager"),
+    [(1, True), (1.25, True), (1.5, True), (1.75, True), (2, True), (1, False), (1.5, False)],
+)
+def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, monkeypatch, scale, manager):
+    monkeypatch.setenv("QT_SCALE_FACTOR", str(scale))
+    monkeypatch.setenv("QT_SCREEN_SCALE_FACTORS", f"DUMMY1={scale}")
+    monkeypatch.setenv("QT_FONT_DPI", str(round(96 * scale)))
+    monkeypatch.setenv("QT_USE_PHYSICAL_DPI", "1")
+    bench.run("xrdb", "-nocpp", "-merge", given=f"Xft.dpi: {round(96 * scale)}\n")
+    command = ["openbox"] if manager else ["sleep", str(PATIENCE)]
+    before = bench.pixels()[NEIGHBOUR]
+    with bench.program(*command), opened(bench) as slm:
+        for _ in range(2):
+            grey = noise(rng)
+            slm.show("noise", grey)
+            seen = bench.pixels()
+            assert (seen[PLACE] == grey[..., None]).all()
+            assert (seen[NEIGHBOUR] == before).all()
+    assert not bench.pixels()[PLACE].any()
+    bench.run("xrdb", "-remove")
+
+
+def test_neutral_at_the_start_and_at_the_end(bench, rng):
+    with opened(bench) as slm:
+        assert slm.shown == "neutral"
+        assert not bench.pixels()[PLACE].any()
+        slm.show("noise", noise(rng))
+        assert slm.shown == "noise"
+        slm.make_safe()
+        assert slm.shown == "neutral"
+        assert not bench.pixels()[PLACE].any()
+
+
+def test_a_setting_stands_after_the_panel_has_settled(bench, rng):
+    clock = RealClock()
+    with ScreenSLM(Surroundings(clock), display=bench.display, settling_ms=1000) as slm:
+        before = clock.now()
+        setting = slm.show("noise", noise(rng))
+        after = clock.now()
+    assert setting.asked == setting.actual == "noise"
+    assert before + 1 < setting.ready_at <= after + 1 + slm.frame_time
+
+
+def test_the_reader_sees_what_xwd_sees(bench, slm, rng):
+    with ScreenReader(bench.display, (1280, 0, 1920, 1080)) as reader:
+        assert reader.changed()
+        assert not reader.changed()
+        grey = noise(rng)
+        slm.show("noise", grey)
+        assert reader.changed()
+        assert (reader.grey() == bench.pixels()[PLACE][..., 1]).all()
+        assert (reader.colours() == grey[..., None]).all()
+        assert not reader.changed()
+
+
+ON_TOP = """
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QColor, QGuiApplication, QPainter, QRasterWindow
+class Bright(QRasterWindow):
+    def paintEvent(self, event):
+        painter = QPainter(self)
+        painter.fillRect(0, 0, 300, 200, QColor("orange"))
+        painter.end()
+app = QGuiApplication([])
+window = Bright()
+window.setFlags(Qt.BypassWindowManagerHint)
+window.setTitle("intruder")
+window.setGeometry(1500, 300, 300, 200)
+window.show()
+timer = QTimer(interval=1)
+timer.timeout.connect(window.raise_)
+timer.start()
+app.exec()
+"""
+
+
+def intruder(server):
+    """A window that always comes back to the top."""
+    return server.program(
+        "env", "QT_ENABLE_HIGHDPI_SCALING=0", "QT_QPA_PLATFORM=xcb", sys.executable, "-c", ON_TOP
+    )
+
+
+def show_and_look(slm, grey):
+    """On a busy computer a window may come back only after the picture was found right."""
+    slm.show("under it", grey)
+    time.sleep(1)
+    assert slm.shown
+
+
+def is_on_top(server):
+    return (server.pixels()[301, 1501] == (0, 165, 255)).all()  # orange
+
+
+def test_a_window_that_lies_on_top_is_covered(bench, slm, rng):
+    with bench.program("xclock", "-geometry", "300x200+1500+300"):
+        wait_for(lambda: "xclock" in bench.run("xwininfo", "-root", "-tree"), "the clock's window")
+        grey = noise(rng)
+        slm.show("over it", grey)
+        assert (bench.pixels()[PLACE] == grey[..., None]).all()
+
+
+def test_a_window_that_stays_on_top_is_named_with_its_place(bench, slm, rng):
+    with intruder(bench):
+        wait_for(lambda: is_on_top(bench), "a window on top")
+        with pytest.raises(DeviceError, match="on top, at 220,300, 300x200 pixels"):
+            show_and_look(slm, noise(rng))
+    grey = noise(rng)
+    slm.show("again", grey)
+    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+
+
+def test_a_video_that_is_covered_is_told_at_the_next_call(bench, slm, rng):
+    slm.play("video", noise(rng, 5, 1080, 1920))
+    assert slm.shown == "video"
+    with intruder(bench):
+        wait_for(lambda: is_on_top(bench), "a window on top")
+        looks = int(slm.health()["video looked at"].split()[0])
+        wait_for(
+            lambda: int(slm.health()["video looked at"].split()[0]) > looks + 3,
+            "four looks at the video",
+        )
+        with pytest.raises(DeviceError, match="on top"):
+            assert slm.shown
+    slm.make_safe()
+    assert slm.shown == "neutral"
+
+
+def saver(server) -> int:
+    """What MIT-SCREEN-SAVER's QueryInfo tells: 1 is on."""
+    with XConnection(server.display) as x:
+        return x.call("MIT-SCREEN-SAVER", 1, "I", x.setup.root)[1]
+
+
+def test_no_screen_saver_comes_while_it_is_open(bench, rng):
+    bench.run("xset", "s", "1", "1")
+    try:
+        wait_for(lambda: saver(bench) == 1, "a screen saver")
+        bench.run("xset", "s", "reset")
+        grey = noise(rng)
+        with opened(bench) as slm:
+            slm.show("noise", grey)
+            time.sleep(1.5)
+            assert saver(bench) != 1
+            assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    finally:
+        bench.run("xset", "s", "off")
+        bench.run("xset", "s", "reset")
+
+
+# Videos.
+
+
+def test_a_video_shows_each_frame_in_order_and_tells_when(bench, slm, rng):
+    """Each frame's own number lies in its first pixels, where the independent eye looks."""
+    video = noise(rng, 60, 1080, 1920)
+    video[:, 0, 0] = np.arange(60)
+    with ScreenReader(bench.display, (1280, 0, 1, 1)) as eye:
+        setting = slm.play("video", video)
+        assert setting.actual == slm.shown == "video"
+        seen = []
+        late = time.monotonic() + 3
+        while time.monotonic() < late:
+            seen.append(int(eye.grey()[0, 0]))
+            time.sleep(0.001)
+        told = slm.presentations()
+    assert len(told.times) == len(told.frames) == told.count > 60
+    assert (told.frames == np.arange(told.count) % 60).all()
+    steps = np.diff(told.times) / slm.frame_time
+    assert (steps > 0).all()
+    # What was missed between the first frame and the last, by their times alone.
+    assert told.missed >= np.abs(np.round(steps) - 1).sum()
+    changes = np.diff([seen[0], *(b for a, b in itertools.pairwise(seen) if a != b)]) % 60
+    assert np.median(changes) == 1
+    assert changes.sum() >= told.count - 60 - 60
+
+
+def test_a_stopped_window_is_a_reported_miss(slm, rng):
+    slm.play("video", noise(rng, 4, 1080, 1920))
+    time.sleep(0.5)
+    before = slm.presentations()
+    os.kill(process_of(slm), signal.SIGSTOP)
+    time.sleep(0.2)
+    os.kill(process_of(slm), signal.SIGCONT)
+    time.sleep(0.5)
+    after = slm.presentations()
+    assert after.missed - before.missed >= 0.2 / slm.frame_time - 2
+    gap = np.diff(after.times).max()
+    assert gap > 0.15
+    assert (after.frames == np.arange(after.count) % 4).all()
+    counted = int(slm.health()["video presentations missed"])
+    assert counted >= after.missed
+
+
+def test_a_still_ends_a_video(bench, slm, rng):
+    slm.play("video", noise(rng, 3, 1080, 1920))
+    grey = noise(rng)
+    slm.show("still", grey)
+    time.sleep(0.1)
+    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    with pytest.raises(DeviceError, match="no video plays"):
+        slm.presentations()
+
+
+# Death.
+
+
+OWNER = """
+import sys, time
+import numpy as np
+from drivers.clock import RealClock
+from drivers.interfaces import Surroundings
+from drivers.screen import ScreenSLM
+with ScreenSLM(Surroundings(RealClock()), display=sys.argv[1]) as slm:
+    slm.show("bright", np.full(slm.shape, 200, np.uint8))
+    print("shown", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, bench.display], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert owner.stdout.readline().strip() == "shown"
+        assert (bench.pixels()[PLACE] == 200).all()
+    finally:
+        owner.kill()
+        owner.wait()
+        owner.stdout.close()
+    wait_for(lambda: not bench.pixels()[PLACE].any(), "neutral")
+
+
+def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    os.kill(process_of(slm), signal.SIGSTOP)
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="killed"):
+        slm.show("more", noise(rng))
+    assert time.monotonic() - began < slm.reply_time + 1
+    assert slm.shown == "neutral"
+    grey = noise(rng)
+    slm.show("again", grey)
+    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+
+
+# Screens that come and go.
+
+
+def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    neighbour = bench.pixels()[NEIGHBOUR]
+    bench.xrandr("--output DUMMY1 --off")
+    for call in (
+        lambda: slm.shown,
+        lambda: slm.show("noise", noise(rng)),
+        lambda: slm.play("video", noise(rng, 2, 1080, 1920)),
+        lambda: slm.health(),
+        lambda: slm.presentations(),
+        lambda: slm.make_safe(),
+    ):
+        began = time.monotonic()
+        with pytest.raises(DeviceError, match="DUMMY0"):
+            call()
+        assert time.monotonic() - began < 1
+        assert (bench.pixels()[:1024, :1280] == neighbour[:1024]).all()
+    lay_out(bench)
+    assert slm.shown == "neutral"
+    assert not bench.pixels()[PLACE].any()
+    grey = noise(rng)
+    slm.show("again", grey)
+    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    assert slm.health()["screen lost"] == "1 times"
+
+
+def test_a_screen_unplugged_between_two_calls_is_neutral(bench, slm, rng):
+    slm.play("video", noise(rng, 2, 1080, 1920))
+    bench.xrandr("--output DUMMY1 --off")
+    lay_out(bench)
+    wait_for(lambda: not bench.pixels()[PLACE].any(), "neutral")
+    assert slm.shown == "neutral"
+    assert slm.health()["screen lost"] == "1 times"
+
+
+def test_a_screen_that_moves_is_followed(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    bench.xrandr("--output DUMMY1 --pos 0x0 --output DUMMY0 --pos 1920x0")
+    assert slm.shown == "neutral"
+    grey = noise(rng)
+    slm.show("there", grey)
+    seen = bench.pixels()
+    assert (seen[:1080, :1920] == grey[..., None]).all()
+    assert not seen[:1024, 1920:].any()
+
+
+# Which screen.
+
+
+def test_the_operators_screen_is_refused(bench, rng):
+    own = {"screen": "DUMMY0", "width": 1280, "height": 1024}
+    with (
+        pytest.raises(DeviceError, match=r"primary.*DUMMY0.*DUMMY1.*allow_primary"),
+        opened(bench, **own),
+    ):
+        pass
+    with opened(bench, **own, allow_primary=True) as slm:
+        grey = noise(rng, 1024, 1280)
+        slm.show("noise", grey)
+        assert (bench.pixels()[:1024, :1280] == grey[..., None]).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"screen": "HDMI-7"}, "no screen is called 'HDMI-7'.*DUMMY0.*DUMMY1"),
+        ({"width": 800, "height": 600}, "no screen has 800x600"),
+        ({"screen": "DUMMY1", "width": 1280, "height": 1024}, "runs at 1920x1080"),
+        ({"refresh_hz": 50.0}, "Hz, not 50"),
+        ({"display": ":4711"}, "no X server answers"),
+    ],
+)
+def test_a_wrong_screen_is_refused(bench, options, words):
+    with pytest.raises(DeviceError, match=words), opened(bench, **options) as slm:
+        slm.health()
+
+
+def test_two_screens_of_the_size_are_ambiguous(bench):
+    bench.xrandr("--addmode DUMMY2 1920x1080")
+    bench.xrandr("--output DUMMY2 --mode 1920x1080 --pos 3200x0")
+    bench.xrandr("")
+    try:
+        with pytest.raises(DeviceError, match="several screens"), opened(bench):
+            pass
+        with opened(bench, screen="DUMMY1") as slm:
+            assert slm.identity.model == "screen DUMMY1"
+    finally:
+        bench.xrandr("--output DUMMY2 --off")
+
+
+def test_a_mirrored_screen_is_refused(bench):
+    bench.xrandr("--output DUMMY0 --pos 1280x0")
+    with pytest.raises(DeviceError, match="shows what DUMMY0 shows"), opened(bench):
+        pass
+
+
+def tell_edid(server, data: bytes) -> None:
+    """Have DUMMY1 say that it is a monitor."""
+    with XConnection(server.display) as x:
+        listed = server.xrandr("--verbose").split("DUMMY1 ")[1]
+        number = int(listed.split("Identifier:")[1].split()[0], 16)
+        given = (number, x.atom("EDID"), 19, 8, 0, len(data), data)
+        x.order("RANDR", 13, "IIIBBxxI128s", *given)
+        x.atom("done")
+
+
+def test_a_panel_is_known_by_what_its_monitor_tells(bench):
+    tell_edid(bench, edid(b"HE PLUTO-2.1", b"6010-0042"))
+    try:
+        for name in ("HE PLUTO-2.1", "6010-0042", "he pluto-2.1 6010-0042"):
+            with opened(bench, screen=name) as slm:
+                assert slm.identity.model == "HE PLUTO-2.1"
+                assert slm.identity.serial == "6010-0042"
+        with opened(bench, screen="DUMMY1") as slm:
+            tell_edid(bench, edid(b"HE PLUTO-2.1", b"6010-0043"))
+            with pytest.raises(DeviceError, match="another monitor"):
+                slm.show("noise", np.zeros(slm.shape, np.uint8))
+            tell_edid(bench, edid(b"HE PLUTO-2.1", b"6010-0042"))
+            slm.show("noise", np.zeros(slm.shape, np.uint8))
+    finally:
+        tell_edid(bench, bytes(128))
+
+
+# Grey levels.
+
+
+def test_a_gamma_ramp_is_refused_unless_it_is_allowed(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    bench.xrandr("--output DUMMY1 --gamma 0.9")
+    with pytest.raises(DeviceError, match="gamma ramp changes grey levels"):
+        slm.show("noise", noise(rng))
+    bench.xrandr("--output DUMMY1 --gamma 1 --brightness 0.95")
+    with pytest.raises(DeviceError, match="gamma ramp"):
+        slm.show("noise", noise(rng))
+    with opened(bench, allow_ramp=True) as other:
+        assert "not plain" in other.health()["gamma ramp"]
+    bench.xrandr("--output DUMMY1 --gamma 1 --brightness 1")
+    slm.show("noise", noise(rng))
+
+
+# Names on screens.
+
+
+def test_each_screen_is_named_on_itself(bench):
+    there = identify(bench.display, seconds=0.1)
+    assert [output.name for output in there] == ["DUMMY0", "DUMMY1"]
+    assert [output.primary for output in there] == [True, False]
+    assert there[1].region == (1280, 0, 1920, 1080)
+    command = [sys.executable, "-m", "drivers.screen", "--display", bench.display]
+    with bench.program(*command, "--seconds", "30"):
+        wait_for(
+            lambda: (p := bench.pixels())[PLACE].max() == 255 == p[:1024, :1280].max(), "plates"
+        )
+    wait_for(lambda: not bench.pixels().any(), "no plates")

@@ -1,0 +1,231 @@
+"""The panel on a virtual X display, which anybody can start: one screen, and a small one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from xservers import wait_for, xvfb
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.interfaces import SLM, Surroundings
+from drivers.screen import ScreenSLM, identify
+from drivers.supervised import Supervised
+from drivers.x11 import ScreenReader, XConnection, XError
+from drivers.x11.shared import SharedMemory
+
+SHAPE = (120, 160)
+
+
+@pytest.fixture(scope="module")
+def server():
+    with xvfb("160x120") as running:
+        yield running
+
+
+def make(server, **options):
+    given = {"width": 160, "height": 120, "display": server.display, "allow_primary": True}
+    return ScreenSLM(Surroundings(RealClock()), **{**given, **options})
+
+
+@pytest.fixture
+def slm(server):
+    with make(server) as device:
+        yield device
+
+
+def noise(rng, *frames):
+    return rng.integers(0, 256, (*frames, *SHAPE), np.uint8)
+
+
+def process_of(slm) -> int:
+    return slm._window._process.pid
+
+
+def test_the_only_screen_is_refused_unless_it_is_allowed(server):
+    with (
+        pytest.raises(DeviceError, match="the only screen"),
+        make(server, screen="screen", allow_primary=False),
+    ):
+        pass
+
+
+def test_it_is_an_slm(slm):
+    device: SLM = slm
+    assert device.shape == SHAPE
+    assert device.frame_time == 1 / 60
+    assert device.settling == 0.1
+    assert not device.identity.simulated
+
+
+def test_every_pixel_is_shown(server, slm, rng):
+    for _ in range(5):
+        grey = noise(rng)
+        slm.show("noise", grey)
+        assert (server.pixels() == grey[..., None]).all()
+    slm.make_safe()
+    assert not server.pixels().any()
+
+
+def test_pictures_that_are_no_contiguous_arrays_are_shown(server, slm, rng):
+    grey = rng.integers(0, 256, (SHAPE[1], SHAPE[0] * 2), np.uint8).T[::2]
+    slm.show("noise", grey)
+    assert (server.pixels() == grey[..., None]).all()
+
+
+@pytest.mark.parametrize(
+    "grey",
+    [
+        np.zeros((120, 161), np.uint8),
+        np.zeros((1, 120, 160), np.uint8),
+        np.zeros(SHAPE),
+        np.zeros(SHAPE, np.int8),
+        np.uint8(0),
+    ],
+)
+def test_a_picture_of_another_kind_is_refused(slm, grey):
+    with pytest.raises(DeviceError, match="isn't uint8 of 120x160"):
+        slm.show("wrong", grey)
+    with pytest.raises(DeviceError, match="isn't uint8 of framesx120x160"):
+        slm.play("wrong", grey[None])
+
+
+def test_an_empty_video_and_one_that_is_too_long_are_refused(slm):
+    with pytest.raises(DeviceError, match="isn't uint8"):
+        slm.play("empty", np.zeros((0, *SHAPE), np.uint8))
+    with pytest.raises(DeviceError, match="MiB are more than 1024"):
+        slm.play("endless", np.broadcast_to(np.uint8(0), (60000, *SHAPE)))
+
+
+def test_a_video_is_played_and_told(slm, rng):
+    slm.play("video", noise(rng, 7))
+    wait_for(lambda: slm.presentations().count > 20, "twenty frames")
+    told = slm.presentations()
+    assert (told.frames == np.arange(told.count) % 7).all()
+    assert (np.diff(told.times) > 0).all()
+    assert slm.health()["video paced by"] == "the screen's refreshes"
+    assert slm.shown == "video"
+
+
+def test_a_dead_window_comes_back_neutral(server, slm, rng):
+    slm.show("noise", noise(rng))
+    os.kill(process_of(slm), signal.SIGKILL)
+    wait_for(lambda: slm._window.dead, "its end")
+    assert slm.shown == "neutral"
+    grey = noise(rng)
+    slm.show("again", grey)
+    assert (server.pixels() == grey[..., None]).all()
+
+
+def test_a_supervised_panel_that_was_killed_is_named_and_revived(server, rng):
+    with Supervised("slm", lambda: make(server)) as watched:
+        watched.show("noise", noise(rng))
+        watched._device.kill()
+        with pytest.raises(DeviceError) as caught:
+            watched.show("noise", noise(rng))
+        assert caught.value.role == "slm"
+        watched.revive()
+        watched.show("noise", noise(rng))
+        assert watched.shown == "noise"
+    assert not server.pixels().any()
+
+
+def test_a_closed_panel_says_so(server):
+    slm = make(server)
+    with pytest.raises(DeviceError, match="closed"):
+        slm.make_safe()
+    with slm:
+        slm.make_safe()
+    with pytest.raises(DeviceError, match="closed"):
+        assert slm.shown
+
+
+def test_a_server_that_hangs_or_goes_is_an_error_in_time(rng):
+    with xvfb("160x120") as own, make(own) as slm:
+        slm.show("noise", noise(rng))
+        os.kill(own.process, signal.SIGSTOP)
+        try:
+            for call in (lambda: slm.show("noise", noise(rng)), lambda: slm.shown):
+                began = time.monotonic()
+                with pytest.raises(DeviceError):
+                    call()
+                assert time.monotonic() - began < slm.reply_time + 1
+            with pytest.raises(XError, match="doesn't answer"):
+                XConnection(own.display)
+        finally:
+            os.kill(own.process, signal.SIGCONT)
+        slm.show("noise", noise(rng))
+        assert slm.shown == "noise"
+        os.kill(own.process, signal.SIGKILL)
+        for _ in range(2):
+            with pytest.raises(DeviceError):
+                slm.show("noise", noise(rng))
+
+
+def test_names_are_written_on_the_screen(server):
+    (there,) = identify(server.display, seconds=0.1)
+    assert there.region == (0, 0, 160, 120)
+    assert there.primary
+
+
+# The reader.
+
+
+def test_a_part_of_the_screen_can_be_read(server, slm, rng):
+    grey = noise(rng)
+    slm.show("noise", grey)
+    with ScreenReader(server.display, (11, 7, 50, 31)) as reader:
+        assert (reader.grey() == grey[7:38, 11:61]).all()
+        assert (reader.colours() == grey[7:38, 11:61, None]).all()
+    with ScreenReader(server.display) as reader:
+        assert (reader.grey() == grey).all()
+
+
+def test_a_reader_tells_whether_something_was_drawn(server, slm, rng):
+    with ScreenReader(server.display) as reader:
+        assert reader.changed()
+        assert not reader.changed()
+        slm.show("noise", noise(rng))
+        assert reader.changed()
+        assert not reader.changed()
+
+
+def test_what_is_not_on_the_screen_cannot_be_read(server):
+    for region in ((0, 0, 161, 10), (-1, 0, 10, 10), (0, 0, 0, 10)):
+        with pytest.raises(XError, match="isn't on the screen"):
+            ScreenReader(server.display, region)
+
+
+def test_a_server_that_cannot_share_memory_is_read_all_the_same(server, slm, rng, monkeypatch):
+    def refused(*_):
+        raise XError("not here")
+
+    monkeypatch.setattr(SharedMemory, "__init__", refused)
+    grey = noise(rng)
+    slm.show("noise", grey)
+    with ScreenReader(server.display) as reader:
+        assert (reader.grey() == grey).all()
+
+
+def test_no_shared_memory_is_left_behind(server):
+    def segments():
+        return {line.split()[1] for line in server.run("ipcs", "-m").splitlines() if "0x" in line}
+
+    before = segments()
+    with ScreenReader(server.display) as reader:
+        reader.grey()
+    assert segments() <= before
+
+
+def test_a_screen_of_few_colours_cannot_be_read():
+    from xservers import started
+
+    with (
+        started(["Xvfb", "-screen", "0", "64x64x16"]) as poor,
+        pytest.raises(XError, match="isn't a screen of 8 bits a colour"),
+    ):
+        ScreenReader(poor.display)
