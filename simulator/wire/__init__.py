@@ -1,0 +1,1 @@
+"""Simulated instruments behind the wire: the unmodified drivers talk to them."""
