@@ -87,7 +87,7 @@ class AravisCamera:
         self._asked: float | None = None
         self._counts: Counter[str] = Counter()
         self.alive_at = 0.0
-        self.reply_time = 5.0 + (trigger_wait_s if trigger == "hardware" else 0.0)
+        self.reply_time = 6.0 + (trigger_wait_s if trigger == "hardware" else 0.0)
 
     @property
     def identity(self) -> Identity:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.aravis.worker import OWNED
 from drivers.errors import DeviceError
 from drivers.hosted.process import KILLING, reap, spawn
 
@@ -165,10 +166,12 @@ def opened(model: str, address: str, patience: float) -> Link:
 
 
 def _no_camera(link: Link, address: str, error: DeviceError) -> DeviceError:
+    asked = f"open {address}" if address else "open"
+    if OWNED in error.reply:
+        return DeviceError(link.model, asked, error.reply, "Close the other program")
     there: list[dict[str, str]] = []
     with contextlib.suppress(DeviceError):
         there = link.ask("find", within=_STARTING)
     words = [f"{c['id']} ({c['model']}, serial {c['serial']}, {c['address']})" for c in there]
     remedy = "Give one of: " + "; ".join(words) if words else "Plug one in, and look at its network"
-    asked = f"open {address}" if address else "open"
     return DeviceError(link.model, asked, f"it can't be opened: {error.reply}", remedy)

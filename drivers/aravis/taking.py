@@ -31,6 +31,9 @@ _AGREE_US = 1.0
 _AGREE = 1e-3
 """...and the part of it, whichever is more."""
 
+_DRIFT = 1e-4
+"""By which part a camera's clock may be slow."""
+
 _REMEDY = "Take it again; if it goes on, look at the network, the packet size and the cable"
 
 
@@ -101,12 +104,16 @@ class Taking:
         # A free-running camera exposes the next frame already while it reads one.
         ahead = self.options.trigger != "software"
         self._old = 0 if self.tells else self.options.latency_frames + ahead
+        if ahead:
+            # Nor can it be said of frames on their way when they left.
+            self._running = False
 
     def start(self) -> None:
         self._running = False
         memory = self.link.ask("start", self.options.buffers, within=ASKING)
         self._size, self._length = memory["size"], memory["length"]
         self._running, self._last, self._back = True, None, -1
+        self._between: tuple[float, float] | None = None
 
     def stop(self) -> None:
         self._running = False
@@ -143,7 +150,8 @@ class Taking:
                 # A new stream: whatever is still on its way never arrives there.
                 self._running = False
                 again = self.exposure + self.frame_time + self._waiting
-                if tries == _TRIES or time.monotonic() + again > late:
+                nobody = self.options.trigger == "hardware" and bad.kind == "missing"
+                if nobody or tries == _TRIES or time.monotonic() + again > late:
                     words = f"{bad.kind} frame: {bad}"
                     raise DeviceError(self.link.model, "capture", words, _REMEDY) from bad
 
@@ -168,8 +176,9 @@ class Taking:
             if note is None:
                 missing = "trigger or frame" if self.options.trigger == "hardware" else "frame"
                 raise _Bad("missing", f"no {missing} within {self._waiting:g} s after its time")
-            began = since if triggered else note["arrived"] - self.exposure
+            began = since
             if not triggered:
+                began = self._left(note) - self.exposure
                 self._count_gap(note)
             if began < since or (triggered and not self._fresh(note, since)):
                 self.counts["stale"] += 1
@@ -192,6 +201,23 @@ class Taking:
             raise _Bad("out of order", f"number {number} after {last}")
         self._last = number
         return True
+
+    def _left(self, note: dict[str, Any]) -> float:
+        """When a frame left the camera, by both clocks: a busy computer notices it later.
+
+        The camera's clock counts from anywhere; the least that one was ever behind the other
+        is what lies between them, but for what they drift apart.
+        """
+        arrived: float = note["arrived"]
+        if not note["stamp"]:
+            return arrived
+        stamp = note["stamp"] * 1e-9
+        between = arrived - stamp
+        if self._between is not None:
+            least, when = self._between
+            between = min(between, least + _DRIFT * max(0.0, arrived - when))
+        self._between = between, arrived
+        return stamp + between
 
     def _count_gap(self, note: dict[str, Any]) -> None:
         """Frames that never arrived, by the numbers: reported, not taken for anything."""

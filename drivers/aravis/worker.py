@@ -37,6 +37,12 @@ _HEARTBEAT = 0x0938
 HEARTBEAT_MS = 1500
 """Milliseconds after which a camera may be opened again whose controller has died."""
 
+_OBEYED = ("set_exposure", "set_gain", "trigger", "exposure", "start")
+"""After these it is looked whether the camera still obeys us."""
+
+OWNED = "somebody else has it open"
+"""Why a camera can't be opened that answers, but doesn't obey."""
+
 _TEMPERATURES = ("DeviceTemperature", "DeviceTemperatureRaw", "TemperatureAbs")
 _TOLD = ("DeviceFirmwareVersion", "DeviceVersion", "DeviceUserID", "DeviceLinkSpeed")
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "GammaEnable")
@@ -90,7 +96,7 @@ class Camera:
         device = camera.get_device()
         if camera.is_gv_device():
             if not device.is_controller():
-                raise RuntimeError("somebody else has it open")
+                raise RuntimeError(OWNED)
             device.write_register(_HEARTBEAT, HEARTBEAT_MS)
         self.alive = time.monotonic()
         self._camera, self._device = camera, device
@@ -101,14 +107,20 @@ class Camera:
         self.lost = "control was lost: it went silent, or somebody else opened it"
 
     def _watch(self) -> None:
-        gige = self._camera.is_gv_device()
         while not self.lost:
             with contextlib.suppress(Exception):
-                answer = self._device.read_register(_PRIVILEGE if gige else 0)
-                self.alive = time.monotonic()
-                if gige and not answer & 3:
-                    self._control_lost(self._device)
+                self.look()
             time.sleep(_LOOK)
+
+    def look(self) -> None:
+        """Whether the camera is there, and still obeys us."""
+        if self._camera is None:
+            return
+        gige = self._camera.is_gv_device()
+        answer = self._device.read_register(_PRIVILEGE if gige else 0)
+        self.alive = time.monotonic()
+        if gige and not answer & 3:
+            self._control_lost(self._device)
 
     def gone(self) -> str:
         """Why it counts as lost; empty while it doesn't."""
@@ -370,11 +382,15 @@ class _Desk:
         if self._camera.gone():
             return {"lost": self._camera.lost}
         try:
-            return {"good": getattr(self._camera, name)(*given)}
+            answer = getattr(self._camera, name)(*given)
+            if name in _OBEYED:
+                # A camera that obeys somebody else may have been set anew by them.
+                self._camera.look()
+            return {"lost": self._camera.lost} if self._camera.lost else {"good": answer}
         except Exception as error:
             if self._camera.gone():
                 return {"lost": self._camera.lost}
-            return {"bad": getattr(error, "message", "") or repr(error)}
+            return {"bad": getattr(error, "message", "") or str(error) or repr(error)}
 
     def _answer(self, answer: dict[str, Any]) -> None:
         with self._lock:

@@ -18,7 +18,7 @@ CameraFaultKind = Literal[
     "silence",
     "disconnect",
 ]
-"""By name: some of a frame's packets, or all of them, never arrive; a frame comes 1.5 s too
+"""By name: half of a frame's packets, or all of them, never arrive; a frame comes 1.5 s too
 late; its leader tells another size; a new exposure is obeyed three frames late; the camera
 changes its exposure by itself, and says so when asked; it hears no trigger; it forgets who
 controls it; it neither hears nor says anything; it is gone, and comes back as switched on."""

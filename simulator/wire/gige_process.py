@@ -57,8 +57,7 @@ class Machine:
         self._memory = mmap.mmap(memory, 0)
         self._base = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
         self._library = ctypes.CDLL("libaravis-0.8.so.0")
-        for name, answer in (("arv_buffer_get_data", ctypes.c_void_p),):
-            getattr(self._library, name).restype = answer
+        self._library.arv_buffer_get_data.restype = ctypes.c_void_p
         self._library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
         self._library.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
         self._library.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
@@ -213,7 +212,7 @@ class Machine:
             self._obey()
             places = self._pictures(begun, _PATIENCE)
             place = None if places is None else self._cycled(places)
-        lost = {"lost packets": 0.3, "missing frame": 1.0, "stopped stream": 1.0}
+        lost = {"lost packets": 0.5, "missing frame": 1.0, "stopped stream": 1.0}
         server.set_property("gvsp-lost-ratio", lost.get(self.fault, 0.0))
         if place is None:
             server.set_property("gvsp-lost-ratio", 1.0)

@@ -15,7 +15,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from simulator.wire.fake_gige import FakeGigE
 
-SHAPE = (24, 32)
+SHAPE = (48, 64)
 
 
 def never() -> bool:
