@@ -25,6 +25,9 @@ _LOOK = 0.05
 _TRIES = 3
 """Bad frames after which one gives up; fewer where there is no time for more."""
 
+_LAG = 8
+"""Frames after which a camera that tells their exposures must have obeyed."""
+
 _AGREE_US = 1.0
 """Microseconds by which what a frame tells of its exposure may differ from what was set..."""
 
@@ -51,6 +54,10 @@ class _Bad(Exception):
     def __init__(self, kind: str, words: str) -> None:
         super().__init__(words)
         self.kind = kind
+
+
+class _Old(_Bad):
+    """A frame that tells itself that it is of another exposure."""
 
 
 @dataclass
@@ -144,16 +151,23 @@ class Taking:
                 self._require_exposure()
                 self.counts["taken"] += 1
                 return taken
-            except _Bad as bad:
-                self.counts[bad.kind] += 1
-                tries += 1
+            except _Old as old:
+                # It says itself that it hasn't obeyed yet: so it is going on.
+                self.counts[old.kind] += 1
+                most = _LAG
+                bad: _Bad = old
+            except _Bad as found:
+                self.counts[found.kind] += 1
                 # A new stream: whatever is still on its way never arrives there.
                 self._running = False
-                again = self.exposure + self.frame_time + self._waiting
-                nobody = self.options.trigger == "hardware" and bad.kind == "missing"
-                if nobody or tries == _TRIES or time.monotonic() + again > late:
-                    words = f"{bad.kind} frame: {bad}"
-                    raise DeviceError(self.link.model, "capture", words, _REMEDY) from bad
+                nobody = self.options.trigger == "hardware" and found.kind == "missing"
+                most = 1 if nobody else _TRIES
+                bad = found
+            tries += 1
+            again = self.exposure + self.frame_time + self._waiting
+            if tries >= most or time.monotonic() + again > late:
+                words = f"{bad.kind} frame: {bad}"
+                raise DeviceError(self.link.model, "capture", words, _REMEDY) from bad
 
     @property
     def _waiting(self) -> float:
@@ -171,11 +185,11 @@ class Taking:
         late = time.monotonic() + self.exposure + self.readout + self._waiting
         if not triggered:
             late += self.exposure + self.readout
+        bad = ""
         while True:
             note = self._pop(cancelled, late)
             if note is None:
-                missing = "trigger or frame" if self.options.trigger == "hardware" else "frame"
-                raise _Bad("missing", f"no {missing} within {self._waiting:g} s after its time")
+                raise self._missing(bad)
             began = since
             if not triggered:
                 began = self._left(note) - self.exposure
@@ -185,10 +199,17 @@ class Taking:
                 continue
             try:
                 return Taken(self._image(note), note["number"], began)
-            except _Bad as bad:
+            except _Bad as found:
                 if triggered:
                     raise
-                self.counts[bad.kind] += 1
+                self.counts[found.kind] += 1
+                bad = f"; the last was {found.kind}: {found}"
+
+    def _missing(self, but: str) -> _Bad:
+        what = "good frame" if but else "frame"
+        if self.options.trigger == "hardware" and not but:
+            what = f"trigger at {self.options.trigger_line}, or no frame,"
+        return _Bad("missing", f"no {what} within {self._waiting:g} s after its time{but}")
 
     def _fresh(self, note: dict[str, Any], since: float) -> bool:
         """Whether it is the one that was triggered: no other has come from this stream."""
@@ -228,18 +249,18 @@ class Taking:
         self._last = number
 
     def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
-        while True:
+        while time.monotonic() < late:
+            if cancelled():
+                self.stop()
+                reply = "it was cancelled"
+                raise DeviceError(self.link.model, "capture", reply, "Take it again")
             back, self._back = self._back, -1
             wait = min(_LOOK, max(0.0, late - time.monotonic()))
-            note = self.link.ask("pop", wait, back, within=ASKING)
+            note: dict[str, Any] | None = self.link.ask("pop", wait, back, within=ASKING)
             if note is not None:
                 self._back = note["place"]
                 return note
-            if cancelled():
-                self.stop()
-                raise DeviceError(self.link.model, "capture", "it was cancelled", "Take it again")
-            if time.monotonic() >= late:
-                return None
+        return None
 
     def _give_back(self) -> None:
         if self._back >= 0:
@@ -261,7 +282,7 @@ class Taking:
         if self.tells:
             told = note.get("exposure_us")
             if told is None or not self._agrees(told):
-                raise _Bad("wrong exposure", f"number {note['number']} was exposed {told} us")
+                raise _Old("wrong exposure", f"number {note['number']} was exposed {told} us")
         return unpack(
             self.link.bytes_at(note["place"], needed, self._length), self.form, self.shape
         )

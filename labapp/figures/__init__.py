@@ -49,6 +49,7 @@ def measurements() -> dict[str, Measurement]:
         free_space_peers,
         free_space_problems,
         full_disk,
+        gige,
         live,
         peers,
         problems,
@@ -61,6 +62,7 @@ def measurements() -> dict[str, Measurement]:
         startup,
         troubles,
         work_saved,
+        wrong_exposures,
     )
 
     return {
@@ -111,6 +113,8 @@ def measurements() -> dict[str, Measurement]:
         "restoration-priors": restoration_priors.restoration_figures,
         "demosaicing": demosaicing.demosaicing_figures,
         "blind": blind.blind_figures,
+        "wrong-exposures": wrong_exposures.wrong_exposures_figure,
+        "gige": gige.gige_figure,
     }
 
 

@@ -116,7 +116,7 @@ def test_it_is_found_by_serial_number_and_id(fake: FakeGigE, address: str) -> No
 
 def test_what_is_there_is_listed(fake: FakeGigE) -> None:
     assert "SIM01" in [one["serial"] for one in found_cameras()]
-    with pytest.raises(DeviceError, match="can't be opened.*Give one of: Aravis-Fake-SIM01"):
+    with pytest.raises(DeviceError, match=r"can't be opened.*Give one of: Aravis-Fake-SIM01"):
         camera(address="NOBODY").__enter__()
 
 

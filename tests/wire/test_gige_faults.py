@@ -162,7 +162,7 @@ def test_a_hardware_trigger_is_waited_for(fake: FakeGigE) -> None:
 
     with camera(trigger="hardware", latency_frames=0, trigger_wait_s=1.0) as device:
         device.set_exposure(1e-3)
-        with pytest.raises(DeviceError, match="no trigger or frame"):
+        with pytest.raises(DeviceError, match="no trigger at Line0, or no frame, within"):
             device.capture(never)
         stop = threading.Event()
 
@@ -192,6 +192,26 @@ def test_frames_that_were_dropped_are_counted(fake: FakeGigE) -> None:
         gone = numbers[-1] - numbers[0] + 1 - len(numbers)
         bad = sum(device.counts[name] for name in ("dropped", "incomplete", "missing"))
         assert gone == bad > 5
+
+
+@pytest.mark.parametrize("kind", ["lost packets", "corrupt frame", "missing frame"])
+def test_a_running_camera_without_a_good_frame_is_named_and_cancelled(
+    fake: FakeGigE, kind: CameraFaultKind
+) -> None:
+    options = {"packet_size": 576, "frame_timeout_ms": 300, "latency_frames": 0}
+    with camera(trigger="free", frame_rate=50.0, **options) as device:
+        device.set_exposure(1e-3)
+        device.capture(never)
+        fake.inject(CameraFault(kind))
+        error, seconds = outcome(lambda: device.capture(never))
+        assert "missing frame: no " in str(error)
+        assert seconds < device.frame_time + device.reply_time + MARGIN
+        end = time.monotonic() + 0.1
+        error, seconds = outcome(lambda: device.capture(lambda: time.monotonic() > end))
+        assert "it was cancelled" in str(error)
+        assert seconds < 1.0
+        fake.mend()
+        np.testing.assert_array_equal(device.capture(never).image, picture(1e-3))
 
 
 def test_binning_is_set_and_seen(fake: FakeGigE) -> None:
