@@ -11,7 +11,7 @@ from typing import Any, Self
 from drivers.aravis.link import Gone, Link, opened
 from drivers.aravis.options import Options, Trigger
 from drivers.aravis.pixels import FORMATS, PixelFormat
-from drivers.aravis.taking import ASKING, Taken, Taking
+from drivers.aravis.taking import ASKING, Taken, Taking, microseconds
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
@@ -87,7 +87,8 @@ class AravisCamera:
         self._asked: float | None = None
         self._counts: Counter[str] = Counter()
         self.alive_at = 0.0
-        self.reply_time = 6.0 + (trigger_wait_s if trigger == "hardware" else 0.0)
+        waits = trigger_wait_s if trigger == "hardware" else 0.0
+        self.reply_time = 5.0 + frame_timeout_ms * 1e-3 + waits
 
     @property
     def identity(self) -> Identity:
@@ -144,7 +145,7 @@ class AravisCamera:
             if not low <= exposure <= high:
                 reply = f"out of range, {low * 1e3:g} to {high * 1e3:g} ms"
                 raise self._error(command, reply, "Choose an exposure in the range")
-            actual = float(taking.link.ask("set_exposure", exposure * 1e6, within=ASKING)) * 1e-6
+            actual = self._set(taking.link, microseconds(exposure))
             taking.exposure = actual
             taking.changed()
             if abs(actual - exposure) > _OFF * exposure:
@@ -254,8 +255,8 @@ class AravisCamera:
         self._set_trigger(ask)
         self._packets = ask("set_packets", o.packet_size)
         tells = bool(self._facts["chunks"] and ask("set_chunks"))
-        exposure = ask("exposure") if self._asked is None else self._asked * 1e6
-        exposure = float(ask("set_exposure", exposure)) * 1e-6
+        us = ask("exposure") if self._asked is None else microseconds(self._asked)
+        exposure = self._set(link, us)
         return Taking(
             link, o, form, region, exposure, tells, self.reply_time, self._got_on, self._counts
         )
@@ -290,6 +291,10 @@ class AravisCamera:
             reply = f"out of range, {bounds[0]:g} to {bounds[1]:g} dB"
             raise self._error(f"gain {gain_db:g} dB", reply, "Choose one in the range")
         return float(link.ask("set_gain", gain_db, within=ASKING))
+
+    def _set(self, link: Link, us: float) -> float:
+        """Set the exposure; in seconds, what the camera has made of it."""
+        return float(link.ask("set_exposure", us, within=ASKING)) * 1e-6
 
     def _set_trigger(self, ask: Callable[..., Any]) -> None:
         o = self._options

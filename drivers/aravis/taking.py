@@ -121,6 +121,10 @@ class Taking:
         self._size, self._length = memory["size"], memory["length"]
         self._running, self._last, self._back = True, None, -1
         self._between: tuple[float, float] | None = None
+        # Who knows what had been begun, or set by others, before this?
+        self._old = max(self._old, 0 if self.tells else self.options.latency_frames)
+        if not self._agrees(float(self.link.ask("exposure", within=ASKING))):
+            self._set_again()
 
     def stop(self) -> None:
         self._running = False
@@ -287,6 +291,10 @@ class Taking:
             self.link.bytes_at(note["place"], needed, self._length), self.form, self.shape
         )
 
+    def _set_again(self) -> None:
+        asked = microseconds(self.exposure)
+        self.exposure = float(self.link.ask("set_exposure", asked, within=ASKING)) * 1e-6
+
     def _agrees(self, us: float) -> bool:
         asked = self.exposure * 1e6
         return abs(us - asked) <= max(_AGREE_US, _AGREE * asked)
@@ -296,9 +304,14 @@ class Taking:
         us = float(self.link.ask("exposure", within=ASKING))
         if self._agrees(us):
             return
-        self.link.ask("set_exposure", self.exposure * 1e6, within=ASKING)
+        self._set_again()
         self.changed()
         raise _Bad("wrong exposure", f"the camera exposes {us:g} us by itself")
+
+
+def microseconds(seconds: float) -> float:
+    """What a camera is told: some cut what is a rounding error below a whole number."""
+    return round(seconds * 1e6, 3)
 
 
 def _follows(number: int, last: int) -> bool:

@@ -35,6 +35,7 @@ def measurements() -> dict[str, Measurement]:
         blind,
         budget,
         calibration,
+        camera_faults,
         chain_cost,
         chains,
         closed_forms,
@@ -115,6 +116,7 @@ def measurements() -> dict[str, Measurement]:
         "blind": blind.blind_figures,
         "wrong-exposures": wrong_exposures.wrong_exposures_figure,
         "gige": gige.gige_figure,
+        "camera-faults": camera_faults.camera_fault_figure,
     }
 
 

@@ -141,6 +141,7 @@ class Machine:
             if not self._register(RUNNING) or not self._register(TRIGGERED):
                 self._pulses = 0
                 self._write(TRIGGER, 0)
+                self._write(FIRE, 0)
                 continue
             if self._register(SOURCE) == 1:
                 come = self._register(TRIGGER) == 1
@@ -151,17 +152,21 @@ class Machine:
             self._write(TRIGGER, 0)
             if self.fault == "stopped stream":
                 continue
-            began = time.monotonic()
+            began, stream = time.monotonic(), self._register(STREAM_PORT)
             us = self._obey()
             places = self._pictures(us, 60.0)
             if places is None:
                 continue
             self._next = self._cycled(places)
             ready = began + us * 1e-6 + (_LATE if self.fault == "late frame" else 0)
-            while time.monotonic() < ready and self._register(RUNNING):
+            while time.monotonic() < ready and self._goes_on(stream):
                 time.sleep(min(0.005, max(0.0, ready - time.monotonic())))
-            if self._register(RUNNING):
+            if self._goes_on(stream):
                 self._write(FIRE, 1)
+
+    def _goes_on(self, stream: int) -> bool:
+        """Whether the acquisition hasn't been stopped, nor started anew for another stream."""
+        return bool(self._register(RUNNING)) and self._register(STREAM_PORT) == stream
 
     def _obey(self) -> int:
         """Microseconds that the frame that begins now is exposed."""

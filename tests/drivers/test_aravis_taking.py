@@ -39,6 +39,9 @@ class TellingLibrary:
                 return []
             case "exposure":
                 return self.set
+            case "set_exposure":
+                self.set = given[0]
+                return self.set
             case "trigger":
                 self.triggered = True
                 return time.monotonic()
