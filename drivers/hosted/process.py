@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 
 from drivers.hosted.channel import Channel
 
@@ -29,22 +30,46 @@ _CHILD = (
 
 def start() -> tuple[Channel, subprocess.Popen[bytes]]:
     """A device's process that has not been told yet which."""
-    ours, theirs = socket.socketpair()
     memory = os.memfd_create("labapp-device")
     os.ftruncate(memory, mmap.PAGESIZE)
-    channel = Channel(ours.detach(), os.dup(memory))
-    given = (theirs.fileno(), memory)
-    command = [sys.executable, "-u", "-X", "faulthandler", "-c", _CHILD]
-    command += [str(number) for number in (*given, _GRACE)] + sys.path
+
+    def command(end: int) -> list[str]:
+        given = [str(number) for number in (end, memory, _GRACE)]
+        python = [sys.executable, "-u", "-X", "faulthandler", "-c", _CHILD]
+        return [*python, *given, *sys.path]
+
+    kept = os.dup(memory)
+    try:
+        ours, process = spawn(command, memory)
+    except BaseException:
+        os.close(kept)
+        raise
+    return Channel(ours, kept), process
+
+
+def spawn(command: Callable[[int], list[str]], memory: int) -> tuple[int, subprocess.Popen[bytes]]:
+    """A process and our end of a socket to it; its memory's descriptor is closed here.
+
+    command: what is run, told the number of the process's own end.
+    """
+    ours, theirs = socket.socketpair()
     # Blocked until the child ignores them: Ctrl-C must not find it half awake.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED)
     try:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=2, pass_fds=given)
+        process = subprocess.Popen(
+            command(theirs.fileno()),
+            stdin=subprocess.DEVNULL,
+            stdout=2,
+            pass_fds=(theirs.fileno(), memory),
+        )
+    except BaseException:
+        ours.close()
+        raise
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         os.close(memory)
-    return channel, process
+    return ours.detach(), process
 
 
 def close(channel: Channel, process: subprocess.Popen[bytes], ended: int) -> None:

@@ -35,6 +35,7 @@ def measurements() -> dict[str, Measurement]:
         blind,
         budget,
         calibration,
+        camera_faults,
         chain_cost,
         chains,
         closed_forms,
@@ -50,6 +51,7 @@ def measurements() -> dict[str, Measurement]:
         free_space_problems,
         full_disk,
         fuzz,
+        gige,
         live,
         peers,
         problems,
@@ -63,6 +65,7 @@ def measurements() -> dict[str, Measurement]:
         troubles,
         wire_faults,
         work_saved,
+        wrong_exposures,
     )
 
     return {
@@ -115,6 +118,9 @@ def measurements() -> dict[str, Measurement]:
         "restoration-priors": restoration_priors.restoration_figures,
         "demosaicing": demosaicing.demosaicing_figures,
         "blind": blind.blind_figures,
+        "wrong-exposures": wrong_exposures.wrong_exposures_figure,
+        "gige": gige.gige_figure,
+        "camera-faults": camera_faults.camera_fault_figure,
     }
 
 

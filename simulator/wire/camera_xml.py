@@ -1,0 +1,147 @@
+"""What a simulated camera says that it can do: a GenICam description of its registers.
+
+The registers are those of Aravis' fake camera, and from 0x3d0 on those of `gige_process`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from drivers.aravis.pixels import FORMATS
+
+_HEAD = """<?xml version="1.0" encoding="utf-8"?>
+<RegisterDescription ModelName="Fake" VendorName="Aravis" StandardNameSpace="None"
+  SchemaMajorVersion="1" SchemaMinorVersion="0" SchemaSubMinorVersion="1" MajorVersion="1"
+  MinorVersion="0" SubMinorVersion="0" ToolTip="Virtual bench" ProductGuid="0" VersionGuid="0"
+  xmlns="http://www.genicam.org/GenApi/Version_1_0">
+"""
+
+_TEXTS = {
+    "DeviceVendorName": (0x48, 32),
+    "DeviceModelName": (0x68, 32),
+    "DeviceVersion": (0x88, 32),
+    "DeviceManufacturerInfo": (0xA8, 48),
+    "DeviceID": (0xD8, 16),
+}
+
+_NUMBERS = {
+    "SensorHeight": 0x118,
+    "SensorWidth": 0x11C,
+    "OffsetX": 0x130,
+    "OffsetY": 0x134,
+    "Width": 0x100,
+    "Height": 0x104,
+    "BinningHorizontal": 0x108,
+    "BinningVertical": 0x10C,
+    "AcquisitionFramePeriod": 0x138,
+}
+
+_LIMITS = {
+    "OffsetX": "<Min>0</Min><pMax>SensorWidth</pMax>",
+    "OffsetY": "<Min>0</Min><pMax>SensorHeight</pMax>",
+    "Width": "<Min>1</Min><pMax>WidthMax</pMax><Inc>1</Inc>",
+    "Height": "<Min>1</Min><pMax>HeightMax</pMax><Inc>1</Inc>",
+    "BinningHorizontal": "<Min>1</Min><Max>4</Max>",
+    "BinningVertical": "<Min>1</Min><Max>4</Max>",
+    "AcquisitionFramePeriod": "<Min>1000</Min><Max>100000000</Max>",
+}
+
+
+def description(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
+    """The XML of a camera that sends these formats and exposes so many microseconds."""
+    parts = [_HEAD, _root()]
+    for name, (address, length) in _TEXTS.items():
+        parts.append(_register("StringReg", name, address, length, "RO"))
+    for name, address in _NUMBERS.items():
+        parts.append(f'<Integer Name="{name}"><pValue>{name}Reg</pValue>{_LIMITS.get(name, "")}')
+        parts.append("</Integer>")
+        parts.append(_number(f"{name}Reg", address))
+    for across, name, sensor in (
+        ("BinningHorizontal", "WidthMax", "SensorWidth"),
+        ("BinningVertical", "HeightMax", "SensorHeight"),
+    ):
+        parts.append(_knife(name, {"S": sensor, "B": across}, "S / B"))
+    size = {"W": "Width", "H": "Height", "P": "PixelFormatReg"}
+    parts.append(_knife("PayloadSize", size, "W * H * ((P &gt;&gt; 16) &amp; 0xFF) / 8"))
+    parts.append(_choice("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
+    modes = {"Continuous": 1, "SingleFrame": 2, "MultiFrame": 3}
+    parts.append(_choice("AcquisitionMode", 0x12C, modes))
+    parts.append(_choice("TriggerMode", 0x300, {"Off": 0, "On": 1}))
+    parts.append(_choice("TriggerSource", 0x3F4, {"Line0": 0, "Software": 1}))
+    parts.append(_choice("TriggerActivation", 0x308, {"RisingEdge": 0}))
+    parts.append(_choice("TriggerSelector", 0x3F8, {"FrameStart": 0}))
+    parts.append(_choice("GainAuto", 0x114, {"Off": 1, "Continuous": 2}))
+    parts.append(_choice("ExposureAuto", 0x3E0, {"Off": 0, "Continuous": 1}))
+    parts.append(_command("AcquisitionStart", "RunningReg", 1))
+    parts.append(_command("AcquisitionStop", "RunningReg", 0))
+    parts.append(_number("RunningReg", 0x124))
+    parts.append(_command("TriggerSoftware", "TriggerReg", 1))
+    parts.append(_number("TriggerReg", 0x3F0))
+    low, high = exposure_us
+    parts.append(_scaled("ExposureTime", 0x120, "FROM", "TO", low, high))
+    parts.append(_scaled("Gain", 0x110, "FROM * 10", "TO / 10", 0, 48))
+    parts.append(_scaled("DeviceTemperature", 0x3D0, "FROM * 100", "TO / 100", -50, 150))
+    period = "AcquisitionFramePeriod"
+    parts.append(
+        f'<Float Name="AcquisitionFrameRate"><pValue>Rate</pValue></Float><Converter Name="Rate">'
+        "<FormulaTo>(1000000 / FROM)</FormulaTo><FormulaFrom>(1000000 / TO)</FormulaFrom>"
+        f"<pValue>{period}</pValue></Converter>"
+    )
+    parts.append('<Integer Name="TLParamsLocked"><Value>0</Value></Integer>')
+    parts.append('<Port Name="Device"/></RegisterDescription>\n')
+    return "\n".join(parts)
+
+
+def _root() -> str:
+    names = [*_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart"]
+    names += ["AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode"]
+    names += ["TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain"]
+    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize"]
+    features = "".join(f"<pFeature>{name}</pFeature>" for name in names)
+    return f'<Category Name="Root">{features}</Category>'
+
+
+def _register(kind: str, name: str, address: int, length: int, access: str) -> str:
+    return (
+        f'<{kind} Name="{name}"><Address>{address:#x}</Address><Length>{length}</Length>'
+        f"<AccessMode>{access}</AccessMode><pPort>Device</pPort></{kind}>"
+    )
+
+
+def _number(name: str, address: int) -> str:
+    return (
+        f'<IntReg Name="{name}"><Address>{address:#x}</Address><Length>4</Length>'
+        "<AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign>"
+        "<Endianess>BigEndian</Endianess></IntReg>"
+    )
+
+
+def _knife(name: str, variables: dict[str, str], formula: str) -> str:
+    given = "".join(f'<pVariable Name="{k}">{v}</pVariable>' for k, v in variables.items())
+    return f'<IntSwissKnife Name="{name}">{given}<Formula>{formula}</Formula></IntSwissKnife>'
+
+
+def _choice(name: str, address: int, entries: dict[str, int]) -> str:
+    rows = "".join(
+        f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>'
+        for entry, value in entries.items()
+    )
+    head = f'<Enumeration Name="{name}">{rows}<pValue>{name}Reg</pValue></Enumeration>'
+    return head + _number(f"{name}Reg", address)
+
+
+def _command(name: str, register: str, value: int) -> str:
+    return (
+        f'<Command Name="{name}"><pValue>{register}</pValue>'
+        f"<CommandValue>{value}</CommandValue></Command>"
+    )
+
+
+def _scaled(name: str, address: int, to: str, back: str, low: float, high: float) -> str:
+    limits = f"<Min>{low}</Min><Max>{high}</Max>"
+    return (
+        f'<Float Name="{name}"><pValue>{name}Converter</pValue>{limits}</Float>'
+        f'<Converter Name="{name}Converter"><FormulaTo>{to}</FormulaTo>'
+        f"<FormulaFrom>{back}</FormulaFrom><pValue>{name}Reg</pValue></Converter>"
+        + _number(f"{name}Reg", address)
+    )

@@ -1,0 +1,259 @@
+"""A GigE Vision camera on the loopback, whose pictures somebody here makes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import os
+import signal
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.aravis.link import python_with_gi
+from drivers.aravis.pixels import FORMATS
+from drivers.hosted.process import KILLING, reap, spawn
+from drivers.interfaces import Clock
+from simulator.wire.camera_faults import CameraFault
+from simulator.wire.camera_xml import description
+from simulator.wire.gige_process import PAGE
+from simulator.wire.packing import pack
+
+Fill = Callable[[float, float], NDArray[np.uint16]]
+"""Makes the sensor's picture (rows, columns) of an exposure in seconds and a gain in decibels."""
+
+_PORT = 3956
+"""Where GigE Vision cameras are spoken to; there is no other."""
+
+_STARTING = 10.0
+"""Seconds in which the camera's process must have loaded its library."""
+
+_PATIENCE = 20.0
+"""Seconds for which one waits until another simulated camera on this computer has gone."""
+
+_LOOK = 0.01
+"""Seconds between looks at what the script of faults says."""
+
+
+class FakeGigE:
+    """Aravis' fake camera in a process of its own: real GVCP and GVSP packets.
+
+    fill: called in a thread of this process whenever the exposure, the gain or the region is a
+    new one, or `changed()` was called, and for each frame if `fresh`; else the pictures that
+    are there are sent again, `cycle` of them in turn. shape: of the sensor, (rows, columns).
+    pixel_format: that it is switched on with. pixel_formats: that it has besides. latency:
+    frames for which a new exposure isn't obeyed yet. exposure_us: its range. address: only of
+    this computer, and one camera at a time. clock, faults: a script of what goes wrong.
+    OSError if there is no gi, or no free address.
+
+    A picture is cut to the region, the mean of binned pixels, and cut to full scale. An
+    exposure takes its time if the camera is triggered; a running one exposes all the time.
+    """
+
+    def __init__(
+        self,
+        fill: Fill,
+        shape: tuple[int, int] = (512, 512),
+        pixel_format: str = "Mono16",
+        *,
+        pixel_formats: Sequence[str] = tuple(FORMATS),
+        fresh: bool = False,
+        cycle: int = 1,
+        latency: int = 0,
+        exposure_us: tuple[int, int] = (10, 60_000_000),
+        serial: str = "SIM01",
+        address: str = "127.0.0.1",
+        clock: Clock | None = None,
+        faults: Sequence[CameraFault] = (),
+    ) -> None:
+        if not 0 <= latency <= 6:
+            raise ValueError(f"latency is {latency}; it must be from 0 to 6 frames")
+        if cycle < 1:
+            raise ValueError(f"cycle is {cycle}; one picture at least is needed")
+        self._fill, self._cycle = fill, cycle
+        self.shape, self.address, self.serial = shape, address, serial
+        self._formats = {FORMATS[n].code: FORMATS[n] for n in (*pixel_formats, pixel_format)}
+        self._slot = -(-shape[0] * shape[1] * 2 // mmap.PAGESIZE) * mmap.PAGESIZE
+        self._exposure_us = exposure_us
+        self._given = {
+            "address": address,
+            "serial": serial,
+            "shape": list(shape),
+            "code": FORMATS[pixel_format].code,
+            "fresh": fresh,
+            "latency": latency,
+        }
+        self._clock, self._faults = clock, list(faults)
+        self.failure: Exception | None = None
+        """What the last call of `fill` raised: that frame never came."""
+        self.filled = 0
+        """How often it was called."""
+
+    def __enter__(self) -> Self:
+        _await_free(self.address)
+        with contextlib.ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="labapp-")))
+            xml = folder / "camera.xml"
+            names = [form.name for form in self._formats.values()]
+            xml.write_text(description(dict.fromkeys(names), self._exposure_us))
+            memory = os.memfd_create("labapp-pictures")
+            # Two sets: one is sent while the next is made.
+            os.ftruncate(memory, PAGE + 2 * self._cycle * self._slot)
+            self._memory = mmap.mmap(memory, 0)
+            script = str(Path(__file__).with_name("gige_process.py"))
+            given = json.dumps({**self._given, "xml": str(xml)})
+            command = python_with_gi()
+            end, self._process = spawn(
+                lambda end: [*command, script, str(end), str(memory), given], memory
+            )
+            self._end = Connection(end)
+            self._ended = False
+            self._sent, self._set = "", 0
+            self._suffered = threading.Event()
+            self._sending, self._scripting = threading.Lock(), threading.RLock()
+            stack.callback(self._close)
+            told = json.loads(self._end.recv_bytes()) if self._end.poll(_STARTING) else {}
+            if not told.get("running"):
+                raise OSError(f"no simulated camera at {self.address}: {told or 'no answer'}")
+            self._thread = threading.Thread(target=self._serve, daemon=True)
+            self._thread.start()
+            self._closing = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._closing.close()
+
+    def _close(self) -> None:
+        self._ended = True
+        with contextlib.suppress(OSError):
+            self._process.send_signal(signal.SIGCONT)
+        self._process.kill()
+        reap(self._process, KILLING)
+        if hasattr(self, "_thread"):
+            self._thread.join(10.0)
+        self._end.close()
+
+    def changed(self) -> None:
+        """What the camera sees is another thing now: the pictures are to be made anew."""
+        with self._sending:
+            count = int.from_bytes(self._memory[:8], "little") + 1
+            self._memory[:8] = count.to_bytes(8, "little")
+
+    def inject(self, fault: CameraFault) -> None:
+        """Have something go wrong; when this returns it does, if its time has come."""
+        with self._scripting:
+            self._faults.append(fault)
+            self._follow_script()
+
+    def mend(self) -> None:
+        """All is well again, now and later."""
+        with self._scripting:
+            self._faults.clear()
+            self._follow_script()
+
+    def set_latency(self, frames: int) -> None:
+        """How many frames a new exposure isn't obeyed yet, from now on."""
+        self._tell({"latency": frames})
+
+    def pulse(self) -> None:
+        """An electric pulse at the camera's trigger line."""
+        self._say({"pulse": 1})
+
+    def _now(self) -> float:
+        return time.monotonic() if self._clock is None else self._clock.now()
+
+    def _follow_script(self) -> None:
+        with self._scripting:
+            now = self._now()
+            self._faults = [f for f in self._faults if now < f.at + f.seconds]
+            kinds = [f.kind for f in self._faults if f.at <= now]
+            kind = kinds[-1] if kinds else ""
+            if kind == self._sent:
+                return
+            if self._sent == "silence":
+                self._process.send_signal(signal.SIGCONT)
+            before, self._sent = self._sent, kind
+            if kind == "silence":
+                self._process.send_signal(signal.SIGSTOP)
+            elif (before, kind) != ("silence", ""):
+                self._tell({"suffer": kind})
+
+    def _tell(self, thing: dict[str, Any]) -> None:
+        """And wait until it has been heard, unless it is the one who hears who says it."""
+        self._suffered.clear()
+        self._say(thing)
+        if threading.current_thread() is not self._thread:
+            self._suffered.wait(5.0)
+
+    def _say(self, thing: dict[str, Any]) -> None:
+        with self._sending, contextlib.suppress(OSError):
+            self._end.send_bytes(json.dumps(thing).encode())
+
+    def _serve(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while not self._ended:
+                if self._end.poll(_LOOK):
+                    told = json.loads(self._end.recv_bytes())
+                    if "wanted" in told:
+                        threading.Thread(
+                            target=self._make, args=(told["wanted"],), daemon=True
+                        ).start()
+                    else:
+                        self._suffered.set()
+                if self._scripting.acquire(blocking=False):
+                    try:
+                        self._follow_script()
+                    finally:
+                        self._scripting.release()
+
+    def _make(self, wanted: dict[str, Any]) -> None:
+        """Make the pictures that are wanted, in the places that aren't being sent."""
+        self._set ^= 1
+        places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
+        form = self._formats[wanted["code"]]
+        try:
+            for place in places:
+                self.filled += 1
+                image = self._fill(wanted["us"] * 1e-6, wanted["gain"] * 0.1)
+                data = pack(_seen(image, wanted["region"]), form)
+                self._memory[PAGE + place : PAGE + place + data.size] = data.tobytes()
+        except Exception as error:
+            self.failure = error
+            return
+        self._say({"made": places})
+
+
+def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
+    """The region x, y, width, height of a picture, in binned pixels across and down."""
+    x, y, width, height, across, down = region
+    if across * down > 1:
+        rows, columns = image.shape[0] // down, image.shape[1] // across
+        blocks = image[: rows * down, : columns * across].reshape(rows, down, columns, across)
+        image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint16)
+    part = np.zeros((height, width), np.uint16)
+    there = image[y : y + height, x : x + width]
+    part[: there.shape[0], : there.shape[1]] = there
+    return part
+
+
+def _await_free(address: str) -> None:
+    """Wait until no other simulated camera has the port; OSError if that takes too long."""
+    late = time.monotonic() + _PATIENCE
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((address, _PORT))
+                return
+            except OSError as error:
+                if time.monotonic() > late:
+                    raise OSError(f"{address}:{_PORT} is taken: {error}") from error
+        time.sleep(0.1)

@@ -1,0 +1,54 @@
+"""Pictures that tell by themselves how long they were exposed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.aravis import AravisCamera
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.interfaces import Surroundings
+from simulator.wire.fake_gige import FakeGigE
+
+SHAPE = (48, 64)
+
+
+def never() -> bool:
+    return False
+
+
+def picture(exposure: float, gain_db: float = 0.0, top: int = 255) -> NDArray[np.uint16]:
+    """Four digits of microseconds, one of the gain, and noise that follows from them."""
+    us = round(exposure * 1e6)
+    rng = np.random.default_rng([us, round(gain_db * 10)])
+    image = rng.integers(0, top + 1, SHAPE, dtype=np.uint16)
+    image.flat[:4] = [us >> shift & 255 for shift in (0, 8, 16, 24)]
+    return image
+
+
+def exposure_of(image: NDArray[np.uint16]) -> float:
+    digits = [int(value) for value in image.flat[:4]]
+    return sum(digit << shift for digit, shift in zip(digits, (0, 8, 16, 24), strict=True)) * 1e-6
+
+
+def fake_camera(pixel_format: str = "Mono8", **options: Any) -> FakeGigE:
+    return FakeGigE(picture, SHAPE, pixel_format, **options)
+
+
+def camera(**options: Any) -> AravisCamera:
+    return AravisCamera(Surroundings(RealClock()), **{"address": "127.0.0.1", **options})
+
+
+def outcome(work: Callable[[], Any]) -> tuple[Any, float]:
+    """What a call gives, or the DeviceError that it raises, and its seconds."""
+    began = time.monotonic()
+    try:
+        result = work()
+    except DeviceError as error:
+        result = error
+    return result, time.monotonic() - began

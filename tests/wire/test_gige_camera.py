@@ -1,0 +1,137 @@
+"""The driver of GigE Vision cameras and Aravis' fake camera, packet by packet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from coded_pictures import SHAPE, camera, exposure_of, fake_camera, never, outcome, picture
+
+from drivers.aravis import AravisCamera, found_cameras
+from drivers.aravis.pixels import FORMATS
+from drivers.errors import DeviceError
+from simulator.wire.fake_gige import FakeGigE
+
+pytestmark = pytest.mark.aravis
+
+
+@pytest.fixture(scope="module")
+def fake() -> Iterator[FakeGigE]:
+    with fake_camera() as fake:
+        yield fake
+
+
+@pytest.fixture
+def opened(fake: FakeGigE) -> Iterator[AravisCamera]:
+    with camera() as device:
+        yield device
+
+
+def test_it_tells_what_it_is_and_can(opened: AravisCamera) -> None:
+    assert opened.identity.model == "Aravis Fake"
+    assert opened.identity.serial == "SIM01"
+    assert not opened.identity.simulated
+    assert opened.shape == SHAPE
+    assert opened.full_scale == 255
+    assert opened.exposure_range == pytest.approx((10e-6, 60.0))
+    assert opened.gain_range == (0.0, 48.0)
+
+
+def test_health_names_protocol_temperature_and_counts(opened: AravisCamera) -> None:
+    opened.capture(never)
+    told = opened.health()
+    assert told["protocol"] == "GigE Vision"
+    assert told["DeviceTemperature"] == "41.5"
+    assert told["missing packets"] == "0"
+
+
+def test_each_frame_is_of_the_exposure_that_was_set(opened: AravisCamera) -> None:
+    for exposure in (1e-3, 5e-3, 2e-3, 2e-3):
+        setting = opened.set_exposure(exposure)
+        frame = opened.capture(never)
+        assert setting.actual == frame.exposure == pytest.approx(exposure)
+        np.testing.assert_array_equal(frame.image, picture(exposure))
+
+
+def test_exposures_are_quantised_and_the_quantised_one_is_told(opened: AravisCamera) -> None:
+    setting = opened.set_exposure(1.2346e-3 + 4e-7)
+    frame = opened.capture(never)
+    assert setting.actual == frame.exposure == pytest.approx(1.235e-3, abs=1e-9)
+    assert exposure_of(frame.image) == pytest.approx(setting.actual)
+
+
+def test_frames_are_counted_and_none_of_the_first_ones_is_taken(opened: AravisCamera) -> None:
+    opened.set_exposure(1e-3)
+    before = opened.counts["thrown away"]
+    first, second = opened.capture(never), opened.capture(never)
+    assert second.number == first.number + 1
+    assert second.time >= first.time + 1e-3
+    assert opened.counts["thrown away"] == before + 3
+
+
+def test_gain_reaches_the_pixels_and_the_frame(opened: AravisCamera) -> None:
+    opened.set_exposure(1e-3)
+    assert opened.set_gain(6.0).actual == pytest.approx(6.0)
+    frame = opened.capture(never)
+    assert frame.gain == pytest.approx(10 ** (-6 / 20))
+    np.testing.assert_array_equal(frame.image, picture(1e-3, 6.0))
+    opened.set_gain(0.0)
+
+
+@pytest.mark.parametrize("exposure", [1e-6, 61.0])
+def test_an_exposure_out_of_range_is_refused(opened: AravisCamera, exposure: float) -> None:
+    with pytest.raises(DeviceError, match=r"out of range, 0.01 to 60000 ms"):
+        opened.set_exposure(exposure)
+
+
+def test_a_long_exposure_is_cancelled_at_once_and_the_next_one_is_good(
+    opened: AravisCamera,
+) -> None:
+    opened.set_exposure(30.0)
+    end = time.monotonic() + 0.3
+    error, seconds = outcome(lambda: opened.capture(lambda: time.monotonic() > end))
+    assert "it was cancelled" in str(error)
+    assert seconds < 1.3
+    opened.set_exposure(2e-3)
+    assert exposure_of(opened.capture(never).image) == pytest.approx(2e-3)
+
+
+def test_a_killed_library_is_named_and_started_again(opened: AravisCamera) -> None:
+    opened.set_exposure(3e-3)
+    opened.kill()
+    error, seconds = outcome(lambda: opened.capture(never))
+    assert isinstance(error, DeviceError)
+    assert seconds < 1.0
+    frame = opened.capture(never)
+    assert exposure_of(frame.image) == pytest.approx(3e-3)
+
+
+@pytest.mark.parametrize("address", ["SIM01", "Aravis-Fake-SIM01", ""])
+def test_it_is_found_by_serial_number_and_id(fake: FakeGigE, address: str) -> None:
+    with camera(address=address) as device:
+        assert device.identity.serial == "SIM01"
+
+
+def test_what_is_there_is_listed(fake: FakeGigE) -> None:
+    assert "SIM01" in [one["serial"] for one in found_cameras()]
+    with pytest.raises(DeviceError, match=r"can't be opened.*Give one of: Aravis-Fake-SIM01"):
+        camera(address="NOBODY").__enter__()
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_frames_of_every_format_are_what_was_sent(fake: FakeGigE, name: str) -> None:
+    with camera(pixel_format=name, latency_frames=0) as device:
+        device.set_exposure(1e-3)
+        frame = device.capture(never)
+        assert device.pixel_format == name
+        assert device.bayer == FORMATS[name].bayer
+    np.testing.assert_array_equal(frame.image, picture(1e-3))
+
+
+def test_a_camera_that_somebody_has_is_named(fake: FakeGigE, opened: AravisCamera) -> None:
+    error, seconds = outcome(camera().__enter__)
+    assert isinstance(error, DeviceError)
+    assert "somebody else has it open" in str(error)
+    assert seconds < opened.reply_time + 1
