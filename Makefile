@@ -7,7 +7,9 @@ OUT    ?= first-light
 
 APT    := xvfb libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libxcb-cursor0 \
           libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 \
-          libxcb-shape0 libxcb-xinerama0 libxcb-xkb1 libxcb-xfixes0
+          libxcb-shape0 libxcb-xinerama0 libxcb-xkb1 libxcb-xfixes0 fonts-dejavu-core \
+          xserver-xorg-core xserver-xorg-video-dummy x11-xserver-utils x11-apps x11-utils openbox \
+          gir1.2-aravis-0.8 python3-gi
 
 .PHONY: run test gui figures check system clean
 
