@@ -8,10 +8,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
+from dataclasses import replace
 from typing import Any, Self
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame, Setting
+from drivers.interfaces import Frame, Identity, Setting
 from drivers.worker import Worker
 
 log = logging.getLogger(__name__)
@@ -39,7 +40,8 @@ def _never() -> bool:
 class Supervised:
     """Stands for a device, in the words of the device's own interface.
 
-    role: what the bench calls it. make: makes the device, which is entered at once. Every
+    role: what the bench calls it. make: makes the device, which is entered at once.
+    simulated: whether what its driver talks to is known to be. Every
     call runs in the device's own thread, one after the other whoever asks. A call that
     doesn't end within the device's documented time and a second makes the device a dead one:
     it is killed where it can be and given up where it can't, and this and every later call
@@ -47,11 +49,12 @@ class Supervised:
     goes on for a second after `cancelled` has turned true.
     """
 
-    def __init__(self, role: str, make: Callable[[], Any]) -> None:
+    def __init__(self, role: str, make: Callable[[], Any], *, simulated: bool = False) -> None:
         self.role = role
         self.cancelled: Callable[[], bool] = _never
         """Asked while calls last; who has begun something that can be cancelled sets it."""
         self._make = make
+        self._simulated = simulated
         self._made: list[Any] = []
         self._device: Any = None
         self._model = role
@@ -82,6 +85,11 @@ class Supervised:
             return self._call(name, lambda device: getattr(device, name)(*given, **named))
 
         return forwarded
+
+    @property
+    def identity(self) -> Identity:
+        told: Identity = self._call("identity", lambda device: device.identity)
+        return replace(told, simulated=True) if self._simulated else told
 
     @property
     def dead(self) -> str:
@@ -283,8 +291,15 @@ class SupervisedCamera(Supervised):
     pace: seconds of the wall in one of the bench's, where those are longer.
     """
 
-    def __init__(self, role: str, make: Callable[[], Any], pace: float = 1.0) -> None:
-        super().__init__(role, make)
+    def __init__(
+        self,
+        role: str,
+        make: Callable[[], Any],
+        pace: float = 1.0,
+        *,
+        simulated: bool = False,
+    ) -> None:
+        super().__init__(role, make, simulated=simulated)
         self._pace = max(1.0, pace)
         self._frame_time = 0.0
 

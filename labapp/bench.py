@@ -6,7 +6,7 @@ import inspect
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -187,32 +187,16 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     device that doesn't open is never replaced by a simulated one.
     """
     setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
-    tables = setup.bench.devices.tables
     camera = setup.bench.build_camera()
-    # Who waits for one real device can't hurry the simulated ones.
-    clock: Clock = RealClock() if setup.bench.is_real else VirtualClock(speed)
-    # A calibration is what is known of a world, and changes nothing in it.
-    described = setup.bench.uncalibrated().build_camera()
-    world = build_world(described, setup, clock) if setup.scene else None
-    surroundings = Surroundings(clock, world)
-    with ExitStack() as stack:
-        stack.enter_context(lock_devices(setup.bench))
-        watched: dict[str, Supervised] = {}
-        for name, table in tables.items():
-            make = _maker(name, table, surroundings, setup.source)
-            device = (
-                SupervisedCamera(name, make, 1 / speed)
-                if name == "camera"
-                else Supervised(name, make)
-            )
-            watched[name] = stack.enter_context(device)
+    surroundings = _surroundings(setup, speed)
+    with _opened(setup, surroundings, setup.bench.devices.tables, speed) as watched:
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,
             setup.scene,
             camera,
             surroundings.clock,
-            world=world,
+            world=surroundings.world,
             watched=watched,
             **opened,
         )
@@ -221,6 +205,66 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
             yield bench
         finally:
             bench.make_safe()
+
+
+@dataclass(frozen=True)
+class Alone:
+    """One device of a bench that is open by itself."""
+
+    file: BenchFile
+    clock: Clock
+    device: Any
+
+
+@contextmanager
+def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone]:
+    """One device of a bench, whether or not the others are there; errors as open_bench()."""
+    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    tables = setup.bench.devices.tables
+    if role not in tables:
+        raise UserError(
+            f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
+        )
+    surroundings = _surroundings(setup, math.inf)
+    with _opened(setup, surroundings, {role: tables[role]}, math.inf) as watched:
+        device = watched[role]
+        try:
+            yield Alone(setup.bench, surroundings.clock, device)
+        finally:
+            with suppress(DeviceError):
+                device.make_safe()
+
+
+def _surroundings(setup: BenchSetup, speed: float) -> Surroundings:
+    """The bench's clock, and the world behind its simulated devices."""
+    # Who waits for one real device can't hurry the simulated ones.
+    clock: Clock = RealClock() if setup.bench.is_real else VirtualClock(speed)
+    # A calibration is what is known of a world, and changes nothing in it.
+    described = setup.bench.uncalibrated().build_camera()
+    world = build_world(described, setup, clock) if setup.scene else None
+    return Surroundings(clock, world)
+
+
+@contextmanager
+def _opened(
+    setup: BenchSetup,
+    surroundings: Surroundings,
+    tables: Mapping[str, DeviceTable],
+    speed: float,
+) -> Iterator[dict[str, Supervised]]:
+    """Devices by the bench's names for them, locked and watched while the block runs."""
+    with ExitStack() as stack:
+        stack.enter_context(lock_devices(tables))
+        watched: dict[str, Supervised] = {}
+        for name, table in tables.items():
+            make = maker(name, table, surroundings, setup.source)
+            device = (
+                SupervisedCamera(name, make, 1 / speed, simulated=table.simulated)
+                if name == "camera"
+                else Supervised(name, make, simulated=table.simulated)
+            )
+            watched[name] = stack.enter_context(device)
+        yield watched
 
 
 def _told_doubts(bench: Bench) -> tuple[str, ...]:
@@ -274,7 +318,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     return world
 
 
-def _maker(
+def maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
     """What makes a device; UserError now if it never could."""

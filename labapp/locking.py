@@ -8,25 +8,27 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import IO
 
 from labapp.errors import UserError
-from labapp.files.bench_file import BenchFile, DeviceTable
+from labapp.files.bench_file import DeviceTable
 
 
 @contextmanager
-def lock_devices(bench: BenchFile) -> Iterator[None]:
-    """While the block runs, nobody else on this computer opens the bench's real devices.
+def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
+    """While the block runs, nobody else on this computer opens these devices, if real.
+
+    tables: by the names that the bench has for them.
 
     UserError says who has one. Simulated devices are made anew by whoever opens them, and
     need no lock. The system frees the lock of a process that dies.
     """
     with ExitStack() as stack:
-        for role, table in bench.devices.tables.items():
+        for role, table in tables.items():
             if table.is_exclusive:
                 stack.enter_context(_lock(role, table))
         yield

@@ -16,12 +16,14 @@ class DeviceTable(FileModel):
     """A device: the name of its entry point, and the options that it is opened with.
 
     own_process: whether its driver runs in a process of its own, which can be killed when
-    a library hangs.
+    a library hangs. simulated: whether what is behind its wire is, as `labapp virtual-bench
+    serve` says of what it serves; the driver can't know.
     """
 
     driver: str
     options: dict[str, Any] = Field(default_factory=dict)
     own_process: bool = False
+    simulated: bool = False
 
     @property
     def is_simulated(self) -> bool:

@@ -27,7 +27,7 @@ from pathlib import Path
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_file
 from labapp.locking import lock_devices
-with lock_devices(read_file(Path({bench!r}), BenchFile)):
+with lock_devices(read_file(Path({bench!r}), BenchFile).devices.tables):
     {then}
     print("locked", flush=True)
     sys.stdin.readline()
@@ -71,7 +71,7 @@ ACME = 'driver = "acme-camera"\noptions = { serial = "7", gain = 2 }'
 
 
 def locked(path):
-    return lock_devices(read_file(path, BenchFile))
+    return lock_devices(read_file(path, BenchFile).devices.tables)
 
 
 def is_free(path):

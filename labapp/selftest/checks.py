@@ -1,0 +1,45 @@
+"""What a self-test finds, and how it goes on when something is found wrong."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.errors import DeviceError
+from optics.progress import Progress
+
+Check = tuple[str, Callable[[], str]]
+"""What is looked at, and what looks: it tells what it saw, or raises Wrong or DeviceError."""
+
+
+class Wrong(Exception):
+    """A device did something other than it says, in words."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check's end. seconds: of the wall, that it took."""
+
+    check: str
+    passed: bool
+    detail: str
+    seconds: float
+
+
+def look(checks: list[Check], progress: Progress) -> list[Finding]:
+    """Every check in turn, whatever the others found; raises Cancelled between them."""
+    found = []
+    for number, (name, check) in enumerate(checks):
+        progress.report(number / len(checks), name)
+        found.append(_looked(name, check))
+    return found
+
+
+def _looked(name: str, check: Callable[[], str]) -> Finding:
+    began = time.perf_counter()
+    try:
+        passed, detail = True, check()
+    except (DeviceError, Wrong) as error:
+        passed, detail = False, str(error)
+    return Finding(name, passed, detail, time.perf_counter() - began)

@@ -1,0 +1,75 @@
+"""`labapp devices test`: a device's self-test, printed and kept for support."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+import labapp
+from labapp.bench import BenchFiles, open_device
+from labapp.console import out, print_json, table, watched
+from labapp.files.writing import require_writable, write_whole
+from labapp.selftest.by_role import checks_of
+from labapp.selftest.checks import Finding, look
+
+
+def run_selftest(
+    role: str,
+    bench: Path | None,
+    scene: Path | None,
+    report: Path | None,
+    *,
+    as_json: bool,
+    force: bool,
+) -> bool:
+    """Open one device of a bench, test it and print what was found; whether all is well.
+
+    report: where the same is kept, as JSON. Errors as labapp.bench.open_device().
+    """
+    if report is not None:
+        require_writable(report, force=force)
+    with open_device(BenchFiles.default(bench, scene), role) as alone, watched() as progress:
+        found = look(checks_of(role, alone.device, alone.clock), progress)
+        described = alone.file.devices.tables[role]
+    data = _as_data(role, alone.file.name, described.model_dump(), found)
+    if report is not None:
+        write_whole(report, (json.dumps(data, indent=2) + "\n").encode())
+    if as_json:
+        print_json(data)
+        return bool(data["well"])
+    _print(role, described.driver, found)
+    if report is not None:
+        out.print(f"wrote {report}: send it with your question", markup=False)
+    return bool(data["well"])
+
+
+def _as_data(
+    role: str, bench: str, described: dict[str, Any], found: list[Finding]
+) -> dict[str, Any]:
+    return {
+        "device": role,
+        "bench": bench,
+        "table": described,
+        "well": all(one.passed for one in found),
+        "labapp": labapp.__version__,
+        "system": f"{platform.platform()}, Python {platform.python_version()}",
+        "time": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "checks": [asdict(one) for one in found],
+    }
+
+
+def _print(role: str, driver: str, found: list[Finding]) -> None:
+    rows = [
+        [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", escape(one.detail)]
+        for one in found
+    ]
+    table(f"Self-test of the {role} ({driver})", ["check", "", "seconds ", "seen"], rows)
+    failed = sum(not one.passed for one in found)
+    verdict = f"{failed} of {len(found)} checks FAILED" if failed else f"all {len(found)} passed"
+    out.print(verdict, style="bold red" if failed else "bold", markup=False)
