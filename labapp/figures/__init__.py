@@ -63,6 +63,7 @@ def measurements() -> dict[str, Measurement]:
         separable,
         startup,
         troubles,
+        unplug,
         wire_faults,
         work_saved,
         wrong_exposures,
@@ -71,6 +72,7 @@ def measurements() -> dict[str, Measurement]:
     return {
         "help": startup.help_time,
         "window": startup.window_time,
+        "import": startup.import_time,
         "demo": first_light.demo_figures,
         "quadrature": first_light.prediction_figure,
         "psf": psf.psf_cost,
@@ -99,6 +101,7 @@ def measurements() -> dict[str, Measurement]:
         "faults": troubles.fault_figure,
         "wire": wire_faults.wire_fault_figure,
         "fuzz": fuzz.fuzz_figure,
+        "unplug": unplug.unplug_figure,
         "cancel": promptness.cancel_figure,
         "overhead": promptness.overhead_figure,
         "sustained": promptness.sustained_figure,

@@ -21,6 +21,9 @@ _COMMANDS = 40
 """With one driver, until a fresh one is opened."""
 
 
+_NAME = "serial driver: 100 000 changed answers"
+
+
 def fuzz_figure(folder: Path) -> list[Figure]:
     """Answers and echoes changed by chance, until 100 000 were, for each serial driver."""
     figures = []
@@ -42,7 +45,7 @@ def fuzz_figure(folder: Path) -> list[Figure]:
         )
         figures.append(
             Figure(
-                f"{case.name}: 100 000 changed answers",
+                f"{_NAME}: {case.name}",
                 "no hang, no crash, no wrong value",
                 measured + (f"; first: {wrong[0]}" if wrong else ""),
                 not wrong,

@@ -11,12 +11,16 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import entry_points
 from pathlib import Path
 
+from labapp.bench import GROUP
 from labapp.figures import Figure
 
 _REPEATS = 5
 _HELP_GOAL, _WINDOW_GOAL = 0.5, 2.5
+_IMPORT_GOAL = 0.3
+_HEAVY = ["torch", "PySide6", "cv2", "serial", "usb", "gi"]
 
 
 def help_time(folder: Path) -> list[Figure]:
@@ -30,6 +34,29 @@ def help_time(folder: Path) -> list[Figure]:
     median = statistics.median(seconds)
     goal = f"≤ {_HELP_GOAL} s"
     return [Figure("labapp --help", goal, f"{median:.2f} s", median <= _HELP_GOAL)]
+
+
+def import_time(folder: Path) -> list[Figure]:
+    """Median processor time that importing all drivers takes, and what comes with them."""
+    drivers = sorted({entry.value.partition(":")[0] for entry in entry_points(group=GROUP)})
+    ours = [name for name in drivers if name.startswith("drivers")]
+    done = [_imported(ours) for _ in range(_REPEATS)]
+    median = statistics.median(seconds for seconds, _ in done)
+    heavy = sorted({name for _, loaded in done for name in loaded})
+    measured = f"{median:.2f} s, {', '.join(heavy) or 'none of these'} loaded"
+    goal = f"≤ {_IMPORT_GOAL} s of processor time; no torch, Qt, cv2, serial, usb, gi"
+    return [Figure("importing all drivers", goal, measured, median <= _IMPORT_GOAL and not heavy)]
+
+
+def _imported(modules: list[str]) -> tuple[float, list[str]]:
+    script = (
+        "import json, sys, time; before = time.process_time(); "
+        f"import {', '.join(modules)}; took = time.process_time() - before; "
+        f"print(json.dumps([took, [name for name in {_HEAVY!r} if name in sys.modules]]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    seconds, loaded = json.loads(done.stdout)
+    return seconds, loaded
 
 
 def window_time(folder: Path) -> list[Figure]:

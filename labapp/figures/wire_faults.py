@@ -37,6 +37,9 @@ class Suffered:
     wrong: str
 
 
+_NAME = "serial driver: every command, every fault, 20 random moments"
+
+
 def wire_fault_figure(folder: Path) -> list[Figure]:
     """Each serial driver with each fault during each of its commands, at random moments."""
     figures = []
@@ -53,7 +56,7 @@ def wire_fault_figure(folder: Path) -> list[Figure]:
         )
         figures.append(
             Figure(
-                f"{case.name}: every command, every fault, 20 random moments",
+                f"{_NAME}: {case.name}",
                 "truth or a DeviceError in time; the next command works",
                 measured + (f"; first trouble: {wrong[0]}" if wrong else ""),
                 not wrong,

@@ -52,7 +52,7 @@ class CS2000Machine:
     its triangular slit, 0 for none; the data sheet has 5 nm at most.
     """
 
-    own_faults = ("busy forever", "stuck", "error code")
+    own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
 
     def __init__(
         self,

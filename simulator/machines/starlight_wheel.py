@@ -23,7 +23,7 @@ class StarlightWheelMachine:
     slot that comes into the light.
     """
 
-    own_faults = ("busy forever", "stuck", "stall")
+    own_faults: tuple[str, ...] = ("busy forever", "stuck", "stall")
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ class ThorlabsWheelMachine:
     as they cross it.
     """
 
-    own_faults = ("busy forever", "stuck", "error code")
+    own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
 
     def __init__(
         self,

@@ -26,7 +26,7 @@ class ZwoWheelMachine:
     every slot that comes into the light.
     """
 
-    own_faults = ("busy forever", "stuck", "error code", "stall")
+    own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code", "stall")
 
     def __init__(
         self,

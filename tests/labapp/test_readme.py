@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.clock import RealClock
+from drivers.interfaces import Surroundings
+from labapp.bench import drivers, maker
+from labapp.files.bench_file import DevicesTable
 from labapp.files.plan_file import PlanFile
 
 ROOT = Path(__file__).parents[2]
@@ -30,8 +34,23 @@ def test_the_python_examples_run_as_they_stand(code, tmp_path):
 
 
 def test_the_plan_example_is_a_plan():
-    (text,) = blocks("toml")
+    text, _ = blocks("toml")
     assert PlanFile.model_validate(tomllib.loads(text)).title
+
+
+def test_the_devices_of_the_bench_example_can_be_made(tmp_path):
+    """Made only: nothing is touched before a device is opened."""
+    _, text = blocks("toml")
+    tables = DevicesTable.model_validate(tomllib.loads(text)["devices"]).tables
+    for role, table in tables.items():
+        maker(role, table, Surroundings(RealClock()), "README.md")()
+
+
+def test_every_driver_of_the_table_is_installed_and_in_it():
+    section = README.split("## Real devices")[1].split("## The virtual bench")[0]
+    named = re.findall(r"`([a-z0-9-]+)`", " ".join(re.findall(r"^\| (`.*?`) \|", section, re.M)))
+    real = {name for name in drivers() if not name.startswith(("simulated-", "manual-"))}
+    assert set(named) == real
 
 
 def commands() -> list[str]:
@@ -71,7 +90,7 @@ def test_every_figure_of_the_table_is_measured():
     names = re.findall(r"^\| `?(.+?)`? (?:after installation )?\|", section, re.M)
     names = [name for name in names if name not in ("figure", "---")]
     source = "".join(path.read_text() for path in (ROOT / "labapp/figures").glob("*.py"))
-    assert len(names) == 75
+    assert len(names) == 82
     for name in names:
         assert f'"{name}"' in source
 

@@ -43,7 +43,7 @@ class VariSpecMachine:
     optics in degrees Celsius, by the time. tuned: is told each new wavelength, in metres.
     """
 
-    own_faults = ("busy forever", "error code", "uninitialised")
+    own_faults: tuple[str, ...] = ("busy forever", "error code", "uninitialised")
 
     def __init__(
         self,
