@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Port:
-    """A serial port or a USB device, by the address that a driver opens it with."""
+    """A port, device, camera or screen, by the address that a driver opens it with."""
 
     kind: str
     address: str
@@ -30,4 +30,34 @@ def usb_devices() -> list[Port]:
     return [
         Port("USB", f"{d.idVendor:04x}:{d.idProduct:04x}", f"bus {d.bus} device {d.address}")
         for d in found or []
+    ]
+
+
+def cameras() -> list[Port]:
+    """GigE Vision and USB3 Vision cameras that answer, which takes a second.
+
+    DeviceError where Aravis isn't installed.
+    """
+    from drivers.aravis import found_cameras
+
+    return [
+        Port(one["protocol"], one["id"], " ".join((one["vendor"], one["model"], one["address"])))
+        for one in found_cameras()
+    ]
+
+
+def screens() -> list[Port]:
+    """The screens of this session's X server; none where there is no X server.
+
+    DeviceError where there is one that can't be asked.
+    """
+    import os
+
+    from drivers.screen import screens as lit
+
+    if not os.environ.get("DISPLAY"):
+        return []
+    return [
+        Port("screen", one.name, f"{one.width}x{one.height}, {one.monitor.model or 'no EDID'}")
+        for one in lit()
     ]

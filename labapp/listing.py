@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from drivers.ports import Port, serial_ports, usb_devices
+from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
 from labapp.bench import Bench, BenchFiles, drivers, open_bench
 from labapp.console import out, print_json, table
 
@@ -70,7 +70,7 @@ def _ports() -> tuple[list[Port], list[str]]:
     """The ports that can be listed, and why others can't."""
     ports: list[Port] = []
     trouble = []
-    for find in (serial_ports, usb_devices):
+    for find in (serial_ports, usb_devices, cameras, screens):
         try:
             ports += find()
         except Exception as error:

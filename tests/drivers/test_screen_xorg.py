@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from xservers import PATIENCE, edid, lay_out, wait_for, xorg
 
+from drivers import ports
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
@@ -455,6 +456,14 @@ def test_a_gamma_ramp_is_refused_unless_it_is_allowed(bench, slm, rng):
 
 
 # Names on screens.
+
+
+def test_screens_are_listed_among_what_is_plugged_in(bench, monkeypatch):
+    monkeypatch.setenv("DISPLAY", bench.display)
+    found = [(port.kind, port.address, port.description[:9]) for port in ports.screens()]
+    assert found == [("screen", "DUMMY0", "1280x1024"), ("screen", "DUMMY1", "1920x1080")]
+    monkeypatch.delenv("DISPLAY")
+    assert ports.screens() == []
 
 
 def test_each_screen_is_named_on_itself(bench):

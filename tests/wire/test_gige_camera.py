@@ -12,6 +12,7 @@ from coded_pictures import SHAPE, camera, exposure_of, fake_camera, never, outco
 from drivers.aravis import AravisCamera, found_cameras
 from drivers.aravis.pixels import FORMATS
 from drivers.errors import DeviceError
+from drivers.ports import cameras
 from simulator.wire.fake_gige import FakeGigE
 
 pytestmark = pytest.mark.aravis
@@ -116,6 +117,7 @@ def test_it_is_found_by_serial_number_and_id(fake: FakeGigE, address: str) -> No
 
 def test_what_is_there_is_listed(fake: FakeGigE) -> None:
     assert "SIM01" in [one["serial"] for one in found_cameras()]
+    assert [port.address for port in cameras()] == ["Aravis-Fake-SIM01"]
     with pytest.raises(DeviceError, match=r"can't be opened.*Give one of: Aravis-Fake-SIM01"):
         camera(address="NOBODY").__enter__()
 
