@@ -47,9 +47,6 @@ def serve(
             show_default="the one of its size",
         ),
     ] = "",
-    camera_address: Annotated[
-        str, typer.Option(help="Of this computer; each camera needs its own.")
-    ] = "127.0.0.1",
     folder: Annotated[
         Path | None,
         typer.Option(help="Folder for the ports, so that they keep their names."),
@@ -90,7 +87,6 @@ def serve(
             meter=meter,
             display=display,
             screen=screen,
-            camera_address=camera_address,
             folder=folder,
             out=out,
             force=force,

@@ -16,6 +16,8 @@ from simulator.wire.fake_gige import FakeGigE
 
 CAMERAS = ("gige", "none")
 
+_ADDRESS = "127.0.0.1"
+
 _COMPUTING_MS = 30_000.0
 """For which the driver waits for a picture: it must first be computed."""
 
@@ -26,9 +28,7 @@ from gi.repository import Aravis
 """
 
 
-def serve_camera(
-    sensor: Sensor, shared: SharedWorld, clock: Clock, address: str, stack: ExitStack
-) -> Instrument:
+def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitStack) -> Instrument:
     """Start it until the stack is left; UserError if there is no Aravis, or no place for it."""
     name = f"Mono{sensor.bits}"
     if name not in FORMATS:
@@ -44,18 +44,18 @@ def serve_camera(
         name,
         fresh=True,
         exposure_us=(max(1, round(shortest * 1e6)), round(longest * 1e6)),
-        address=address,
+        address=_ADDRESS,
         clock=clock,
     )
     try:
         stack.enter_context(camera)
     except OSError as error:
         raise UserError(
-            f"the camera doesn't start: {error}. Is another virtual bench served? Give another "
-            "--camera-address, such as 127.0.0.2, or --camera none."
+            f"the camera doesn't start: {error}. There can be one at a time: end the other "
+            "virtual bench that is served, or leave the camera out with --camera none."
         ) from error
     options = {
-        "address": address,
+        "address": _ADDRESS,
         "pixel_format": name,
         "latency_frames": 0,
         "frame_timeout_ms": _COMPUTING_MS,
@@ -74,6 +74,6 @@ def _require_aravis() -> None:
         found = False
     if not found:
         raise UserError(
-            f"the camera needs Aravis and Python's gi. Install them: sudo apt-get install {PACKAGES}. "
-            "Or leave the camera out with --camera none."
+            "the camera needs Aravis and Python's gi. Install them: sudo apt-get install "
+            f"{PACKAGES}. Or leave the camera out with --camera none."
         )

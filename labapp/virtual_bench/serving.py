@@ -38,7 +38,6 @@ class Wished:
     meter: str = "cs2000"
     display: str = ""
     screen: str = ""
-    camera_address: str = "127.0.0.1"
     folder: Path | None = None
     out: Path | None = None
     force: bool = False
@@ -56,7 +55,7 @@ class Wished:
             if value not in known:
                 raise UserError(f"--{name} is {value!r}. Choose one of {', '.join(known)}.")
         if self.screen and not self.display:
-            raise UserError("--screen is given without --display. Give both, such as :0 and HDMI-1.")
+            raise UserError("--screen is given without --display. Give both: :0 and HDMI-1.")
         if self.display and ":" not in self.display:
             raise UserError(f"--display is {self.display!r}. Write it as in DISPLAY, such as :0.")
         if self.out is not None:
@@ -101,8 +100,7 @@ def _start(
         served["filter"] = serve_filter(wished.filter, described, shared, clock, folder, stack)
     if wished.camera != "none":
         sensor = world.camera.sensor
-        address = wished.camera_address
-        served["camera"] = serve_camera(sensor, shared, clock, address, stack)
+        served["camera"] = serve_camera(sensor, shared, clock, stack)
     if wished.meter != "none":
         served["meter"] = serve_meter(shared, clock, folder, stack)
     return shared, list(world.scene.targets), served
