@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Clock
+from labapp.console import say
 from simulator.wire.seen import seen_of
 from simulator.world import World
 
@@ -36,7 +37,18 @@ class SharedWorld:
             yield self._world
 
     def seen(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """The sensor's picture, as FakeGigE wants it; each has its own noise."""
+        """The sensor's picture, as FakeGigE wants it; each has its own noise.
+
+        What can't be computed is told to whoever started the bench: of the camera, only a frame
+        is missing.
+        """
+        try:
+            return self._exposed(exposure, gain_db)
+        except Exception as error:
+            say(f"a picture of {exposure * 1e3:g} ms can't be made: {error}")
+            raise
+
+    def _exposed(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
         with self._exposing:
             self.look()
             with self._turn:
