@@ -128,7 +128,11 @@ def _found(display: str, wanted: Wanted) -> Output:
     finally:
         x.close()
     # Whatever its rate is, it is told to the driver.
-    chosen = choose(wanted, [replace(output, refresh=0.0) for output in there])
+    try:
+        chosen = choose(wanted, [replace(output, refresh=0.0) for output in there])
+    except DeviceError:
+        choose(wanted, there)  # which lists them as they are
+        raise
     return next(output for output in there if output.number == chosen.number)
 
 
