@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ def write_plan(folder: Path, plan: PlanFile, shown: Mapping[str, NDArray[np.uint
 
 
 def as_toml(data: Mapping[str, Any]) -> str:
-    """A plan's data as TOML: keys first, then tables, then lists of tables."""
+    """A file's plain data as TOML: keys first, then tables, then lists of tables."""
     plain = {k: v for k, v in data.items() if not isinstance(v, dict) and not _tables(v)}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     for key, value in data.items():
@@ -63,5 +64,7 @@ def _value(value: Any) -> str:
         return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(_value(item) for item in value) + "]"
-    # TOML's strings, numbers and truth are JSON's.
-    return json.dumps(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    # TOML's strings, other numbers and truth are JSON's.
+    return json.dumps(value, ensure_ascii=False)

@@ -13,7 +13,7 @@ from typing import Any
 # isort: off
 from labapp.cli.app import app
 from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
-from labapp.cli import reconstructing, studying, training, plans, bench
+from labapp.cli import reconstructing, studying, training, plans, bench, virtual_bench
 from labapp.memory import keep_freed_memory
 
 # isort: on
@@ -34,6 +34,7 @@ __all__ = [
     "simulating",
     "studying",
     "training",
+    "virtual_bench",
 ]
 
 

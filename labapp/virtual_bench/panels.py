@@ -1,0 +1,176 @@
+"""The panel: what stands on a screen is what the virtual world's panel shows."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import threading
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.screen.choosing import Wanted, choose
+from drivers.x11 import ScreenReader, XConnection, XError
+from drivers.x11.outputs import Output, outputs
+from labapp.console import say
+from labapp.errors import UserError
+from labapp.virtual_bench.instruments import Instrument
+from labapp.virtual_bench.shared import SharedWorld
+from optics.slm import Panel
+
+SLMS = ("screen", "none")
+
+_STARTING = 30.0
+"""Seconds in which an X server must be there."""
+
+
+class WatchedPanel:
+    """Has the world's panel show what stands on a screen, whenever it is looked at.
+
+    A screen that can't be read is dark, as a panel without a signal; it is looked for again.
+    """
+
+    def __init__(self, shared: SharedWorld, display: str, wanted: Wanted) -> None:
+        self._shared, self._display, self._wanted = shared, display, wanted
+        self._turn = threading.Lock()
+        self._reader: ScreenReader | None = None
+        self._trouble = ""
+        self.output = self._open()
+
+    def look(self) -> None:
+        """Read the screen, if anything was drawn on it since the last time."""
+        with self._turn:
+            try:
+                if self._reader is None:
+                    self._open()
+                grey = self._changed()
+            except (XError, DeviceError, UserError) as error:
+                self.close()
+                grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
+                self._tell(f"the panel has no signal: {error}")
+            else:
+                self._tell("")
+        if grey is not None:
+            with self._shared.changing() as world:
+                world.grey = grey
+
+    def close(self) -> None:
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+    def _changed(self) -> NDArray[np.uint8] | None:
+        if self._reader is None or not self._reader.changed():
+            return None
+        return self._reader.grey()
+
+    def _open(self) -> Output:
+        found = _found(self._display, self._wanted)
+        self._reader = ScreenReader(self._display, found.region)
+        return found
+
+    def _tell(self, trouble: str) -> None:
+        if trouble and not self._trouble:
+            say(trouble)
+        self._trouble = trouble
+
+
+def serve_panel(
+    panel: Panel, shared: SharedWorld, display: str, screen: str, stack: ExitStack
+) -> Instrument:
+    """Watch a screen until the stack is left: that of `display`, or of an Xvfb of our own.
+
+    UserError if there is no such screen, or it is the operator's.
+    """
+    rows, columns = panel.shape
+    own = not display
+    if own:
+        display = _start_xvfb(rows, columns, stack)
+    wanted = Wanted(screen, columns, rows, panel.frame_rate, allow_primary=True)
+    try:
+        watched = WatchedPanel(shared, display, wanted)
+    except (XError, DeviceError) as error:
+        raise UserError(
+            f"{error}" if isinstance(error, DeviceError) else f"display {display!r}: {error}."
+        ) from error
+    stack.callback(watched.close)
+    found = watched.output
+    if found.primary and found.refresh:
+        raise UserError(
+            f"screen {found.name!r} is the operator's own: patterns would cover it. Name another "
+            "with --screen, or leave --display out for a screen that only programs see."
+        )
+    shared.look = watched.look
+    watched.look()
+    return Instrument(
+        "screen-slm",
+        {
+            "screen": found.name,
+            "width": columns,
+            "height": rows,
+            "refresh_hz": round(found.refresh or panel.frame_rate, 3),
+            "display": display,
+            "settling_ms": panel.settling * 1e3,
+            # Nobody works at a screen that is nowhere scanned out.
+            "allow_primary": found.primary,
+        },
+    )
+
+
+def _found(display: str, wanted: Wanted) -> Output:
+    x = XConnection(display)
+    try:
+        there = outputs(x)
+    finally:
+        x.close()
+    # Whatever its rate is, it is told to the driver.
+    try:
+        chosen = choose(wanted, [replace(output, refresh=0.0) for output in there])
+    except DeviceError:
+        choose(wanted, there)  # which lists them as they are
+        raise
+    return next(output for output in there if output.number == chosen.number)
+
+
+def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
+    """An X server without a screen that anybody sees; its display."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        raise UserError(
+            "the SLM needs a screen. Install a virtual one: sudo apt-get install xvfb. Or name a "
+            "real one with --display and --screen, or leave the SLM out with --slm none."
+        )
+    # Whatever ends this process ends the server.
+    guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
+    reading, writing = os.pipe()
+    size = f"{columns}x{rows}x24"
+    command = [*guard, program, "-displayfd", str(writing), "-screen", "0", size]
+    server = subprocess.Popen(
+        [*command, "-nolisten", "tcp", "-noreset"],
+        pass_fds=[writing],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        # Ctrl-C is for this process, which ends it last.
+        start_new_session=True,
+    )
+    os.close(writing)
+    stack.callback(_end, server)
+    with os.fdopen(reading) as told:
+        number = told.readline().strip()
+    if not number:
+        raise UserError("Xvfb didn't start. Try it by hand: Xvfb -displayfd 1")
+    return f":{number}"
+
+
+def _end(server: subprocess.Popen[bytes]) -> None:
+    server.terminate()
+    try:
+        server.wait(_STARTING)
+    except subprocess.TimeoutExpired:
+        server.kill()
+        server.wait()
