@@ -86,6 +86,7 @@ class AravisCamera:
         self._facts: dict[str, Any] = {}
         self._asked: float | None = None
         self._counts: Counter[str] = Counter()
+        self._number = self._camera_number = 0
         self.alive_at = 0.0
         waits = trigger_wait_s if trigger == "hardware" else 0.0
         self.reply_time = 5.0 + frame_timeout_ms * 1e-3 + waits
@@ -314,7 +315,18 @@ class AravisCamera:
     def _frame(self, taken: Taken) -> Frame:
         began = self._clock.now() - (time.monotonic() - taken.began)
         gain = self._options.electrons_per_number / 10 ** (self._gain / 20)
-        return Frame(taken.image, self._taking.exposure, gain, began, taken.number)
+        number = self._counted(taken.number)
+        return Frame(taken.image, self._taking.exposure, gain, began, number)
+
+    def _counted(self, number: int) -> int:
+        """The camera's count, which may end at 65535 (GigE Vision 1) or begin anew, going on.
+
+        What has the number of the frame before isn't taken in the first place.
+        """
+        step = number - self._camera_number
+        self._number += step if step > 0 else 1
+        self._camera_number = number
+        return self._number
 
     def _got_on(self, seconds: float) -> None:
         """It goes on, and will be busy for some seconds."""

@@ -71,3 +71,11 @@ def test_importing_it_loads_no_vendor_package() -> None:
     code = "import sys, drivers.aravis; print({'gi', 'torch', 'PySide6'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_frames_are_counted_on_where_the_cameras_count_begins_anew() -> None:
+    """GigE Vision counts to 65535; a camera that was switched off counts from 1."""
+    device = AravisCamera(Surroundings(RealClock()))
+    numbers = [65534, 65535, 1, 2, 5, 1]
+    counted = [device._counted(number) for number in numbers]
+    assert counted == [65534, 65535, 65536, 65537, 65540, 65541]
