@@ -44,7 +44,7 @@ def devices_(
 
 @devices.command("test")
 def devices_test_(
-    name: Annotated[str, typer.Argument(help="slm, filter, camera or targets.")],
+    name: Annotated[str, typer.Argument(help="slm, filter, camera, targets or spectroradiometer.")],
     bench: BenchOption = None,
     scene: SceneOption = None,
     report: Annotated[
@@ -56,7 +56,8 @@ def devices_test_(
     """Try a device out, alone: does it do what it says? The report is for support, too.
 
     The SLM shows patterns and a video, the filter is tuned through its range, the camera takes
-    pictures of several exposures. Exit code 1 if a check fails.
+    pictures of several exposures, the spectroradiometer measures twice. Exit code 1 if a check
+    fails.
     """
     from labapp.selftest.command import run_selftest
 

@@ -19,7 +19,7 @@ from labapp.selftest.by_role import checks_of
 from labapp.selftest.checks import look
 from optics.progress import Cancelled, Progress
 
-ROLES = ["slm", "filter", "camera", "targets"]
+ROLES = ["slm", "filter", "camera", "targets", "spectroradiometer"]
 
 
 def labapp(*words):
@@ -128,7 +128,7 @@ def broken_bench(tmp_path, old, new):
 
 def test_a_good_bench_file_is_told_well():
     done = labapp("bench", "check", bundled("bench.toml"))
-    assert (done.exit_code, done.output.count("ok")) == (0, 5)
+    assert (done.exit_code, done.output.count("ok")) == (0, 6)
     assert "SIMULATED" in done.output
     without = labapp("bench", "check", "--no-open", bundled("bench.toml"))
     assert "weren't opened" in without.output
