@@ -76,7 +76,7 @@ class StarlightWheel(Wheel):
             "maker": told.maker,
             "serial number": told.serial,
             "release": told.release,
-            "slots": str(total),
+            "slots": str(total) if total else "not counted yet",
             "slot": str(position) if position else "turning",
         }
 
