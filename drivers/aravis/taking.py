@@ -292,8 +292,7 @@ class Taking:
         )
 
     def _set_again(self) -> None:
-        asked = microseconds(self.exposure)
-        self.exposure = float(self.link.ask("set_exposure", asked, within=ASKING)) * 1e-6
+        self.exposure = set_exposure(self.link, microseconds(self.exposure))
 
     def _agrees(self, us: float) -> bool:
         asked = self.exposure * 1e6
@@ -312,6 +311,11 @@ class Taking:
 def microseconds(seconds: float) -> float:
     """What a camera is told: some cut what is a rounding error below a whole number."""
     return round(seconds * 1e6, 3)
+
+
+def set_exposure(link: Link, us: float) -> float:
+    """Set the exposure; in seconds, what the camera has made of it."""
+    return float(link.ask("set_exposure", us, within=ASKING)) * 1e-6
 
 
 def _follows(number: int, last: int) -> bool:
