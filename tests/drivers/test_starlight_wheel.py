@@ -77,6 +77,13 @@ def test_it_has_the_wheel_count_its_filters_where_it_does_not_know():
         assert wheel.slot == 1
 
 
+def test_while_it_counts_it_says_so():
+    with Bench(StarlightWheelMachine(step=0.1)) as bench, opened(bench) as wheel:
+        bench.machine.power(bench.clock.now())
+        told = wheel.health()
+        assert (told["slots"], told["slot"]) == ("not counted yet", "turning")
+
+
 def test_counting_can_be_asked_for():
     with Bench(StarlightWheelMachine(step=0.1)) as bench, opened(bench, count_filters=True):
         assert bench.sent[:2] == [question(0, 1), answer(0, 0)]
