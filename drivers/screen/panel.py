@@ -7,6 +7,7 @@ screens that come and go.
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Self
@@ -130,6 +131,7 @@ class Panel:
             "screen": str(stage.output),
             "monitor": " ".join(filter(None, vars(stage.output.monitor).values())) or "no EDID",
             "X server": f"{stage.x.display}, {stage.x.setup.vendor}",
+            "window's process": str(os.getpid()),
             "gamma ramp": "plain" if stage.plain_ramp else "not plain, as allowed",
             "shown": self._shown,
             "video paced by": paced,

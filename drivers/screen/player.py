@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 _KEPT = 1 << 16
 """Presentations whose times are kept: 18 minutes at 60 Hz. All are counted."""
 
+_FOLLOWING = 0.05
+"""Share of a refresh's delay by which the even times follow it: no clock is the screen's."""
+
 
 @dataclass(frozen=True)
 class Presentations:
@@ -45,6 +48,7 @@ class Player:
         self._draw, self._now = draw, now
         self._shown: deque[tuple[int, float]] = deque(maxlen=_KEPT)
         self._presented = self._missed = 0
+        self._even = 0.0
 
     def refreshed(self, number: int, time: float) -> int:
         """Refresh `number` was at `time`: draw the next frame. The refresh that shows it."""
@@ -57,8 +61,15 @@ class Player:
 
     def _account(self, index: int, time: float) -> None:
         if self._shown:
-            # By time and not by the server's count, which stands still for a dark screen.
-            self._missed += abs(round((time - self._shown[-1][1]) / self._period) - 1)
+            # By time and not by the server's count, which stands still for a dark screen. And
+            # by even times: a busy server that makes refreshes up tells some of them late,
+            # and from each to the next one would now be lost, now be counted twice.
+            steps = round((time - self._even) / self._period)
+            self._missed += abs(steps - 1)
+            self._even += steps * self._period
+            self._even += _FOLLOWING * (time - self._even)
+        else:
+            self._even = time
         self._shown.append((index, time))
         self._presented += 1
 

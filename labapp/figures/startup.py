@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import statistics
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from labapp.bench import GROUP
 from labapp.figures import Figure
+from simulator.screens import NoXServer, xvfb
 
 _REPEATS = 5
 _HELP_GOAL, _WINDOW_GOAL = 0.5, 2.5
@@ -85,17 +85,8 @@ def display() -> Iterator[dict[str, str] | None]:
     if os.environ.get("DISPLAY"):
         yield dict(os.environ)
         return
-    if shutil.which("Xvfb") is None:
-        yield None
-        return
-    read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1920x1080x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
-    os.close(write)
     try:
-        with os.fdopen(read) as pipe:
-            number = pipe.readline().strip()
-        yield {**os.environ, "DISPLAY": f":{number}", "QT_QPA_PLATFORM": "xcb"}
-    finally:
-        server.terminate()
-        server.wait()
+        with xvfb(1920, 1080) as server:
+            yield {**os.environ, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
+    except NoXServer:
+        yield None

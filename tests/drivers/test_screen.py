@@ -256,6 +256,23 @@ def test_a_frame_that_no_refresh_showed_is_missed():
     assert player.presentations().missed == 1
 
 
+@pytest.mark.parametrize("lateness", [(0.4, 0.8), (0.3, 0.7, 0.3), (0.0, 0.6, 0.0, 0.6), (0.45,)])
+def test_refreshes_that_are_told_late_are_neither_lost_nor_counted_twice(lateness):
+    """As a busy server tells them that makes them up; one real miss lies behind them."""
+    now = [0.0]
+    player = Player(5, 0.010, lambda index: None, lambda: now[0])
+    for number, late in enumerate([0.0] * 20 + list(lateness)):
+        now[0] = (number + late) * 0.010
+        player.refreshed(number, now[0])
+    number += 2
+    for later in range(5):
+        now[0] = (number + later) * 0.010
+        player.refreshed(number + later, now[0])
+    told = player.presentations()
+    # A frame that seems to come too late, and the next one too soon, are a miss each.
+    assert 1 <= told.missed <= 1 + 2 * sum(late > 0.5 for late in lateness)
+
+
 def test_a_video_that_stands_still_is_late_before_it_goes_on():
     now = [0.0]
     player = Player(5, 0.010, lambda index: None, lambda: now[0])

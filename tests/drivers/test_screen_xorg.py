@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import subprocess
@@ -11,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from xservers import PATIENCE, edid, lay_out, wait_for, xorg
+from xservers import edid, wait_for, xorg
 
 from drivers import ports
 from drivers.clock import RealClock
@@ -19,11 +18,11 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.screen import ScreenSLM, identify
 from drivers.x11 import ScreenReader, XConnection
+from labapp.figures.presentations import watched_video
+from labapp.figures.screen import SCALES, Compared, compare, require_tools
+from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
 pytestmark = pytest.mark.xorg
-
-PLACE = np.s_[:1080, 1280:3200]
-NEIGHBOUR = np.s_[:, :1280]
 
 
 @pytest.fixture(scope="module")
@@ -63,37 +62,25 @@ def process_of(slm) -> int:
 
 
 @pytest.mark.parametrize(
-    ("scale", "manager"),
-    [(1, True), (1.25, True), (1.5, True), (1.75, True), (2, True), (1, False), (1.5, False)],
+    ("scale", "manager"), [*((scale, True) for scale in SCALES), (1, False), (1.5, False)]
 )
-def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, monkeypatch, scale, manager):
-    monkeypatch.setenv("QT_SCALE_FACTOR", str(scale))
-    monkeypatch.setenv("QT_SCREEN_SCALE_FACTORS", f"DUMMY1={scale}")
-    monkeypatch.setenv("QT_FONT_DPI", str(round(96 * scale)))
-    monkeypatch.setenv("QT_USE_PHYSICAL_DPI", "1")
-    bench.run("xrdb", "-nocpp", "-merge", given=f"Xft.dpi: {round(96 * scale)}\n")
-    command = ["openbox"] if manager else ["sleep", str(PATIENCE)]
-    before = bench.pixels()[NEIGHBOUR]
-    with bench.program(*command), opened(bench) as slm:
-        for _ in range(2):
-            grey = noise(rng)
-            slm.show("noise", grey)
-            seen = bench.pixels()
-            assert (seen[PLACE] == grey[..., None]).all()
-            assert (seen[NEIGHBOUR] == before).all()
-    assert not bench.pixels()[PLACE].any()
-    bench.run("xrdb", "-remove")
+def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, scale, manager):
+    require_tools()
+    found = Compared()
+    compare(bench, found, rng, scale, manager=manager, pictures=2)
+    assert found == Compared(panel=2 * 1080 * 1920, neighbour=3 * 1080 * 1280)
+    assert not bench.pixels().any()
 
 
 def test_neutral_at_the_start_and_at_the_end(bench, rng):
     with opened(bench) as slm:
         assert slm.shown == "neutral"
-        assert not bench.pixels()[PLACE].any()
+        assert not bench.pixels()[PANEL].any()
         slm.show("noise", noise(rng))
         assert slm.shown == "noise"
         slm.make_safe()
         assert slm.shown == "neutral"
-        assert not bench.pixels()[PLACE].any()
+        assert not bench.pixels()[PANEL].any()
 
 
 def test_a_setting_stands_after_the_panel_has_settled(bench, rng):
@@ -113,7 +100,7 @@ def test_the_reader_sees_what_xwd_sees(bench, slm, rng):
         grey = noise(rng)
         slm.show("noise", grey)
         assert reader.changed()
-        assert (reader.grey() == bench.pixels()[PLACE][..., 1]).all()
+        assert (reader.grey() == bench.pixels()[PANEL][..., 1]).all()
         assert (reader.colours() == grey[..., None]).all()
         assert not reader.changed()
 
@@ -162,7 +149,7 @@ def test_a_window_that_lies_on_top_is_covered(bench, slm, rng):
         wait_for(lambda: "xclock" in bench.run("xwininfo", "-root", "-tree"), "the clock's window")
         grey = noise(rng)
         slm.show("over it", grey)
-        assert (bench.pixels()[PLACE] == grey[..., None]).all()
+        assert (bench.pixels()[PANEL] == grey[..., None]).all()
 
 
 def test_a_window_that_stays_on_top_is_named_with_its_place(bench, slm, rng):
@@ -172,7 +159,7 @@ def test_a_window_that_stays_on_top_is_named_with_its_place(bench, slm, rng):
             show_and_look(slm, noise(rng))
     grey = noise(rng)
     slm.show("again", grey)
-    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    assert (bench.pixels()[PANEL] == grey[..., None]).all()
 
 
 def test_a_video_that_is_covered_is_told_at_the_next_call(bench, slm, rng):
@@ -209,7 +196,7 @@ def test_no_screen_saver_comes_while_it_is_open(bench, rng):
             slm.show("noise", grey)
             time.sleep(1.5)
             assert saver(bench) != 1
-            assert (bench.pixels()[PLACE] == grey[..., None]).all()
+            assert (bench.pixels()[PANEL] == grey[..., None]).all()
     finally:
         bench.run("xset", "s", "off")
         bench.run("xset", "s", "reset")
@@ -218,28 +205,14 @@ def test_no_screen_saver_comes_while_it_is_open(bench, rng):
 # Videos.
 
 
-def test_a_video_shows_each_frame_in_order_and_tells_when(bench, slm, rng):
-    """Each frame's own number lies in its first pixels, where the independent eye looks."""
-    video = noise(rng, 60, 1080, 1920)
-    video[:, 0, 0] = np.arange(60)
-    with ScreenReader(bench.display, (1280, 0, 1, 1)) as eye:
-        setting = slm.play("video", video)
-        assert setting.actual == slm.shown == "video"
-        seen = []
-        late = time.monotonic() + 3
-        while time.monotonic() < late:
-            seen.append(int(eye.grey()[0, 0]))
-            time.sleep(0.001)
-        told = slm.presentations()
-    assert len(told.times) == len(told.frames) == told.count > 60
-    assert (told.frames == np.arange(told.count) % 60).all()
-    steps = np.diff(told.times) / slm.frame_time
-    assert (steps > 0).all()
-    # What was missed between the first frame and the last, by their times alone.
-    assert told.missed >= np.abs(np.round(steps) - 1).sum()
-    changes = np.diff([seen[0], *(b for a, b in itertools.pairwise(seen) if a != b)]) % 60
-    assert np.median(changes) == 1
-    assert changes.sum() >= told.count - 60 - 60
+@pytest.mark.parametrize("hold_up", [False, True])
+def test_a_video_comes_in_order_and_what_comes_late_is_told(bench, hold_up):
+    found, times = watched_video(bench, 3, hold_up=hold_up)
+    assert found.good, found
+    assert 1 / found.period == pytest.approx(60, rel=1e-3)
+    assert found.frames > 60
+    assert bool(times) == hold_up
+    assert found.reported >= found.missed >= times // 2
 
 
 def test_a_stopped_window_is_a_reported_miss(slm, rng):
@@ -264,7 +237,7 @@ def test_a_still_ends_a_video(bench, slm, rng):
     grey = noise(rng)
     slm.show("still", grey)
     time.sleep(0.1)
-    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    assert (bench.pixels()[PANEL] == grey[..., None]).all()
     with pytest.raises(DeviceError, match="no video plays"):
         slm.presentations()
 
@@ -291,12 +264,12 @@ def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
     )
     try:
         assert owner.stdout.readline().strip() == "shown"
-        assert (bench.pixels()[PLACE] == 200).all()
+        assert (bench.pixels()[PANEL] == 200).all()
     finally:
         owner.kill()
         owner.wait()
         owner.stdout.close()
-    wait_for(lambda: not bench.pixels()[PLACE].any(), "neutral")
+    wait_for(lambda: not bench.pixels()[PANEL].any(), "neutral")
 
 
 def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng):
@@ -309,7 +282,7 @@ def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng)
     assert slm.shown == "neutral"
     grey = noise(rng)
     slm.show("again", grey)
-    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    assert (bench.pixels()[PANEL] == grey[..., None]).all()
 
 
 # Screens that come and go.
@@ -334,10 +307,10 @@ def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
         assert (bench.pixels()[:1024, :1280] == neighbour[:1024]).all()
     lay_out(bench)
     assert slm.shown == "neutral"
-    assert not bench.pixels()[PLACE].any()
+    assert not bench.pixels()[PANEL].any()
     grey = noise(rng)
     slm.show("again", grey)
-    assert (bench.pixels()[PLACE] == grey[..., None]).all()
+    assert (bench.pixels()[PANEL] == grey[..., None]).all()
     assert slm.health()["screen lost"] == "1 times"
 
 
@@ -345,7 +318,7 @@ def test_a_screen_unplugged_between_two_calls_is_neutral(bench, slm, rng):
     slm.play("video", noise(rng, 2, 1080, 1920))
     bench.xrandr("--output DUMMY1 --off")
     lay_out(bench)
-    wait_for(lambda: not bench.pixels()[PLACE].any(), "neutral")
+    wait_for(lambda: not bench.pixels()[PANEL].any(), "neutral")
     assert slm.shown == "neutral"
     assert slm.health()["screen lost"] == "1 times"
 
@@ -474,6 +447,6 @@ def test_each_screen_is_named_on_itself(bench):
     command = [sys.executable, "-m", "drivers.screen", "--display", bench.display]
     with bench.program(*command, "--seconds", "30"):
         wait_for(
-            lambda: (p := bench.pixels())[PLACE].max() == 255 == p[:1024, :1280].max(), "plates"
+            lambda: (p := bench.pixels())[PANEL].max() == 255 == p[:1024, :1280].max(), "plates"
         )
     wait_for(lambda: not bench.pixels().any(), "no plates")

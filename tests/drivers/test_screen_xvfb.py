@@ -17,13 +17,14 @@ from drivers.screen import ScreenSLM, identify
 from drivers.supervised import Supervised
 from drivers.x11 import ScreenReader, XConnection, XError
 from drivers.x11.shared import SharedMemory
+from simulator.screens import started
 
 SHAPE = (120, 160)
 
 
 @pytest.fixture(scope="module")
 def server():
-    with xvfb("160x120") as running:
+    with xvfb(160, 120) as running:
         yield running
 
 
@@ -145,7 +146,7 @@ def test_a_closed_panel_says_so(server):
 
 
 def test_a_server_that_hangs_or_goes_is_an_error_in_time(rng):
-    with xvfb("160x120") as own, make(own) as slm:
+    with xvfb(160, 120) as own, make(own) as slm:
         slm.show("noise", noise(rng))
         os.kill(own.process, signal.SIGSTOP)
         try:
@@ -222,8 +223,6 @@ def test_no_shared_memory_is_left_behind(server):
 
 
 def test_a_screen_of_few_colours_cannot_be_read():
-    from xservers import started
-
     with (
         started(["Xvfb", "-screen", "0", "64x64x16"]) as poor,
         pytest.raises(XError, match="isn't a screen of 8 bits a colour"),

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from labapp.window.connection import Connection
 from labapp.window.main_window import MainWindow
 from labapp.window.messages import LiveFrame, QueueState, RunInfo
 from labapp.window.remembered import Remembered
+from simulator.screens import NoXServer, xvfb
 
 _PATIENCE = 40_000
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
@@ -37,30 +37,20 @@ _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 
 @pytest.fixture(scope="session")
 def display() -> Iterator[None]:
     """An X server of our own, so that nothing opens on a person's screen."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        if "DISPLAY" not in os.environ:
-            pytest.fail(f"These tests need an X display. Install one: {_INSTALL}")
+    with ExitStack() as stack:
+        try:
+            server = stack.enter_context(xvfb(1600, 900))
+        except NoXServer as error:
+            if "DISPLAY" not in os.environ:
+                pytest.fail(f"These tests need an X display: {error}. Install all: {_INSTALL}")
+            yield
+            return
+        os.environ.update(DISPLAY=server.display, QT_QPA_PLATFORM="xcb")
         yield
-        return
-    reading, writing = os.pipe()
-    server = subprocess.Popen(
-        [program, "-displayfd", str(writing), "-screen", "0", "1600x900x24", "-nolisten", "tcp"],
-        pass_fds=[writing],
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(writing)
-    with os.fdopen(reading) as told:
-        number = told.readline().strip()
-    assert number, "Xvfb didn't start"
-    os.environ.update(DISPLAY=f":{number}", QT_QPA_PLATFORM="xcb")
-    yield
-    # Qt must let go of the display first; it ends the process if the display goes.
-    application = QApplication.instance()
-    if application is not None:
-        application.shutdown()
-    server.terminate()
-    server.wait()
+        # Qt must let go of the display first; it ends the process if the display goes.
+        application = QApplication.instance()
+        if application is not None:
+            application.shutdown()
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,16 @@
+"""Screens that nobody sees, for a panel to be driven as, and an eye on them that isn't ours."""
+
+from simulator.screens.server import NoXServer, XServer, require_program, started, xvfb
+from simulator.screens.two_screens import NEIGHBOUR, PANEL, lay_out, xorg
+
+__all__ = [
+    "NEIGHBOUR",
+    "PANEL",
+    "NoXServer",
+    "XServer",
+    "lay_out",
+    "require_program",
+    "started",
+    "xorg",
+    "xvfb",
+]
