@@ -16,6 +16,7 @@ from drivers.errors import DeviceError
 from drivers.hosted import Hosted
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.screen.choosing import Wanted
+from drivers.screen.lookout import Lookout
 from drivers.screen.player import Presentations
 
 T = TypeVar("T")
@@ -86,6 +87,7 @@ class ScreenSLM:
         self.shape = (height, width)
         self.settling = settling_ms * 1e-3
         self._window: Hosted | None = None
+        self._lookout = Lookout(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
         self._frame_time = 1 / refresh_hz
         self._entered = self._killed = False
@@ -98,6 +100,7 @@ class ScreenSLM:
     def __exit__(self, *error: object) -> None:
         """Neutral, and the window closes. Nothing is raised: it may have been killed."""
         self._entered = False
+        self._lookout.close()
         self._drop()
 
     @property
@@ -145,6 +148,16 @@ class ScreenSLM:
     def make_safe(self) -> None:
         """Grey 0 on the whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
+
+    def gone(self) -> str | None:
+        """Why the screen counts as unplugged, empty while it is there; see Device.
+
+        Seen by a connection of its own: neither the window nor what plays there is disturbed.
+        """
+        window = self._window
+        if window is None or not self._entered or self._killed:
+            return None
+        return self._lookout.gone() or window.gone()
 
     def kill(self) -> None:
         """End the window's process at once, from any thread."""

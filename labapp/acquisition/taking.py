@@ -125,8 +125,7 @@ class Taker:
         return slm.show(name, grey) if grey.ndim == 2 else slm.play(name, grey)
 
     def _tune(self, shot: Shot) -> Setting[Any]:
-        wheel = self._bench.wheel
-        if shot.slot and wheel is not None:
+        if shot.slot and (wheel := self._bench.wheel) is not None:
             return wheel.set_slot(shot.slot)
         return self._bench.filter.set_wavelength(shot.wavelength)
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
@@ -20,12 +17,10 @@ from labapp.console import say
 from labapp.errors import UserError
 from labapp.virtual_bench.instruments import Instrument
 from labapp.virtual_bench.shared import SharedWorld
+from labapp.virtual_bench.xvfb import xvfb
 from optics.slm import Panel
 
 SLMS = ("screen", "none")
-
-_STARTING = 30.0
-"""Seconds in which an X server must be there."""
 
 
 class WatchedPanel:
@@ -89,7 +84,7 @@ def serve_panel(
     rows, columns = panel.shape
     own = not display
     if own:
-        display = _start_xvfb(rows, columns, stack)
+        display = stack.enter_context(xvfb(rows, columns))
     wanted = Wanted(screen, columns, rows, panel.frame_rate, allow_primary=True)
     try:
         watched = WatchedPanel(shared, display, wanted)
@@ -134,43 +129,3 @@ def _found(display: str, wanted: Wanted) -> Output:
         choose(wanted, there)  # which lists them as they are
         raise
     return next(output for output in there if output.number == chosen.number)
-
-
-def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
-    """An X server without a screen that anybody sees; its display."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        raise UserError(
-            "the SLM needs a screen. Install a virtual one: sudo apt-get install xvfb. Or name a "
-            "real one with --display and --screen, or leave the SLM out with --slm none."
-        )
-    # Whatever ends this process ends the server.
-    guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
-    reading, writing = os.pipe()
-    size = f"{columns}x{rows}x24"
-    command = [*guard, program, "-displayfd", str(writing), "-screen", "0", size]
-    server = subprocess.Popen(
-        [*command, "-nolisten", "tcp", "-noreset"],
-        pass_fds=[writing],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        # Ctrl-C is for this process, which ends it last.
-        start_new_session=True,
-    )
-    os.close(writing)
-    stack.callback(_end, server)
-    with os.fdopen(reading) as told:
-        number = told.readline().strip()
-    if not number:
-        raise UserError("Xvfb didn't start. Try it by hand: Xvfb -displayfd 1")
-    return f":{number}"
-
-
-def _end(server: subprocess.Popen[bytes]) -> None:
-    server.terminate()
-    try:
-        server.wait(_STARTING)
-    except subprocess.TimeoutExpired:
-        server.kill()
-        server.wait()
