@@ -18,6 +18,7 @@ from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.screen.choosing import Wanted
 from drivers.screen.lookout import Lookout
 from drivers.screen.player import Presentations
+from drivers.screen.session import ServerGone
 
 T = TypeVar("T")
 
@@ -165,7 +166,7 @@ class ScreenSLM:
         if self._window is not None:
             self._window.kill()
 
-    def _open(self, within: float) -> None:
+    def _open(self, within: float) -> Hosted:
         # Times from there are time.monotonic()'s, whatever clock the bench has.
         told = Surroundings(RealClock(0.0))
         place, half = "drivers.screen.panel:Panel", within / 2
@@ -180,15 +181,23 @@ class ScreenSLM:
             raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
         self._identity, self._frame_time = found, window.frame_time
         self._model = found.model
+        return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
         """What the window answers; a window that has died is opened again first."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
-        if self._window is None or self._window.dead:
+        window = self._window
+        if window is None or window.dead:
             self._drop()
-            self._open(_AGAIN)
-        return call(self._window)
+            window = self._open(_AGAIN)
+        try:
+            return call(window)
+        except ServerGone:
+            # Its window went with it: nothing is left to be made safe.
+            window.kill()
+            self._drop()
+            raise
 
     def _drop(self) -> None:
         window, self._window = self._window, None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from labapp.figures import Figure, plugs
 from labapp.figures.plugs import Plug, Seen, checksum_of
 from labapp.files.plan_file import PlanFile
 from labapp.record.reader import Record
+from optics.progress import Progress
 
 _TIMES = 5
 _NAMED = 1.0
@@ -32,7 +34,11 @@ _AWAY = 1.5
 _LONG = 1.2
 """Seconds of every other exposure: longer than a pull may stay unnoticed."""
 
-_FRAMES = 8
+_PATTERNS: dict[str, dict[str, Any]] = {
+    "neutral": {"kind": "constant"},
+    "lens": {"kind": "lens", "focal_length_m": 50.0},
+}
+
 _GOAL = f"named within {_NAMED:g} s, the run goes on to COMPLETE without a restart"
 
 Make = Callable[[Path], AbstractContextManager[Plug]]
@@ -42,13 +48,14 @@ Make = Callable[[Path], AbstractContextManager[Plug]]
 class Unplugged:
     """state: the run's. named: seconds from the pull to the first word of the device.
     right: frames, of how many were `asked`, that are of what was planned. again: of those
-    that had to be taken more than once."""
+    that had to be taken more than once. said: what a person was shown meanwhile."""
 
     state: State
     named: float
+    asked: int
     right: int
     again: int
-    asked: int = _FRAMES
+    said: list[str]
 
 
 def unplug_figure(folder: Path) -> list[Figure]:
@@ -82,15 +89,18 @@ def _figure(name: str, make: Make, folder: Path) -> Figure:
     return Figure(name, _GOAL, measured, slowest <= _NAMED and ended == _TIMES)
 
 
-def unplugged_run(make: Make, folder: Path, after: int, later: float) -> Unplugged:
-    """One run of eight frames; the plug is pulled so many seconds after so many of them.
+def unplugged_run(
+    make: Make, folder: Path, after: int, later: float, patterns: Sequence[str] = tuple(_PATTERNS)
+) -> Unplugged:
+    """A run of four frames a pattern; the plug is pulled so many seconds after so many of them.
 
-    Every other frame is exposed so long that it has to be named before that is over.
+    Every other frame is exposed so long that the device has to be named before that is over.
     """
     folder.mkdir()
     pulled: list[float] = []
     told: list[float] = []
     right: dict[int, str] = {}
+    said: list[str] = []
 
     with make(folder) as plug, open_bench(plug.setup) as bench:
 
@@ -107,14 +117,20 @@ def unplugged_run(make: Make, folder: Path, after: int, later: float) -> Unplugg
         began = time.monotonic() - bench.clock.now()
         names = {plug.role, bench.watched[plug.role].identity.model}
         with _first_word(told, pulled, names):
-            outcome = run_plan(bench, _plan(), folder / "run.h5", on_frame=look)
+            outcome = run_plan(
+                bench,
+                _plan(patterns),
+                folder / "run.h5",
+                progress=Progress(lambda share, words: said.append(words)),
+                on_frame=look,
+            )
     with Record(outcome.path) as record:
         again = int((record.column("attempts") > 1).sum())
         if plug.seen:
             stood = [n for n, name in right.items() if _stood(record, n, name, plug.seen, began)]
             right = {n: right[n] for n in stood}
     named = told[0] - pulled[0] if told else float("inf")
-    return Unplugged(outcome.state, named, len(right), again)
+    return Unplugged(outcome.state, named, 4 * len(patterns), len(right), again, said)
 
 
 def _stood(record: Record, index: int, name: str, seen: Seen, began: float) -> bool:
@@ -130,10 +146,10 @@ def _stood(record: Record, index: int, name: str, seen: Seen, began: float) -> b
     return all(value == wanted for value in stood) and (bool(stood) or end - start < 0.1)
 
 
-def _plan() -> PlanFile:
+def _plan(patterns: Sequence[str]) -> PlanFile:
     block = {
         "targets": ["star"],
-        "patterns": ["neutral", "lens"],
+        "patterns": list(patterns),
         "wavelengths_nm": [500, 550],
         "exposures_ms": [20, _LONG * 1e3],
     }
@@ -141,10 +157,7 @@ def _plan() -> PlanFile:
         {
             "version": 1,
             "title": "Unplugged",
-            "patterns": {
-                "neutral": {"kind": "constant"},
-                "lens": {"kind": "lens", "focal_length_m": 50.0},
-            },
+            "patterns": {name: _PATTERNS[name] for name in patterns},
             "retry": {"attempts": 40, "wait_s": 0.2},
             "acquire": [block],
         }

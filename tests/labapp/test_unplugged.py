@@ -1,10 +1,30 @@
-"""A run on a real driver whose device is unplugged and plugged in again."""
+"""Runs on real drivers whose devices are unplugged and plugged in again."""
+
+import pytest
 
 from labapp.acquisition.state import State
+from labapp.figures import plugs
 from labapp.figures.unplug import unplugged_run
 
 
-def test_the_filter_is_named_and_the_run_goes_on(tmp_path):
-    run = unplugged_run(tmp_path / "run", 3)
-    assert (run.state, run.frames) == (State.COMPLETE, run.asked)
-    assert 0 <= run.named <= 1.0
+def _ends_well(make, folder):
+    """Unplugged while the second frame is exposed, which takes longer than it may be unnoticed."""
+    run = unplugged_run(make, folder / "run", 1, 0.1, ["lens"])
+    assert (run.state, run.right) == (State.COMPLETE, run.asked)
+    assert run.again >= 1
+    assert 0 <= run.named < float("inf")
+    return run
+
+
+@pytest.mark.parametrize("make", [plugs.varispec, plugs.zwo, plugs.screen, plugs.x_server])
+def test_it_is_named_and_the_run_goes_on(make, tmp_path):
+    """And a person is told while the camera still exposes."""
+    run = _ends_well(make, tmp_path)
+    told = [words for words in run.said if "UNPLUGGED" in words]
+    assert told[0].endswith("1200 ms)")
+    assert "UNPLUGGED" not in run.said[-1]
+
+
+@pytest.mark.aravis
+def test_the_camera_is_named_and_the_run_goes_on(tmp_path):
+    _ends_well(plugs.gige, tmp_path)
