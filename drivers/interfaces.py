@@ -79,7 +79,8 @@ class Device(Protocol):
     longer than it can document has an attribute `alive_at`, the time.monotonic() at which it
     last got on: it counts as hanging only its reply time after that. One that can tell so without
     disturbing anything has a method gone(), for any thread and at any time: why it counts as
-    unplugged, empty while it is there, None where that can't be told now.
+    unplugged, empty while it is there, None where that can't be told now. Who has heard of it
+    may wait for it to be there again.
     """
 
     @property

@@ -68,19 +68,17 @@ class Link:
     def gone(self) -> str | None:
         """Why the camera counts as lost, empty while it doesn't; from any thread.
 
-        None while something is asked, which will be told by itself.
+        None while something is asked, which is told then, or when its process has ended.
         """
         if not self._turn.acquire(blocking=False):
             return None
         try:
-            if not self._open:
+            if not self._open or wait([self._ended], 0):
                 return None
-            if wait([self._ended], 0):
-                return "its process has ended"
             # Nothing was asked, and its process says by itself only that the camera is lost.
             return "it answers no more" if self._end.poll(0) else ""
-        except (OSError, EOFError) as error:
-            return f"its process ended ({error!r})"
+        except (OSError, EOFError):
+            return None
         finally:
             self._turn.release()
 

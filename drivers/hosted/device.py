@@ -113,10 +113,6 @@ class Hosted:
         self._process.kill()
         reap(self._process, KILLING)
 
-    def gone(self) -> str | None:
-        """Why the device counts as lost, empty while its process lives; see Device."""
-        return "its process has ended" if self.dead else ""
-
     @property
     def dead(self) -> bool:
         """Whether the device's process has ended, or is about to, and answers no more."""

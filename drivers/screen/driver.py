@@ -155,10 +155,7 @@ class ScreenSLM:
 
         Seen by a connection of its own: neither the window nor what plays there is disturbed.
         """
-        window = self._window
-        if window is None or not self._entered or self._killed:
-            return None
-        return self._lookout.gone() or window.gone()
+        return self._lookout.gone() if self._entered and not self._killed else None
 
     def kill(self) -> None:
         """End the window's process at once, from any thread."""

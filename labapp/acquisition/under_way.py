@@ -69,7 +69,9 @@ class RunUnderWay:
         self._bench, self._plan, self._path = bench, plan, path
         self._hooks, self._progress = hooks, progress
         self._ask = self._waiting_for(ask) if ask else None
-        self._taker = Taker(bench, patterns, plan.seed, plan.retry, self._ask, progress)
+        self._taker = Taker(
+            bench, patterns, plan.seed, plan.retry, self._ask, progress, self._is_unwanted
+        )
         self._done = self._expected = self._took = self._rested = 0.0
         self._trouble: DeviceError | None = None
         self._lookout = Lookout(bench.watched)
@@ -149,9 +151,9 @@ class RunUnderWay:
                 self._pause(text, lambda: not self._progress.paused)
 
     def _is_unwanted(self) -> bool:
-        """Whether the run was cancelled; asked while a call of a device lasts.
+        """Whether the run was cancelled; asked while it waits for devices.
 
-        That is when a person must be told that another device was unplugged.
+        That is when a person must be told that one was unplugged.
         """
         unplugged = self._lookout.words
         if unplugged != self._unplugged:

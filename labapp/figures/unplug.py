@@ -158,7 +158,6 @@ def _plan(patterns: Sequence[str]) -> PlanFile:
             "version": 1,
             "title": "Unplugged",
             "patterns": {name: _PATTERNS[name] for name in patterns},
-            "retry": {"attempts": 40, "wait_s": 0.2},
             "acquire": [block],
         }
     )

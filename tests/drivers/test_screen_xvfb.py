@@ -264,7 +264,3 @@ def test_an_output_that_is_off_is_gone_though_nobody_asks_the_window(slm, server
     assert "screens: none" in slm.gone()
     server.xrandr("--output screen --mode 160x120")
     assert slm.gone() == ""
-    os.kill(process_of(slm), signal.SIGKILL)
-    wait_for(lambda: slm.gone() == "its process has ended", "a window that has ended")
-    assert slm.shown == "neutral"
-    assert slm.gone() == ""
