@@ -119,7 +119,7 @@ def unplugged_run(
         with _first_word(told, pulled, names):
             outcome = run_plan(
                 bench,
-                _plan(patterns),
+                plan_of(patterns),
                 folder / "run.h5",
                 progress=Progress(lambda share, words: said.append(words)),
                 on_frame=look,
@@ -146,7 +146,8 @@ def _stood(record: Record, index: int, name: str, seen: Seen, began: float) -> b
     return all(value == wanted for value in stood) and (bool(stood) or end - start < 0.1)
 
 
-def _plan(patterns: Sequence[str]) -> PlanFile:
+def plan_of(patterns: Sequence[str]) -> PlanFile:
+    """Two wavelengths, each with a short exposure and a long one; device failures as ever."""
     block = {
         "targets": ["star"],
         "patterns": list(patterns),

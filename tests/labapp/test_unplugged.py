@@ -1,10 +1,15 @@
 """Runs on real drivers whose devices are unplugged and plugged in again."""
 
+import threading
+
 import pytest
 
+from labapp.acquisition.runner import run_plan
 from labapp.acquisition.state import State
+from labapp.bench import open_bench
 from labapp.figures import plugs
-from labapp.figures.unplug import unplugged_run
+from labapp.figures.unplug import plan_of, unplugged_run
+from optics.progress import Progress
 
 
 def _ends_well(make, folder):
@@ -28,3 +33,19 @@ def test_it_is_named_and_the_run_goes_on(make, tmp_path):
 @pytest.mark.aravis
 def test_the_camera_is_named_and_the_run_goes_on(tmp_path):
     _ends_well(plugs.gige, tmp_path)
+
+
+def test_a_run_that_waits_for_a_plug_can_be_cancelled(tmp_path):
+    progress = Progress()
+
+    with plugs.zwo(tmp_path) as plug, open_bench(plug.setup) as bench:
+
+        def pull(shot, frame):
+            plug.pull(1e3)
+            # By then the next frame is exposed, refused, and its wheel waited for.
+            threading.Timer(2.5, progress.cancel).start()
+
+        plan = plan_of(["neutral"])
+        outcome = run_plan(bench, plan, tmp_path / "run.h5", progress=progress, on_frame=pull)
+    assert outcome.state is State.CANCELLED
+    assert outcome.missing == [1, 2, 3]
