@@ -77,7 +77,10 @@ class Device(Protocol):
     A device whose calls may hang has a method kill() besides: it ends the call that hangs,
     from any thread, and the device with it; __exit__() comes after it. One whose work takes
     longer than it can document has an attribute `alive_at`, the time.monotonic() at which it
-    last got on: it counts as hanging only its reply time after that.
+    last got on: it counts as hanging only its reply time after that. One that can tell so without
+    disturbing anything has a method gone(), for any thread and at any time: why it counts as
+    unplugged, empty while it is there, None where that can't be told now. Who has heard of it
+    may wait for it to be there again.
     """
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -106,6 +107,15 @@ class SerialLine:
             )
         except self._errors as error:
             raise self._lost(command, error) from error
+
+    def gone(self) -> str | None:
+        """Why the device counts as unplugged, empty while it is there; from any thread.
+
+        Told by the port's name, and nothing is said on the line; None where it is no file.
+        """
+        if not os.path.isabs(self.url):
+            return None
+        return "" if os.path.exists(self.url) else f"port {self.url} isn't there any more"
 
     def close(self) -> None:
         """Give the port back; never fails."""

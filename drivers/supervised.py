@@ -96,6 +96,25 @@ class Supervised:
         """Why the device is given up; empty while it isn't."""
         return self._death
 
+    @property
+    def tells_gone(self) -> bool:
+        """Whether it is a device that can say that it was unplugged without being disturbed."""
+        return callable(getattr(type(self._device), "gone", None))
+
+    def gone(self) -> str | None:
+        """Why the device counts as unplugged, and which it is; empty while it is there.
+
+        From any thread, at once, whatever call goes on. None where that can't be told now.
+        """
+        if self._death or not self.tells_gone:
+            return None
+        try:
+            why: str | None = self._device.gone()
+        except Exception:
+            # What is wrong with it, the next call tells.
+            return None
+        return f"{self._model}: {why}" if why else why
+
     def begin_make_safe(self) -> Callable[[], None]:
         """Begin to make the device safe; the result waits for it, or raises DeviceError.
 

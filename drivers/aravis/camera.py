@@ -198,6 +198,11 @@ class AravisCamera:
         if link is not None:
             link.kill()
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        link = self._link
+        return None if link is None else link.gone()
+
     def __enter__(self) -> Self:
         with self._watched("open"):
             self._ready()

@@ -8,6 +8,7 @@ import json
 import mmap
 import os
 import sys
+import threading
 import time
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -67,10 +68,32 @@ class Link:
         self._end = Connection(end)
         self._ended = os.pidfd_open(self._process.pid)
         self._mapped: mmap.mmap | None = None
+        self._turn = threading.RLock()
         self._open = True
+
+    def gone(self) -> str | None:
+        """Why the camera counts as lost, empty while it doesn't; from any thread.
+
+        None while something is asked, which is told then, or when its process has ended.
+        """
+        if not self._turn.acquire(blocking=False):
+            return None
+        try:
+            if not self._open or wait([self._ended], 0):
+                return None
+            # Nothing was asked, and its process says by itself only that the camera is lost.
+            return "it answers no more" if self._end.poll(0) else ""
+        except (OSError, EOFError):
+            return None
+        finally:
+            self._turn.release()
 
     def ask(self, name: str, *given: Any, within: float) -> Any:
         """What the library answers. Refused if it says no; Gone, and killed, if nothing comes."""
+        with self._turn:
+            return self._ask(name, *given, within=within)
+
+    def _ask(self, name: str, *given: Any, within: float) -> Any:
         if not self._open:
             raise Gone(self.model, name, "its process is closed", "Take it again")
         try:
@@ -113,10 +136,11 @@ class Link:
 
     def close(self) -> None:
         """Let the process close the camera and end; kill it if it doesn't."""
-        if not self._open:
-            return
-        self._open = False
-        self._end.close()
+        with self._turn:
+            if not self._open:
+                return
+            self._open = False
+            self._end.close()
         if reap(self._process, _LEAVING) is None:
             self.kill()
         os.close(self._ended)

@@ -144,6 +144,10 @@ class CS2000:
         with self._line.within(self.reply_time):
             return self._link.persistently(command, read)
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        return self._line.gone()
+
     def make_safe(self) -> None:
         """Have it measure no more."""
         with self._line.within(self.reply_time):

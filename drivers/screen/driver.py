@@ -16,7 +16,9 @@ from drivers.errors import DeviceError
 from drivers.hosted import Hosted
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.screen.choosing import Wanted
+from drivers.screen.lookout import Lookout
 from drivers.screen.player import Presentations
+from drivers.screen.session import ServerGone
 
 T = TypeVar("T")
 
@@ -86,6 +88,7 @@ class ScreenSLM:
         self.shape = (height, width)
         self.settling = settling_ms * 1e-3
         self._window: Hosted | None = None
+        self._lookout = Lookout(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
         self._frame_time = 1 / refresh_hz
         self._entered = self._killed = False
@@ -98,6 +101,7 @@ class ScreenSLM:
     def __exit__(self, *error: object) -> None:
         """Neutral, and the window closes. Nothing is raised: it may have been killed."""
         self._entered = False
+        self._lookout.close()
         self._drop()
 
     @property
@@ -146,13 +150,20 @@ class ScreenSLM:
         """Grey 0 on the whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
 
+    def gone(self) -> str | None:
+        """Why the screen counts as unplugged, empty while it is there; see Device.
+
+        Seen by a connection of its own: neither the window nor what plays there is disturbed.
+        """
+        return self._lookout.gone() if self._entered and not self._killed else None
+
     def kill(self) -> None:
         """End the window's process at once, from any thread."""
         self._killed = True
         if self._window is not None:
             self._window.kill()
 
-    def _open(self, within: float) -> None:
+    def _open(self, within: float) -> Hosted:
         # Times from there are time.monotonic()'s, whatever clock the bench has.
         told = Surroundings(RealClock(0.0))
         place, half = "drivers.screen.panel:Panel", within / 2
@@ -167,15 +178,23 @@ class ScreenSLM:
             raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
         self._identity, self._frame_time = found, window.frame_time
         self._model = found.model
+        return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
         """What the window answers; a window that has died is opened again first."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
-        if self._window is None or self._window.dead:
+        window = self._window
+        if window is None or window.dead:
             self._drop()
-            self._open(_AGAIN)
-        return call(self._window)
+            window = self._open(_AGAIN)
+        try:
+            return call(window)
+        except ServerGone:
+            # Its window went with it: nothing is left to be made safe.
+            window.kill()
+            self._drop()
+            raise
 
     def _drop(self) -> None:
         window, self._window = self._window, None

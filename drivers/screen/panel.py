@@ -19,8 +19,9 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Surroundings
 from drivers.screen.choosing import Wanted
 from drivers.screen.player import Presentations
+from drivers.screen.session import ServerGone
 from drivers.screen.stage import Stage, describe
-from drivers.x11 import XError
+from drivers.x11 import XError, XGone
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QImage
@@ -239,5 +240,6 @@ class Panel:
         try:
             yield
         except XError as error:
-            remedy = "Look whether the X server is up, and open the bench again"
-            raise DeviceError(self._model, command, str(error), remedy) from error
+            kind = ServerGone if isinstance(error, XGone) else DeviceError
+            remedy = "Look whether the X server is up"
+            raise kind(self._model, command, str(error), remedy) from error

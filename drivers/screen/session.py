@@ -14,6 +14,10 @@ _SCALING = ("QT_SCALE_FACTOR", "QT_SCREEN_SCALE_FACTORS", "QT_FONT_DPI", "QT_USE
 _TO_X11 = "Log in to an X11 (Xorg) session: the login screen offers it, or WaylandEnable=false"
 
 
+class ServerGone(DeviceError):
+    """The X server has ended, and all windows with it."""
+
+
 def connect(model: str, display: str | None) -> XConnection:
     """The X server; DeviceError if there is none, or it isn't master of its screens.
 

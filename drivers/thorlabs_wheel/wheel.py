@@ -108,6 +108,10 @@ class ThorlabsWheel(Wheel):
         """End a call that goes on, and all later ones; from any thread."""
         self._line.cancel()
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        return self._line.gone()
+
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         try:
             if self._firmware:

@@ -47,6 +47,7 @@ class UsbLink:
         self._device: Any = None
         self._detached = False
         self._known: Told | None = None
+        self._fitting = 0
 
     @property
     def told(self) -> Told:
@@ -69,9 +70,23 @@ class UsbLink:
                 self._device = self._find(command)
                 self._claim()
                 self._require_the_same(command)
+                self._fitting = self._count()
         except BaseException:
             self.close()
             raise
+
+    def gone(self) -> str | None:
+        """Why the device counts as unplugged, empty while it is there; from any thread.
+
+        Told by the system's list of devices, and nothing is said to it; None before it was found.
+        """
+        if self._backend is None or not self._fitting:
+            return None
+        try:
+            there = self._count()
+        except Exception:
+            return None
+        return "" if there >= self._fitting else "it was unplugged"
 
     def close(self) -> None:
         """Give the device back to the system; never fails."""
@@ -203,6 +218,13 @@ class UsbLink:
                 "Give the serial number in the option serial, or unplug the others",
             )
         return devices[0]
+
+    def _count(self) -> int:
+        """How many devices of this kind the system knows of; none is opened."""
+        return sum(
+            (told.idVendor, told.idProduct) == (self._vendor, self._product)
+            for told in map(self._backend.get_device_descriptor, self._backend.enumerate_devices())
+        )
 
     def _with_serial(self, devices: list[Any]) -> list[Any]:
         """Those of the wanted serial number; what hinders reading it matters only if none is."""

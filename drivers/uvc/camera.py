@@ -181,6 +181,13 @@ class UVCCamera:
         """Stop the stream; the next command starts it again."""
         self._connection.stop()
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        if not self._was_there:
+            return None
+        path = path_of(self._mode.device)
+        return "" if path.exists() else f"{path} isn't there any more"
+
     def __enter__(self) -> Self:
         self._connection.ready("open")
         return self

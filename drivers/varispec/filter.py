@@ -108,6 +108,10 @@ class VariSpec:
         """End the call that goes on, from any thread; the filter can't be used any more."""
         self._line.cancel()
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        return self._line.gone()
+
     @property
     def identity(self) -> Identity:
         return Identity("VariSpec", self._told.serial, simulated=False)

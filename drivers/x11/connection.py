@@ -31,6 +31,10 @@ class XError(Exception):
     """What an X server, or its absence, has to say."""
 
 
+class XGone(XError):
+    """The server has ended, or the connection to it: it never answers there again."""
+
+
 @dataclass(frozen=True)
 class Setup:
     """What a server tells of itself when it is greeted, for one of its screens.
@@ -164,8 +168,8 @@ class XConnection:
             raise XError(f"the connection to {self.display} is closed")
         return self._at
 
-    def _lost(self) -> XError:
-        return XError(f"the X server {self.display} has gone")
+    def _lost(self) -> XGone:
+        return XGone(f"the X server {self.display} has gone")
 
 
 def _connected(display: str, screen: ctypes.c_int) -> int:

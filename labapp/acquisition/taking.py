@@ -28,11 +28,16 @@ Keep = Callable[[Shot, Frame, float, int], None]
 """Puts a frame, taken at a wavelength in an attempt, where it can't be lost."""
 
 
+_PLUGGING = 60.0
+"""Seconds for which a device that was unplugged is waited for before it is tried again."""
+
+
 class Taker:
     """Takes the frames of one run. It trusts no setting that it didn't make itself.
 
     patterns: grey levels by name, of videos with their frames. seed: of the run, for
-    simulated devices. ask: a person, about targets; None if nobody is there.
+    simulated devices. ask: a person, about targets; None if nobody is there. unwanted: whether
+    the run was cancelled, asked all the time while something is waited for.
     """
 
     def __init__(
@@ -43,7 +48,9 @@ class Taker:
         retry: Retry,
         ask: Ask | None,
         progress: Progress,
+        unwanted: Callable[[], bool],
     ) -> None:
+        self._unwanted = unwanted
         self._bench, self._patterns, self._seed = bench, patterns, seed
         self._retry, self._ask, self._progress = retry, ask, progress
         self._by_hand = bench.targets.by_hand
@@ -95,7 +102,7 @@ class Taker:
         ]
         setting = bench.camera.set_exposure(shot.exposure)
         stands = max(*ready, setting.ready_at)
-        bench.clock.wait_until(stands, lambda: progress.cancelled)
+        bench.clock.wait_until(stands, self._unwanted)
         progress.check()
         frame = bench.camera.capture(lambda: progress.cancelled)
         progress.check()
@@ -125,8 +132,7 @@ class Taker:
         return slm.show(name, grey) if grey.ndim == 2 else slm.play(name, grey)
 
     def _tune(self, shot: Shot) -> Setting[Any]:
-        wheel = self._bench.wheel
-        if shot.slot and wheel is not None:
+        if shot.slot and (wheel := self._bench.wheel) is not None:
             return wheel.set_slot(shot.slot)
         return self._bench.filter.set_wavelength(shot.wavelength)
 
@@ -141,12 +147,20 @@ class Taker:
         return setting.ready_at
 
     def _mend(self, error: DeviceError, attempt: int) -> None:
-        """Wait a little, and open the device again if it is dead or waiting was not enough."""
+        """Wait a little, and open the device again if it is dead or waiting was not enough.
+
+        A device that was unplugged is waited for longer: no attempt would be of use.
+        """
         clock = self._bench.clock
-        clock.wait_until(clock.now() + self._retry.wait_s, lambda: self._progress.cancelled)
+        clock.wait_until(clock.now() + self._retry.wait_s, self._unwanted)
         self._progress.check()
         device = self._bench.watched.get(error.role)
-        if device is None or not (device.dead or attempt > 1):
+        if device is None:
+            return
+        if device.gone():
+            clock.wait_until(clock.now() + _PLUGGING, lambda: self._unwanted() or not device.gone())
+            self._progress.check()
+        if not (device.dead or attempt > 1):
             return
         try:
             device.revive()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame
 from labapp.acquisition.hooks import HookError, Hooks
 from labapp.acquisition.keeping import Keeper
+from labapp.acquisition.lookout import Lookout
 from labapp.acquisition.state import State
 from labapp.acquisition.steps import Shot
 from labapp.acquisition.taking import Ask, Taker
@@ -68,9 +69,13 @@ class RunUnderWay:
         self._bench, self._plan, self._path = bench, plan, path
         self._hooks, self._progress = hooks, progress
         self._ask = self._waiting_for(ask) if ask else None
-        self._taker = Taker(bench, patterns, plan.seed, plan.retry, self._ask, progress)
+        self._taker = Taker(
+            bench, patterns, plan.seed, plan.retry, self._ask, progress, self._is_unwanted
+        )
         self._done = self._expected = self._took = self._rested = 0.0
         self._trouble: DeviceError | None = None
+        self._lookout = Lookout(bench.watched)
+        self._doing = self._unplugged = ""
 
     def take(
         self, listed: Sequence[Shot], on_frame: OnFrame | None, *, again: bool = False
@@ -95,7 +100,7 @@ class RunUnderWay:
             for doubt in self._bench.doubts_at({shot.wavelength for shot in listed}):
                 log.warning("%s", doubt)
             self._hooks.before_run(listed)
-            with self._bench.heeding(lambda: self._progress.cancelled):
+            with self._lookout, self._bench.heeding(self._is_unwanted):
                 for shot in listed:
                     self._take_one(shot, keeper, on_frame)
             state = State.COMPLETE
@@ -145,6 +150,18 @@ class RunUnderWay:
                 text = f"{error}. Mend it, then let the run go on"
                 self._pause(text, lambda: not self._progress.paused)
 
+    def _is_unwanted(self) -> bool:
+        """Whether the run was cancelled; asked while it waits for devices.
+
+        That is when a person must be told that one was unplugged.
+        """
+        unplugged = self._lookout.words
+        if unplugged != self._unplugged:
+            self._unplugged = unplugged
+            with suppress(Cancelled):
+                self._report(self._doing)
+        return self._progress.cancelled
+
     def _pause(self, message: str, over: Callable[[], bool]) -> None:
         """Rest until `over()`, with the reason in the record; Cancelled ends it, too."""
         log.warning("paused: %s", message)
@@ -181,8 +198,10 @@ class RunUnderWay:
         return asking
 
     def _report(self, message: str) -> None:
+        self._doing = message
         share = self._done / self._expected if self._expected else 1.0
-        self._progress.report(share, message)
+        told = f"{self._unplugged} ({message})" if self._unplugged else message
+        self._progress.report(share, told)
 
     def _say_last_words(self, state: State, message: str) -> None:
         """Write how the run ended; a failing disk may not even take that, and the log says so."""

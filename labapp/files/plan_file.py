@@ -116,7 +116,8 @@ class Acquisition(FileModel):
 class Retry(FileModel):
     """What happens when a device fails: so many attempts a frame, so far apart, and then.
 
-    From the second failure on the device is opened again. then: the run fails, and can be
+    From the second failure on the device is opened again; one that can tell that it was
+    unplugged is waited for before that, up to a minute. then: the run fails, and can be
     resumed; or it pauses until somebody has mended the cause.
     """
 

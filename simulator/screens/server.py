@@ -87,7 +87,7 @@ class XServer:
 @contextmanager
 def started(command: list[str]) -> Iterator[XServer]:
     """A server of a free number while the block lasts. NoXServer if it doesn't start."""
-    # Whatever ends this process ends the server.
+    # Whatever ends this process, or the thread that begins the block, ends the server.
     guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
     reading, writing = os.pipe()
     with os.fdopen(reading) as told:
@@ -116,10 +116,15 @@ def started(command: list[str]) -> Iterator[XServer]:
 
 
 @contextmanager
-def xvfb(columns: int, rows: int) -> Iterator[XServer]:
-    """One screen of 24 bits that is scanned out nowhere. NoXServer if it can't be had."""
+def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
+    """One screen of 24 bits that is scanned out nowhere.
+
+    display: such as ":1"; one that is free if empty. NoXServer if it can't be had.
+    """
     program = require_program("Xvfb", "xvfb")
-    with started([program, "-screen", "0", f"{columns}x{rows}x24"]) as server:
+    with started(
+        [program, *filter(None, [display]), "-screen", "0", f"{columns}x{rows}x24"]
+    ) as server:
         yield server
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from xservers import wait_for, xvfb
+from xservers import started, wait_for, xvfb
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
@@ -228,3 +230,36 @@ def test_a_screen_of_few_colours_cannot_be_read():
         pytest.raises(XError, match="isn't a screen of 8 bits a colour"),
     ):
         ScreenReader(poor.display)
+
+
+def test_a_server_that_ended_is_named_and_its_next_one_is_found():
+    """Nothing of the old window is of use: a new one is opened by the next call."""
+    command = ["Xvfb", f":{40000 + os.getpid() % 10000}", "-screen", "0", "160x120x24"]
+    grey = noise(np.random.default_rng(0))
+    with ExitStack() as first:
+        server = first.enter_context(started(command))
+        with make(server) as slm:
+            for _ in range(2):
+                slm.show("noise", grey)
+                assert slm.gone() == ""
+                first.close()
+                wait_for(lambda: slm.gone() == f"the X server {server.display} has gone", "gone")
+                with pytest.raises(DeviceError, match=r"the X server .* has gone"):
+                    slm.show("noise", grey)
+                with pytest.raises(DeviceError, match="no X server answers"):
+                    slm.show("noise", grey)
+                first.enter_context(started(command))
+                slm.show("noise", grey)
+                assert slm.shown == "noise"
+                with ScreenReader(server.display) as reader:
+                    assert (reader.grey() == grey).all()
+
+
+def test_an_output_that_is_off_is_gone_though_nobody_asks_the_window(slm, server):
+    assert slm.gone() == ""
+    off = ["xrandr", "--display", server.display, "--output", "screen", "--off"]
+    # Xvfb refuses a screen of no size, and switches its only output off before that.
+    subprocess.run(off, check=False, stderr=subprocess.DEVNULL, timeout=60)
+    assert "screens: none" in slm.gone()
+    server.xrandr("--output screen --mode 160x120")
+    assert slm.gone() == ""

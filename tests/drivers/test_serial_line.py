@@ -186,3 +186,17 @@ def test_a_spy_writes_down_what_was_said(tmp_path):
         assert port.read(3, "say abc", 5.0) == b"abc"
         port.close()
     assert "61 62 63" in (tmp_path / "talk.txt").read_text()
+
+
+def test_a_port_that_is_no_file_any_more_is_gone(tmp_path, port, clock):
+    assert port.gone() is None
+    path = tmp_path / "ttyUSB0"
+    line = SerialLine("echo", str(path), clock, baudrate=9600)
+    assert line.gone() == f"port {path} isn't there any more"
+    path.touch()
+    assert line.gone() == ""
+    path.rename(tmp_path / "pts")
+    path.symlink_to(tmp_path / "pts")
+    assert line.gone() == ""
+    (tmp_path / "pts").unlink()
+    assert "isn't there" in line.gone()

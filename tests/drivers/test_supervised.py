@@ -838,3 +838,40 @@ def test_a_device_that_says_that_it_gets_on_is_waited_for(monkeypatch):
     with Supervised("camera", Slow) as device:
         assert device.work() == "done"
         assert not device.dead
+
+
+class Leaving(Modest):
+    """One that tells whether it is there."""
+
+    why = ""
+
+    def gone(self):
+        if self.why == "broken":
+            raise RuntimeError("broken")
+        return self.why
+
+
+def test_whether_it_is_gone_is_told_while_a_call_lasts():
+    device = Leaving()
+    with SupervisedCamera("camera", lambda: device) as camera:
+        assert camera.tells_gone
+        assert camera.gone() == ""
+        device.hangs.add("capture")
+        worker = Worker("run")
+        done = worker.submit(lambda: camera.capture(lambda: False))
+        assert device.hanging.wait(PATIENCE)
+        device.why = "its plug is out"
+        assert camera.gone() == f"{device.identity.model}: its plug is out"
+        assert not done.done()
+        device.released.set()
+        done.result(PATIENCE)
+        worker.end()
+        device.why = "broken"
+        assert camera.gone() is None
+    assert camera.gone() is None
+
+
+def test_a_device_that_cannot_tell_whether_it_is_gone_isnt_asked():
+    with Supervised("camera", Modest) as camera:
+        assert not camera.tells_gone
+        assert camera.gone() is None

@@ -192,3 +192,25 @@ def test_many_openings_leave_nothing_behind(bench):
         with StarlightWheel(bench.surroundings, SEVEN, backend=bench.backend) as wheel:
             wheel.set_slot(2)
     assert bench.plug.kernel_driver
+
+
+def test_an_unplugged_device_is_gone_without_a_word_to_it(bench):
+    wire = link(bench)
+    assert wire.gone() is None
+    wire.open()
+    asked = list(bench.sent)
+    assert wire.gone() == ""
+    bench.plug.inject(WireFault("disconnect", bench.clock.now()))
+    assert wire.gone() == "it was unplugged"
+    bench.plug.mend()
+    assert wire.gone() == ""
+    assert bench.sent == asked
+
+
+def test_of_two_alike_it_is_enough_that_one_goes(bench):
+    other = bench.bus.plug_in(StarlightWheelMachine(serial="B"))
+    wire = link(bench, "B")
+    wire.open()
+    assert wire.gone() == ""
+    other.inject(WireFault("disconnect", bench.clock.now()))
+    assert wire.gone() == "it was unplugged"

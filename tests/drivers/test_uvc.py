@@ -388,3 +388,14 @@ def test_bad_options_are_named(options):
     (name,) = options
     with pytest.raises(ValueError, match=f"{name} is"):
         UVCCamera(Surroundings(RealClock()), **options)
+
+
+def test_a_camera_whose_file_has_gone_is_gone(tmp_path):
+    path = tmp_path / "video0"
+    path.touch()
+    with camera(machine(), device=str(path)) as one:
+        assert one.gone() == ""
+        path.unlink()
+        assert one.gone() == f"{path} isn't there any more"
+        path.touch()
+        assert one.gone() == ""

@@ -220,3 +220,23 @@ def test_binning_is_set_and_seen(fake: FakeGigE) -> None:
         device.set_exposure(1e-3)
         means = picture(1e-3).reshape(24, 2, 32, 2).mean(axis=(1, 3))
         np.testing.assert_array_equal(device.capture(never).image, np.rint(means))
+
+
+@pytest.mark.parametrize("kind", ["disconnect", "silence", "heartbeat loss"])
+def test_a_camera_that_nobody_asks_is_gone_within_a_second(
+    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+) -> None:
+    opened.capture(never)
+    assert opened.gone() == ""
+    at = time.monotonic()
+    fake.inject(CameraFault(kind))
+    while not opened.gone():
+        assert time.monotonic() < at + 1.2
+        time.sleep(0.02)
+    fake.mend()
+    result, _ = outcome(lambda: opened.set_exposure(3e-3))
+    assert isinstance(result, DeviceError)
+    assert opened.gone() is None
+    opened.set_exposure(3e-3)
+    np.testing.assert_array_equal(opened.capture(never).image, picture(3e-3))
+    assert opened.gone() == ""

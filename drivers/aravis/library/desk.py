@@ -24,7 +24,7 @@ _OBEYED = ("set_exposure", "set_gain", "trigger", "exposure", "start")
 
 
 class _Desk:
-    """Takes requests one by one; says at once if the camera is lost while one lasts.
+    """Takes requests one by one; says at once if the camera is lost, while one lasts or not.
 
     A request is named as the method that answers it: of the camera, its settings or its frames.
     """
@@ -32,7 +32,7 @@ class _Desk:
     def __init__(self, end: Connection, camera: Camera, frames: Frames) -> None:
         self._end, self._camera = end, camera
         self._answering = (camera, Settings(camera), frames)
-        self._owed = False
+        self._owed = self._told = False
         self._lock = threading.Lock()
         threading.Thread(target=self._attend, daemon=True).start()
 
@@ -69,13 +69,20 @@ class _Desk:
                 self._owed = False
                 self._end.send_bytes(json.dumps(answer).encode())
 
+    def _tell_lost(self) -> None:
+        """Once, asked or not: whoever asks next takes it for the answer, which it is."""
+        with self._lock:
+            if not self._told:
+                self._told, self._owed = True, False
+                self._end.send_bytes(json.dumps({"lost": self._camera.lost}).encode())
+
     def _attend(self) -> None:
         parent = os.getppid()
         while True:
             time.sleep(0.05)
-            if self._owed and self._camera.gone():
+            if self._camera.gone():
                 with contextlib.suppress(OSError):
-                    self._answer({"lost": self._camera.lost})
+                    self._tell_lost()
             if os.getppid() != parent:
                 time.sleep(_ORPHANED)
                 os._exit(1)
