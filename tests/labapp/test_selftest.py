@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
+from labapp import bench as bench_module
 from labapp.cli import app
 from labapp.errors import UserError
 from labapp.files.reading import bundled
@@ -111,6 +113,71 @@ def test_a_filter_that_goes_elsewhere_or_anywhere_is_found_out():
     assert [one.passed for one in found] == [True, False, False, False, False, False, False]
     assert "550.00 nm were asked for, and 500.00 are set" in found[3].detail
     assert "taken without a word" in found[-1].detail
+
+
+class BrokenCamera(LyingCamera):
+    def set_exposure(self, exposure):
+        raise KeyError("exposure")
+
+    @property
+    def exposure_range(self):
+        raise DeviceError("camera", "exposure range", "no reply", "Check the cable")
+
+
+def test_a_driver_that_breaks_is_reported_and_the_rest_is_looked_at():
+    found = look(checks_of("camera", BrokenCamera(), RealClock()), Progress())
+    said = {one.check: (one.passed, one.detail) for one in found}
+    assert said["identity"] == (
+        False,
+        "its driver broke: AttributeError: 'NoneType' object has no attribute 'simulated'",
+    )
+    assert said["what it can do"] == (
+        False, "camera: exposure range: no reply. Check the cable"
+    )  # fmt: skip
+    assert said["safe"][0]
+
+    camera = BrokenCamera()
+    type(camera).exposure_range = (1e-3, 1e-2)
+    found = look(checks_of("camera", camera, RealClock()), Progress())
+    broken = [one for one in found if "its driver broke: KeyError: 'exposure'" in one.detail]
+    assert len(broken) == 5
+
+
+def test_a_device_that_does_not_open_has_a_report_for_support(tmp_path):
+    old = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
+    old += "settling_ms = 50.0 }"
+    new = '"varispec"\noptions = { port = "/dev/no-such-port" }'
+    bench, report = broken_bench(tmp_path, old, new), tmp_path / "report.json"
+    done = labapp("devices", "test", "filter", "--bench", bench, "--out", report)
+    assert done.exit_code == 1
+    assert "1 of 1 checks FAILED" in done.output
+    (kept,) = json.loads(report.read_text())["checks"]
+    assert (kept["check"], kept["passed"]) == ("open", False)
+    assert "port /dev/no-such-port: there is no such port" in kept["detail"]
+
+
+class Exploding:
+    """Somebody else's driver that raises what no driver may."""
+
+    def __init__(self, surroundings):
+        pass
+
+    def __enter__(self):
+        raise KeyError("no such register")
+
+
+def test_a_driver_that_breaks_hides_no_other_device(tmp_path, monkeypatch):
+    entry = EntryPoint("exploding", f"{__name__}:Exploding", "labapp.devices")
+    installed = bench_module.drivers()
+    monkeypatch.setattr(bench_module, "drivers", lambda: {**installed, "exploding": entry})
+    path = broken_bench(tmp_path, "simulated-targets", "exploding")
+    done = labapp("bench", "check", path, "--json")
+    rows = {row["check"]: row for row in json.loads(done.output)["checks"]}
+    assert [name for name, row in rows.items() if not row["well"]] == ["targets"]
+    assert rows["targets"]["seen"] == "its driver broke: KeyError: 'no such register'"
+    done = labapp("devices", "test", "targets", "--bench", path, "--json")
+    assert done.exit_code == 1
+    assert "no such register" in json.loads(done.output)["checks"][0]["detail"]
 
 
 def test_a_self_test_can_be_cancelled():
