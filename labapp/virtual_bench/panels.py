@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import subprocess
 import threading
@@ -25,7 +26,7 @@ from optics.slm import Panel
 SLMS = ("screen", "none")
 
 _STARTING = 30.0
-"""Seconds in which an X server must be there."""
+"""Seconds in which an X server must be there, or have gone."""
 
 
 class WatchedPanel:
@@ -38,18 +39,20 @@ class WatchedPanel:
         self._shared, self._display, self._wanted = shared, display, wanted
         self._turn = threading.Lock()
         self._reader: ScreenReader | None = None
-        self._trouble = ""
+        self._trouble, self._closed = "", False
         self.output = self._open()
 
     def look(self) -> None:
         """Read the screen, if anything was drawn on it since the last time."""
         with self._turn:
+            if self._closed:
+                return
             try:
                 if self._reader is None:
                     self._open()
                 grey = self._changed()
             except (XError, DeviceError, UserError) as error:
-                self.close()
+                self._drop()
                 grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
                 self._tell(f"the panel has no signal: {error}")
             else:
@@ -59,6 +62,12 @@ class WatchedPanel:
                 world.grey = grey
 
     def close(self) -> None:
+        """From then on nothing is looked at: a picture may still be made meanwhile."""
+        with self._turn:
+            self._closed = True
+            self._drop()
+
+    def _drop(self) -> None:
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
@@ -161,7 +170,9 @@ def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
     os.close(writing)
     stack.callback(_end, server)
     with os.fdopen(reading) as told:
-        number = told.readline().strip()
+        # It says nothing until it is there, and nothing at all if it hangs.
+        heard = select.select([reading], [], [], _STARTING)[0]
+        number = told.readline().strip() if heard else ""
     if not number:
         raise UserError("Xvfb didn't start. Try it by hand: Xvfb -displayfd 1")
     return f":{number}"
