@@ -33,13 +33,15 @@ def devices_(
 ) -> None:
     """List the bench's devices, the installed drivers, and what is plugged in.
 
-    **test** tries a device out and reports; **screens** says which display is which.
+    **test** tries a device out and reports; **screens** says which display is which. Exit code
+    1 if the bench can't be opened; the rest is listed all the same.
     """
     if context.invoked_subcommand is not None:
         return
     from labapp.listing import list_devices
 
-    list_devices(bench, scene, as_json=json)
+    if not list_devices(bench, scene, as_json=json):
+        raise typer.Exit(1)
 
 
 @devices.command("test")

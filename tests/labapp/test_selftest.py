@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
+from drivers.ports import Port
 from labapp import bench as bench_module
+from labapp import listing
 from labapp.cli import app
 from labapp.errors import UserError
 from labapp.files.reading import bundled
@@ -166,6 +168,28 @@ class Exploding:
         raise KeyError("no such register")
 
 
+def test_ports_are_listed_where_a_device_of_the_bench_is_not_there(tmp_path, monkeypatch):
+    there = [Port("serial", "/dev/ttyUSB3", "a [red]plug")]
+    monkeypatch.setattr(listing, "_ports", lambda: (there, ["screens can't be listed: why"]))
+    old = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
+    old += "settling_ms = 50.0 }"
+    new = '"varispec"\noptions = { port = "/dev/no-such-port" }'
+    bench = broken_bench(tmp_path, old, new)
+    done = labapp("devices", "--bench", bench)
+    assert done.exit_code == 1
+    said = " ".join(done.output.split())
+    assert "VariSpec: open: port /dev/no-such-port: there is no such port" in said
+    assert "/dev/ttyUSB3 a [red]plug" in said
+    assert "screens can't be listed: why" in said
+    done = labapp("devices", "--bench", bench, "--json")
+    told = json.loads(done.output)
+    assert done.exit_code == 1
+    assert "there is no such port" in told["trouble"]
+    assert told["ports"][0]["address"] == "/dev/ttyUSB3"
+    assert told["unlisted"] == ["screens can't be listed: why"]
+    assert labapp("devices").exit_code == 0
+
+
 def test_a_driver_that_breaks_hides_no_other_device(tmp_path, monkeypatch):
     entry = EntryPoint("exploding", f"{__name__}:Exploding", "labapp.devices")
     installed = bench_module.drivers()
@@ -204,8 +228,13 @@ def test_a_good_bench_file_is_told_well():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('driver = "simulated-slm"', 'driver = "nothing"', "'nothing', which is unknown"),
-        ("settling_ms = 50.0 }", "settling = 1 }", "unexpected keyword argument 'settling'"),
+        ('driver = "simulated-slm"', 'driver = "nothing"', "'nothing', which is unknown. Choose"),
+        ('driver = "simulated-slm"', 'driver = "simulated_slm"', "Did you mean 'simulated-slm'?"),
+        ("settling_ms = 50.0 }", "settling = 1 }",
+         "has 'settling', which is unknown. Did you mean 'settling_ms'? simulated-filter takes"),
+        ("settling_ms = 50.0 }", "x = 1 }", "has 'x', which is unknown. simulated-filter takes"),
+        ('"simulated-camera"\noptions = { readout_ms = 8.0 }', '"thorlabs-wheel"',
+         "is wrong: missing a required argument: 'port'. thorlabs-wheel takes port, slots_nm"),
         ('"simulated-camera"\noptions = { readout_ms = 8.0 }',
          '"aravis-camera"\noptions = { pixel_format = "Mono99" }', "Mono99"),
         ('"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
