@@ -70,9 +70,9 @@ class XConnection:
             raise XError("libxcb isn't installed (Debian: libxcb1)") from error
         screen = ctypes.c_int(0)
         self._at: int | None = _connected(display, screen)
-        if error := xcb.xcb_connection_has_error(self._at):
+        if refusal := xcb.xcb_connection_has_error(self._at):
             self.close()
-            raise XError(_REFUSALS.get(error, "no X server answers at {!r}").format(display))
+            raise XError(_REFUSALS.get(refusal, "no X server answers at {!r}").format(display))
         self._opcodes: dict[str, tuple[int, int]] = {}
         self._lock = threading.RLock()
         try:
