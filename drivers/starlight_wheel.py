@@ -68,7 +68,7 @@ class StarlightWheel(UsbWheel):
         position, total = self._agreed("read its state")
         return {
             **self._descriptors(),
-            "slots": str(total),
+            "slots": str(total) if total else "not counted yet",
             "slot": str(position) if position else "turning",
         }
 

@@ -189,8 +189,9 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     """
     setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
     camera = setup.bench.build_camera()
-    surroundings = _surroundings(setup, speed)
-    with _opened(setup, surroundings, setup.bench.devices.tables, speed) as watched:
+    tables = setup.bench.devices.of_runs
+    surroundings = _surroundings(setup, tables, speed)
+    with _opened(setup, surroundings, tables, speed) as watched:
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,
@@ -226,8 +227,9 @@ def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone
         raise UserError(
             f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
         )
-    surroundings = _surroundings(setup, math.inf)
-    with _opened(setup, surroundings, {role: tables[role]}, math.inf) as watched:
+    alone = {role: tables[role]}
+    surroundings = _surroundings(setup, alone, math.inf)
+    with _opened(setup, surroundings, alone, math.inf) as watched:
         device = watched[role]
         try:
             yield Alone(setup.bench, surroundings.clock, device)
@@ -236,10 +238,13 @@ def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone
                 device.make_safe()
 
 
-def _surroundings(setup: BenchSetup, speed: float) -> Surroundings:
-    """The bench's clock, and the world behind its simulated devices."""
+def _surroundings(
+    setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
+) -> Surroundings:
+    """The clock of some of a bench's devices, and the world behind the simulated ones."""
     # Who waits for one real device can't hurry the simulated ones.
-    clock: Clock = RealClock() if setup.bench.is_real else VirtualClock(speed)
+    virtual = all(table.is_simulated for table in tables.values())
+    clock: Clock = VirtualClock(speed) if virtual else RealClock()
     # A calibration is what is known of a world, and changes nothing in it.
     described = setup.bench.uncalibrated().build_camera()
     world = build_world(described, setup, clock) if setup.scene else None

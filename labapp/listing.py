@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,81 +10,99 @@ from rich.markup import escape
 
 from drivers.errors import DeviceError
 from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
-from labapp.bench import Bench, BenchFiles, drivers, open_bench
-from labapp.console import out, print_json, table
+from labapp.bench import BenchFiles, BenchSetup, drivers, open_device
+from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.selftest.checks import broke
 
 
-def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> bool:
-    """Print the bench's devices with their ranges, the drivers, and the ports.
-
-    Whether the bench could be opened: where it can't, the ports are what is looked for.
-    UserError for a file that can't be read.
-    """
+def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
+    """Print the bench's devices with their ranges, the drivers, and the ports."""
     setup = BenchFiles.default(bench, scene).read()
-    name, failure = setup.bench.name, ""
-    described: list[dict[str, str]] = []
-    try:
-        with open_bench(setup) as opened:
-            described = describe_bench(opened)
-    except (UserError, DeviceError) as error:
-        failure = str(error)
-    except Exception as error:
-        failure = broke(error)
+    roles = list(setup.bench.devices.tables)
+    described = []
+    with watched() as progress:
+        for number, role in enumerate(roles):
+            progress.report(number / len(roles), role)
+            described.append(describe(setup, role))
     installed = {entry.name: _loads(entry) for entry in drivers().values()}
     ports, trouble = _ports()
     if as_json:
         plugged = [vars(port) for port in ports]
         print_json(
-            {"bench": name, "trouble": failure, "devices": described, "drivers": installed}
-            | {"ports": plugged, "unlisted": trouble}
+            {
+                "bench": setup.bench.name,
+                "devices": described,
+                "drivers": installed,
+                "ports": plugged,
+                "unlisted": trouble,
+            }
         )
-        return not failure
-    if failure:
-        out.print(f"Bench: {name}", style="bold", markup=False)
-        out.print(f"{failure}\n", style="bold red", markup=False)
-    else:
-        columns = ["device", "model", "", "can do"]
-        table(f"Bench: {name}", columns, [_plain(row.values()) for row in described])
+        return
+    columns = ["device", "model", "", "can do"]
+    rows = [[escape(told) for told in one.values()] for one in described]
+    table(f"Bench: {setup.bench.name}", columns, rows)
     rows = [[driver, escape(bad or "installed")] for driver, bad in installed.items()]
     table("Drivers", ["name", "state"], rows)
     table(
         "Plugged in",
         ["kind", "address", "description"],
-        [_plain([port.kind, port.address, port.description]) for port in ports],
+        [[escape(told) for told in (port.kind, port.address, port.description)] for port in ports],
     )
     for line in trouble:
         out.print(line, markup=False)
-    return not failure
 
 
-def _plain(cells: Iterable[str]) -> list[str]:
-    """As they are: what a device calls itself is no markup."""
-    return [escape(cell) for cell in cells]
+def describe(setup: BenchSetup, role: str) -> dict[str, str]:
+    """A device of a bench: name, model, real or simulated, and its limits.
+
+    Opened by itself: one that isn't there hides no other, and says why it isn't.
+    """
+    try:
+        with open_device(setup, role) as alone:
+            who = alone.device.identity
+            kind = "SIMULATED" if who.simulated else "real"
+            return {
+                "device": role,
+                "model": who.model,
+                "kind": kind,
+                "limits": _LIMITS[role](alone.device),
+            }
+    except (UserError, DeviceError) as error:
+        driver = setup.bench.devices.tables[role].driver
+        return {"device": role, "model": driver, "kind": "NOT THERE", "limits": str(error)}
+    except Exception as error:
+        driver = setup.bench.devices.tables[role].driver
+        return {"device": role, "model": driver, "kind": "NOT THERE", "limits": broke(error)}
 
 
-def describe_bench(bench: Bench) -> list[dict[str, str]]:
-    """Every device of a bench: name, model, real or simulated, and its limits."""
-    low, high = bench.filter.wavelength_range
-    shortest, longest = bench.camera.exposure_range
-    width = bench.filter.bandwidth * 1e9
-    (slm_rows, slm_columns), (rows, columns) = bench.slm.shape, bench.camera.shape
-    limits = {
-        "slm": f"{slm_columns} x {slm_rows} pixels",
-        "filter": f"{low * 1e9:.0f} to {high * 1e9:.0f} nm, {width:g} nm wide",
-        "camera": f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms",
-        "targets": ", ".join(bench.targets.names),
-    }
-    return [
-        {
-            "device": name,
-            "model": device.identity.model,
-            "kind": "SIMULATED" if device.identity.simulated else "real",
-            "limits": limits[name],
-        }
-        for name, device in bench.devices.items()
-    ]
+def _slm(device: Any) -> str:
+    rows, columns = device.shape
+    return f"{columns} x {rows} pixels"
+
+
+def _filter(device: Any) -> str:
+    low, high = device.wavelength_range
+    return f"{low * 1e9:.0f} to {high * 1e9:.0f} nm, {device.bandwidth * 1e9:g} nm wide"
+
+
+def _camera(device: Any) -> str:
+    (rows, columns), (shortest, longest) = device.shape, device.exposure_range
+    return f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms"
+
+
+def _spectroradiometer(device: Any) -> str:
+    wavelengths = device.wavelengths * 1e9
+    return f"{wavelengths[0]:.0f} to {wavelengths[-1]:.0f} nm, {wavelengths.size} values"
+
+
+_LIMITS: dict[str, Callable[[Any], str]] = {
+    "slm": _slm,
+    "filter": _filter,
+    "camera": _camera,
+    "targets": lambda device: ", ".join(device.names),
+    "spectroradiometer": _spectroradiometer,
+}
 
 
 def _loads(entry: Any) -> str:

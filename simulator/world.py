@@ -159,6 +159,15 @@ class World:
         )
         return self.imaging.plan(asked)
 
+    def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """W/(sr m² m) of what is white in the target, at wavelengths in metres (n,).
+
+        Seen through the filter where it passes best, as by an instrument behind it.
+        """
+        lit = self.scene.targets[self.target].lit()
+        light: NDArray[np.float64] = lit.at(wavelengths) * self.band.passes(wavelengths)
+        return light
+
     def light(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:

@@ -1,6 +1,6 @@
 """GigE Vision and USB3 Vision cameras through Aravis, whose library has a process of its own.
 
-`worker` is that process; it needs nothing but Python's standard library and gi, so that it
+`library` is what lives there; it needs nothing but Python's standard library and gi, so that it
 also runs on the system's Python where this one has no gi.
 """
 

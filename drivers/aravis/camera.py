@@ -6,20 +6,17 @@ import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Self
+from typing import Self
 
 from drivers.aravis.link import Gone, Link, opened
 from drivers.aravis.options import Options, Trigger
-from drivers.aravis.pixels import FORMATS, PixelFormat
-from drivers.aravis.taking import ASKING, Taken, Taking, microseconds
+from drivers.aravis.settings import OFF, Settings
+from drivers.aravis.taking import ASKING, Taken, Taking, microseconds, set_exposure
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
 _PATIENCE = 2.0
 """Seconds for which a camera is tried to be opened: one forgets its last owner after 1.5."""
-
-_OFF = 0.1
-"""Part of an exposure by which a camera may miss it: they count in lines or microseconds."""
 
 
 class AravisCamera:
@@ -83,7 +80,7 @@ class AravisCamera:
         self._model = f"camera {address}".strip()
         self._link: Link | None = None
         self._made: Taking | None = None
-        self._facts: dict[str, Any] = {}
+        self._set_so: Settings | None = None
         self._asked: float | None = None
         self._counts: Counter[str] = Counter()
         self._number = self._camera_number = 0
@@ -93,8 +90,8 @@ class AravisCamera:
 
     @property
     def identity(self) -> Identity:
-        model = f"{self._facts.get('vendor', '')} {self._facts.get('model', '')}".strip()
-        return Identity(model or self._model, self._facts.get("serial", ""), simulated=False)
+        set_ = self._set_so
+        return Identity(self._model, "", simulated=False) if set_ is None else set_.identity
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -115,14 +112,12 @@ class AravisCamera:
 
     @property
     def exposure_range(self) -> tuple[float, float]:
-        low, high = self._facts["exposure_us"]
-        return low * 1e-6, high * 1e-6
+        return self._settings.exposure_range
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
         """Decibels; None if it has no gain."""
-        gain = self._facts["gain_db"]
-        return None if gain is None else (gain[0], gain[1])
+        return self._settings.gain_range
 
     @property
     def exposure(self) -> float:
@@ -146,10 +141,9 @@ class AravisCamera:
             if not low <= exposure <= high:
                 reply = f"out of range, {low * 1e3:g} to {high * 1e3:g} ms"
                 raise self._error(command, reply, "Choose an exposure in the range")
-            actual = self._set(taking.link, microseconds(exposure))
-            taking.exposure = actual
+            actual = taking.exposure = set_exposure(taking.link, microseconds(exposure))
             taking.changed()
-            if abs(actual - exposure) > _OFF * exposure:
+            if abs(actual - exposure) > OFF * exposure:
                 reply = f"it has set {actual * 1e3:g} ms"
                 raise self._error(command, reply, "Look at its frame rate and its other limits")
             self._asked = exposure
@@ -159,9 +153,9 @@ class AravisCamera:
         """Decibels; the gain that stands when it is opened is the option's."""
         with self._watched("set gain"):
             taking = self._ready()
-            self._gain = self._set_gain(taking.link, gain_db)
+            actual = self._settings.set_gain(gain_db)
             taking.changed()
-            return Setting(gain_db, self._gain, self._clock.now())
+            return Setting(gain_db, actual, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """A picture whose exposure begins after this is called."""
@@ -181,10 +175,10 @@ class AravisCamera:
     def health(self) -> dict[str, str]:
         with self._watched("health"):
             link = self._ready().link
-            told = {name: str(self._facts[name]) for name in ("vendor", "model", "serial")}
-            told["protocol"] = self._facts["protocol"]
+            facts = self._settings.facts
+            told = {name: str(facts[name]) for name in ("vendor", "model", "serial", "protocol")}
             told["pixel format"] = self.pixel_format
-            told["packet size"] = str(self._packets)
+            told["packet size"] = str(self._settings.packets)
             told["tells exposure"] = "yes" if self._taking.tells else "no"
             told |= link.ask("health", within=ASKING)
             told |= {f"frames {kind}": str(count) for kind, count in self._counts.items()}
@@ -210,9 +204,13 @@ class AravisCamera:
         return self
 
     def __exit__(self, *error: object) -> None:
-        link, self._link = self._link, None
-        if link is not None:
-            link.close()
+        self._let_go()
+
+    @property
+    def _settings(self) -> Settings:
+        if self._set_so is None:
+            raise self._error("ask", "it is not open", "Open it")
+        return self._set_so
 
     @property
     def _taking(self) -> Taking:
@@ -235,86 +233,25 @@ class AravisCamera:
         return self._made
 
     def _set_up(self, link: Link) -> Taking:
-        def ask(name: str, *given: Any) -> Any:
-            return link.ask(name, *given, within=ASKING)
-
-        facts, o = ask("facts"), self._options
-        if self._facts and facts["serial"] != self._facts["serial"]:
-            reply = f"it has serial number {facts['serial']}, not {self._facts['serial']}"
-            raise self._error("open", reply, "Plug the right one in, or open the bench again")
-        self._facts = facts
-        self._model = link.model = self.identity.model
-        if stubborn := ask("automatic_off"):
-            reply = f"{', '.join(stubborn)} can't be turned off"
-            raise self._error("open", reply, "Turn it off in the camera's own settings")
-        form = self._set_format(ask)
-        self._set_binning(ask)
-        region = ask("set_region", *(o.roi or (0, 0, 0, 0)))
-        if o.roi and region != list(o.roi):
-            raise self._error(f"roi {list(o.roi)}", f"it has set {region}", "Give one it can set")
-        self._gain = self._set_gain(link, o.gain_db)
-        self._set_trigger(ask)
-        self._packets = ask("set_packets", o.packet_size)
-        tells = bool(self._facts["chunks"] and ask("set_chunks"))
-        us = ask("exposure") if self._asked is None else microseconds(self._asked)
-        exposure = self._set(link, us)
+        settings = Settings(link, self._options, self._set_so)
+        self._set_so, self._model = settings, link.model
+        first = link.ask("exposure", within=ASKING)
+        us = float(first) if self._asked is None else microseconds(self._asked)
         return Taking(
-            link, o, form, region, exposure, tells, self.reply_time, self._got_on, self._counts
+            link,
+            self._options,
+            settings.form,
+            settings.region,
+            set_exposure(link, us),
+            settings.tells,
+            self.reply_time,
+            self._got_on,
+            self._counts,
         )
-
-    def _set_format(self, ask: Callable[..., Any]) -> PixelFormat:
-        wanted, there = self._options.pixel_format, self._facts["pixel_formats"]
-        known = [name for name in there if name in FORMATS]
-        if wanted and wanted not in known:
-            raise self._error(f"pixel format {wanted}", "it has none", f"Give {', '.join(known)}")
-        actual = ask("set_pixel_format", wanted)
-        if actual not in FORMATS or (wanted and actual != wanted):
-            reply = f"it sends {actual}"
-            raise self._error("pixel format", reply, f"Give one of {', '.join(known)}")
-        return FORMATS[actual]
-
-    def _set_binning(self, ask: Callable[..., Any]) -> None:
-        wanted = list(self._options.binning)
-        if self._facts["binning"] is None:
-            if wanted != [1, 1]:
-                raise self._error(f"binning {wanted}", "it has none", "Leave it out")
-            return
-        if (actual := ask("set_binning", *wanted)) != wanted:
-            raise self._error(f"binning {wanted}", f"it has set {actual}", "Give another one")
-
-    def _set_gain(self, link: Link, gain_db: float) -> float:
-        bounds = self.gain_range
-        if bounds is None:
-            if gain_db:
-                raise self._error(f"gain {gain_db:g} dB", "it has none", "Leave it out")
-            return 0.0
-        if not bounds[0] <= gain_db <= bounds[1]:
-            reply = f"out of range, {bounds[0]:g} to {bounds[1]:g} dB"
-            raise self._error(f"gain {gain_db:g} dB", reply, "Choose one in the range")
-        return float(link.ask("set_gain", gain_db, within=ASKING))
-
-    def _set(self, link: Link, us: float) -> float:
-        """Set the exposure; in seconds, what the camera has made of it."""
-        return float(link.ask("set_exposure", us, within=ASKING)) * 1e-6
-
-    def _set_trigger(self, ask: Callable[..., Any]) -> None:
-        o = self._options
-        wanted = {"software": "Software", "hardware": o.trigger_line, "free": ""}[o.trigger]
-        there = self._facts["trigger_sources"]
-        if wanted and wanted not in there:
-            reply = f"it has no trigger {wanted}"
-            raise self._error("trigger", reply, f"Choose of {', '.join(there) or 'none'}")
-        if (actual := ask("set_trigger", wanted)) != wanted:
-            raise self._error("trigger", f"it has set {actual}", "Choose another one")
-        if o.frame_rate and not wanted:
-            rate = float(ask("set_rate", o.frame_rate))
-            if abs(rate - o.frame_rate) > _OFF * o.frame_rate:
-                reply = f"it has set {rate:g}"
-                raise self._error(f"frame rate {o.frame_rate:g}", reply, "Ask for less")
 
     def _frame(self, taken: Taken) -> Frame:
         began = self._clock.now() - (time.monotonic() - taken.began)
-        gain = self._options.electrons_per_number / 10 ** (self._gain / 20)
+        gain = self._options.electrons_per_number / 10 ** (self._settings.gain / 20)
         number = self._counted(taken.number)
         return Frame(taken.image, self._taking.exposure, gain, began, number)
 
@@ -332,21 +269,22 @@ class AravisCamera:
         """It goes on, and will be busy for some seconds."""
         self.alive_at = time.monotonic() + seconds
 
+    def _let_go(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
+
     @contextlib.contextmanager
     def _watched(self, command: str) -> Iterator[None]:
         """What is gone is opened again at the next call."""
         try:
             yield
         except Gone:
-            link, self._link = self._link, None
-            if link is not None:
-                link.close()
+            self._let_go()
             raise
         except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
             self.kill()
-            link, self._link = self._link, None
-            if link is not None:
-                link.close()
+            self._let_go()
             reply = f"{type(error).__name__}: {error}"
             raise self._error(command, reply, "Take it again") from error
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.aravis.worker import OWNED
+from drivers.aravis.library.camera import OWNED
 from drivers.errors import DeviceError
 from drivers.hosted.process import KILLING, reap, spawn
 
@@ -32,6 +32,12 @@ _STARTING = 10.0
 _LEAVING = 4.0
 """Seconds in which the process must have closed the camera and ended."""
 
+_CHILD = (
+    "import sys; sys.path.insert(0, sys.argv[1]); from library.desk import main; "
+    "del sys.path[0]; main(*sys.argv[2:])"
+)
+"""What runs there; it finds its own package, and nothing that lies beside it."""
+
 _INSTALL = f"Install it with: sudo apt-get install --no-install-recommends {PACKAGES}"
 
 
@@ -44,7 +50,7 @@ class Refused(DeviceError):
 
 
 class Link:
-    """A process of Aravis, which may be asked what `worker.Camera` has methods for.
+    """A process of Aravis, which may be asked what the classes in `library` have methods for.
 
     model: the camera's name in errors. DeviceError if there is no Aravis.
     """
@@ -121,14 +127,14 @@ class Link:
 def python_with_gi() -> list[str]:
     """The command of a Python that can load Aravis, if any can."""
     if importlib.util.find_spec("gi") is not None:
-        return [sys.executable, "-X", "faulthandler"]
+        return [sys.executable, "-P", "-X", "faulthandler"]
     # Nothing of this Python's packages: they may be of another version.
     return [SYSTEM_PYTHON, "-I", "-X", "faulthandler"]
 
 
 def _command(end: int, memory: int) -> list[str]:
-    script = str(Path(__file__).with_name("worker.py"))
-    return [*python_with_gi(), script, str(end), str(memory)]
+    here = str(Path(__file__).parent)
+    return [*python_with_gi(), "-c", _CHILD, here, str(end), str(memory)]
 
 
 def found_cameras() -> list[dict[str, str]]:

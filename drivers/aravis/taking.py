@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.aravis.arrivals import Arrivals, Bad
 from drivers.aravis.link import Link
 from drivers.aravis.options import Options
 from drivers.aravis.pixels import PixelFormat, unpack
@@ -34,9 +35,6 @@ _AGREE_US = 1.0
 _AGREE = 1e-3
 """...and the part of it, whichever is more."""
 
-_DRIFT = 1e-4
-"""By which part a camera's clock may be slow."""
-
 _REMEDY = "Take it again; if it goes on, look at the network, the packet size and the cable"
 
 
@@ -48,15 +46,7 @@ class Taken(NamedTuple):
     began: float
 
 
-class _Bad(Exception):
-    """A frame that can't be taken. kind: the name it is counted under."""
-
-    def __init__(self, kind: str, words: str) -> None:
-        super().__init__(words)
-        self.kind = kind
-
-
-class _Old(_Bad):
+class _Old(Bad):
     """A frame that tells itself that it is of another exposure."""
 
 
@@ -84,7 +74,7 @@ class Taking:
     counts: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        self._last: int | None = None
+        self._arrivals = Arrivals()
         self._running = False
         self._changed = 0.0
         self._old = 0
@@ -119,8 +109,7 @@ class Taking:
         self._running = False
         memory = self.link.ask("start", self.options.buffers, within=ASKING)
         self._size, self._length = memory["size"], memory["length"]
-        self._running, self._last, self._back = True, None, -1
-        self._between: tuple[float, float] | None = None
+        self._running, self._arrivals, self._back = True, Arrivals(), -1
         # Who knows what had been begun, or set by others, before this?
         self._old = max(self._old, 0 if self.tells else self.options.latency_frames)
         if not self._agrees(float(self.link.ask("exposure", within=ASKING))):
@@ -159,8 +148,8 @@ class Taking:
                 # It says itself that it hasn't obeyed yet: so it is going on.
                 self.counts[old.kind] += 1
                 most = _LAG
-                bad: _Bad = old
-            except _Bad as found:
+                bad: Bad = old
+            except Bad as found:
                 self.counts[found.kind] += 1
                 # A new stream: whatever is still on its way never arrives there.
                 self._running = False
@@ -196,61 +185,25 @@ class Taking:
                 raise self._missing(bad)
             began = since
             if not triggered:
-                began = self._left(note) - self.exposure
-                self._count_gap(note)
-            if began < since or (triggered and not self._fresh(note, since)):
+                began = self._arrivals.left(note) - self.exposure
+                # Reported, not taken for anything.
+                self.counts["dropped"] += self._arrivals.gap_before(note)
+            if began < since or (triggered and not self._arrivals.is_fresh(note, since)):
                 self.counts["stale"] += 1
                 continue
             try:
                 return Taken(self._image(note), note["number"], began)
-            except _Bad as found:
+            except Bad as found:
                 if triggered:
                     raise
                 self.counts[found.kind] += 1
                 bad = f"; the last was {found.kind}: {found}"
 
-    def _missing(self, but: str) -> _Bad:
+    def _missing(self, but: str) -> Bad:
         what = "good frame" if but else "frame"
         if self.options.trigger == "hardware" and not but:
             what = f"trigger at {self.options.trigger_line}, or no frame,"
-        return _Bad("missing", f"no {what} within {self._waiting:g} s after its time{but}")
-
-    def _fresh(self, note: dict[str, Any], since: float) -> bool:
-        """Whether it is the one that was triggered: no other has come from this stream."""
-        number, last = note["number"], self._last
-        if note["arrived"] < since - 1e-3:
-            return False
-        if last is not None and not _follows(number, last):
-            if number == last:
-                return False
-            raise _Bad("out of order", f"number {number} after {last}")
-        self._last = number
-        return True
-
-    def _left(self, note: dict[str, Any]) -> float:
-        """When a frame left the camera, by both clocks: a busy computer notices it later.
-
-        The camera's clock counts from anywhere; the least that one was ever behind the other
-        is what lies between them, but for what they drift apart.
-        """
-        arrived: float = note["arrived"]
-        if not note["stamp"]:
-            return arrived
-        stamp = note["stamp"] * 1e-9
-        between = arrived - stamp
-        if self._between is not None:
-            least, when = self._between
-            between = min(between, least + _DRIFT * max(0.0, arrived - when))
-        self._between = between, arrived
-        return stamp + between
-
-    def _count_gap(self, note: dict[str, Any]) -> None:
-        """Frames that never arrived, by the numbers: reported, not taken for anything."""
-        number, last = note["number"], self._last
-        if last is not None and not _follows(number, last):
-            around = 65535 if last < 65536 and number < last else 0
-            self.counts["dropped"] += max(1, number + around - last - 1)
-        self._last = number
+        return Bad("missing", f"no {what} within {self._waiting:g} s after its time{but}")
 
     def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
         while time.monotonic() < late:
@@ -273,11 +226,11 @@ class Taking:
 
     def _image(self, note: dict[str, Any]) -> NDArray[np.uint16]:
         if note["status"] != "success":
-            raise _Bad("incomplete", f"number {note['number']}: {note['status']}")
+            raise Bad("incomplete", f"number {note['number']}: {note['status']}")
         needed = self.form.size(self.shape)
         region = note["region"][2:] == self.region[2:]
         if note["code"] != self.form.code or not region or note["size"] < needed:
-            raise _Bad(
+            raise Bad(
                 "corrupt",
                 f"number {note['number']} is {note['region'][2:]} pixels of format "
                 f"{note['code']:#x} in {note['size']} bytes, not {self.region[2:]} of "
@@ -292,8 +245,7 @@ class Taking:
         )
 
     def _set_again(self) -> None:
-        asked = microseconds(self.exposure)
-        self.exposure = float(self.link.ask("set_exposure", asked, within=ASKING)) * 1e-6
+        self.exposure = set_exposure(self.link, microseconds(self.exposure))
 
     def _agrees(self, us: float) -> bool:
         asked = self.exposure * 1e6
@@ -306,7 +258,7 @@ class Taking:
             return
         self._set_again()
         self.changed()
-        raise _Bad("wrong exposure", f"the camera exposes {us:g} us by itself")
+        raise Bad("wrong exposure", f"the camera exposes {us:g} us by itself")
 
 
 def microseconds(seconds: float) -> float:
@@ -314,6 +266,6 @@ def microseconds(seconds: float) -> float:
     return round(seconds * 1e6, 3)
 
 
-def _follows(number: int, last: int) -> bool:
-    """GigE Vision counts to 65535 and then from 1, or in 64 bits; USB3 Vision from 0."""
-    return number == last + 1 or (last == 65535 and number in (0, 1))
+def set_exposure(link: Link, us: float) -> float:
+    """Set the exposure; in seconds, what the camera has made of it."""
+    return float(link.ask("set_exposure", us, within=ASKING)) * 1e-6

@@ -15,7 +15,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cs2000.link import LONGEST, Cancelled, CodeError, Link
+from drivers.cs2000.link import LONGEST, CodeError, Link
+from drivers.cs2000.measuring import COMMAND, OVERTIME, Measuring
 from drivers.cs2000.options import NDS, chosen
 from drivers.cs2000.spectrum import numbers, read_spectrum
 from drivers.errors import DeviceError
@@ -25,21 +26,6 @@ from drivers.serial_line import SerialLine
 log = logging.getLogger(__name__)
 
 _ANGLES = (1.0, 0.2, 0.1)
-
-_PRE = 12.0
-"""Seconds for a pre-measurement, which takes one to ten."""
-
-_OVERTIME = 5.0
-"""Seconds by which a measurement may last longer than it was told."""
-
-_ASK = 4.0
-"""Seconds, and a twentieth of the measurement's, between questions whether it still measures."""
-
-_LOOK = 0.2
-"""Seconds between looks at whether a measurement was cancelled."""
-
-_BUSY = 0.5
-"""Seconds between questions to an instrument that is still measuring."""
 
 _CONDITIONS = "([0-4]),([0-2]),([0-9]{9}),([01]),([01]),([0-2]),([0-2]),([0-9]{2})"
 
@@ -116,17 +102,17 @@ class CS2000:
         DeviceError if the light is too bright or too irregular, if a value couldn't be
         computed, or if it was cancelled.
         """
-        command = "measure"
+        measuring = Measuring(self._link, cancelled, self._got_on)
         began = self._clock.now()
         with self._line.within(self.reply_time):
-            seconds = self._link.persistently(command, lambda: self._start(command, cancelled))
+            seconds = self._link.persistently(COMMAND, measuring.start)
             started = self._clock.now()
-        with self._line.within(seconds + _OVERTIME + 1):
-            self._await_end(command, seconds, cancelled)
+        with self._line.within(seconds + OVERTIME + 1):
+            measuring.await_end(seconds)
         spent = started - began
         with self._line.within(max(self.reply_time - spent, self._link.patience)):
-            conditions = self._link.persistently(command, lambda: self._conditions(command))
-            values = self._link.persistently(command, lambda: read_spectrum(self._link, command))
+            conditions = self._link.persistently(COMMAND, self._conditions)
+            values = self._link.persistently(COMMAND, lambda: read_spectrum(self._link, COMMAND))
         integration, dimmed, angle = conditions
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
@@ -223,92 +209,18 @@ class CS2000:
             # Firmware up to 1.01 chooses its filter itself, and can't be told so.
             self._link.set("SPMS", self._wanted.speed, "SPMR", command)
 
-    def _start(self, command: str, cancelled: Callable[[], bool]) -> int:
-        """Begin to measure; how long it will take, in seconds, as it then tells."""
-        self._link.say("MEAS,1", command)
-        late = self._clock.now() + _PRE
-        while not self._line.has_come(b"\r", command, _LOOK):
-            self._look(command, cancelled)
-            if self._clock.now() >= late:
-                raise self._line.error(command, f"MEAS,1 isn't answered within {_PRE:g} s")
-        told = self._link.answer("MEAS,1", command)
-        if len(told) != 3 or not told.isdecimal() or not 2 <= int(told) <= 242:
-            raise self._line.error(command, f"it takes {told!r} s, not 002 to 242", "Try again")
-        # An old answer may look the same; what it says now proves that it does measure.
-        if not self._measures(command):
-            raise self._line.error(command, "it doesn't measure", "Try again")
-        return int(told)
-
-    def _measures(self, command: str) -> bool:
-        try:
-            self._link.ask("MEDR,0,0,1", command)
-        except CodeError as error:
-            if error.code not in ("02", "00"):
-                raise
-            self._line.in_step = True
-            return True
-        return False
-
-    def _await_end(self, command: str, seconds: int, cancelled: Callable[[], bool]) -> None:
-        late = self._clock.now() + seconds + _OVERTIME
-        pause = _ASK + seconds / 20
-        ask_at = self._clock.now() + pause
-        while not self._ended(command):
-            if self._clock.now() >= ask_at:
-                # What it told may have been spoilt on its way, or its end not have come.
-                if not self._may_measure(command):
-                    return
-                ask_at = self._clock.now() + pause
-            if cancelled():
-                self._line.write(b"MEAS,0\r", command)
-            self._look(command, cancelled)
-            if self._clock.now() >= late:
-                self._line.write(b"MEAS,0\r", command)
-                raise self._line.error(
-                    command,
-                    f"it doesn't come to an end: {seconds} s were told, {_OVERTIME:g} more granted",
-                    "Switch it off and on",
-                )
-        while self._may_measure(command) and self._clock.now() < late:
-            self._look(command, cancelled)
-            self._clock.wait_until(self._clock.now() + _BUSY, cancelled)
-
-    def _ended(self, command: str) -> bool:
-        """Whether it says that it has measured; CodeError if it says why it couldn't."""
-        if not self._line.has_come(b"\r", command, _LOOK):
-            return False
-        return self._patiently(lambda: self._link.answer("MEAS,1", command) == "", False)
-
-    def _may_measure(self, command: str) -> bool:
-        return self._patiently(lambda: self._measures(command), True)
-
-    def _patiently(self, ask: Callable[[], bool], unclear: bool) -> bool:
-        """An answer; `unclear` where it is an old or a broken one, for it can be asked again."""
-        try:
-            return ask()
-        except CodeError:
-            raise
-        except DeviceError:
-            if self._line.cancelled or not self._line.is_open:
-                raise
-            return unclear
-
-    def _look(self, command: str, cancelled: Callable[[], bool]) -> None:
-        """Tell that it gets on; DeviceError if nobody wants it any more."""
+    def _got_on(self) -> None:
         self.alive_at = time.monotonic()
-        if cancelled():
-            self._line.in_step = False
-            raise Cancelled(self._line.model, command, "it was cancelled", "Measure again")
 
-    def _conditions(self, command: str) -> tuple[float, bool, float]:
+    def _conditions(self) -> tuple[float, bool, float]:
         """Integration time, whether the internal filter was in, and angle of a measurement."""
-        found = self._link.agreed("MEDR,0,0,1", _CONDITIONS, command)
+        found = self._link.agreed("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])
         want = self._wanted
         wanted = (want.speed[0], want.sync[0], str(want.lens), str(want.external_nd))
         integration = int(found[3]) * 1e-6
         if told != wanted or not 0 < integration <= 121:
             raise self._line.error(
-                command, f"it was measured under other conditions: {found[0]}", "Measure again"
+                COMMAND, f"it was measured under other conditions: {found[0]}", "Measure again"
             )
         return integration, found[4] == "1", math.radians(_ANGLES[int(found[7])])

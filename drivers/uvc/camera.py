@@ -15,35 +15,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Self, TypeVar
+from typing import Self
 
-from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 from drivers.uvc.accepting import InForce
-from drivers.uvc.capture import (
-    Mode,
-    Source,
-    configured,
-    describe,
-    path_of,
-    resolve,
-    set_units,
-    units_of,
-)
+from drivers.uvc.capture import Mode, Source, resolve, set_units, units_of
+from drivers.uvc.connection import OPENING, Connection
 from drivers.uvc.latency import latency_of
 from drivers.uvc.pixels import FULL_SCALES, to_numbers
 from drivers.uvc.stream import QUEUED, Shot, Stopped, Stream
 
-T = TypeVar("T")
-
-_OPENING = 5.0
 _STALL = 0.8
 """Seconds beyond a frame's time after which a stream that gives none has stopped."""
 
 _SETTING = 1.5
-_ENDING = 2.0
-
-_CABLE = "Check its cable, and that no other program uses it"
+"""Seconds beyond a frame's time for an exposure to be set."""
 
 
 class UVCCamera:
@@ -60,7 +46,7 @@ class UVCCamera:
 
     model = "UVC camera"
     settling = 0.0
-    reply_time = 2 * _OPENING
+    reply_time = 2 * OPENING
 
     def __init__(
         self,
@@ -87,23 +73,18 @@ class UVCCamera:
             raise ValueError(
                 f"electrons_per_number is {electrons_per_number}; it must be greater than 0"
             )
-        self._source = resolve(source)
         self._clock = surroundings.clock
         self._gain = electrons_per_number
         self.discard_frames = discard_frames
         self.alive_at = 0.0
         """When a measurement last got on; see Device."""
         self._in_force = InForce()
-        self._stream: Stream | None = None
-        # One that was given up, which may hold the camera still.
-        self._left: Stream | None = None
-        self._told: dict[str, str] = {}
-        self._was_there = False
+        self._connection = Connection(self.model, self._mode, resolve(source), self._set_again)
 
     @property
     def identity(self) -> Identity:
-        name = self._told.get("name", "") or self.model
-        return Identity(name, self._told.get("serial number", ""), simulated=False)
+        told = self._connection.told
+        return Identity(self._connection.model, told.get("serial number", ""), simulated=False)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -124,14 +105,15 @@ class UVCCamera:
 
     @property
     def _period(self) -> float:
-        given = self._stream.period if self._stream else 0.0
+        stream = self._connection.stream
+        given = stream.period if stream else 0.0
         return max(given, self._in_force.exposure)
 
     def health(self) -> dict[str, str]:
         """What the camera tells about itself, and how its stream goes."""
-        stream = self._ready("read its state")
+        stream = self._connection.ready("read its state")
         return {
-            **self._told,
+            **self._connection.told,
             "seconds a frame": f"{self._period:.4f}",
             "frames taken": str(stream.frames),
             "frames missed": str(stream.gaps),
@@ -143,12 +125,12 @@ class UVCCamera:
         command = f"set the exposure to {exposure * 1e3:g} ms"
         low, high = self._range
         if not low <= exposure <= high:
-            raise self._refuse(
+            raise self._connection.refuse(
                 command,
                 f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
                 "Choose an exposure in the range",
             )
-        stream = self._ready(command)
+        stream = self._connection.ready(command)
         self._set(command, stream, max(round(exposure / self._mode.unit), 1))
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
@@ -157,12 +139,12 @@ class UVCCamera:
 
         DeviceError if the stream stops for a second, or if it's cancelled.
         """
-        stream = self._ready("capture")
+        stream = self._connection.ready("capture")
         shot = self._accepted(stream, cancelled)
         try:
             image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
         except (ValueError, TypeError) as error:
-            raise self._refuse("capture", str(error), "Ask for it again") from error
+            raise self._connection.refuse("capture", str(error), "Ask for it again") from error
         begun = self._clock.now() - (time.monotonic() - shot.time) - self._in_force.exposure
         return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
 
@@ -186,7 +168,9 @@ class UVCCamera:
                 before = levels[-1][1]
         except ValueError as error:
             self.discard_frames = waiting
-            raise self._refuse(command, str(error), "Point it at a steady light") from error
+            raise self._connection.refuse(
+                command, str(error), "Point it at a steady light"
+            ) from error
         except BaseException:
             self.discard_frames = waiting
             raise
@@ -195,18 +179,18 @@ class UVCCamera:
 
     def make_safe(self) -> None:
         """Stop the stream; the next command starts it again."""
-        self._stop()
+        self._connection.stop()
 
     def __enter__(self) -> Self:
-        self._ready("open")
+        self._connection.ready("open")
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._stop()
+        self._connection.stop()
 
     def _levels(self, command: str, count: int) -> list[tuple[int, float]]:
         """Mean numbers of the next frames, and how many came since the exposure was set."""
-        stream, number = self._ready(command), 0
+        stream, number = self._connection.ready(command), 0
         levels: list[tuple[int, float]] = []
         while len(levels) < count:
             shot = self._next(stream, number, _never)
@@ -220,7 +204,7 @@ class UVCCamera:
     def _accepted(self, stream: Stream, cancelled: Callable[[], bool]) -> Shot:
         """The first frame that must be what was asked for."""
         called, number, now = time.monotonic(), stream.frames, self._in_force
-        late = called + now.exposure + self.frame_time + _OPENING
+        late = called + now.exposure + self.frame_time + OPENING
         while time.monotonic() < late:
             shot = self._next(stream, number, cancelled)
             number = shot.number
@@ -228,13 +212,13 @@ class UVCCamera:
             if shows and now.is_begun_after(called, stream, shot):
                 self._require_time_for_it(stream, shot)
                 return shot
-        raise self._lost("capture", "no frame of the new exposure came")
+        raise self._connection.lost("capture", "no frame of the new exposure came")
 
     def _require_time_for_it(self, stream: Stream, shot: Shot) -> None:
         """DeviceError if frames come so fast that none can be exposed for as long as was set."""
         gap = self._in_force.too_fast(stream, shot)
         if gap:
-            raise self._refuse(
+            raise self._connection.refuse(
                 "capture",
                 f"frames come every {gap * 1e3:.0f} ms, so that none is exposed for "
                 f"{self._in_force.exposure * 1e3:.0f} ms, whatever the camera says",
@@ -247,69 +231,28 @@ class UVCCamera:
         began = time.monotonic()
         while True:
             if cancelled():
-                raise self._refuse("capture", "it was cancelled", "Take it again")
+                raise self._connection.refuse("capture", "it was cancelled", "Take it again")
             try:
                 shot = stream.next_shot(after, 0.02)
             except Stopped as stopped:
-                raise self._lost("capture", str(stopped)) from None
+                raise self._connection.lost("capture", str(stopped)) from None
             if shot is not None:
                 return shot
             if time.monotonic() - max(began, stream.last_at) > self._period + _STALL:
-                raise self._lost("capture", "the stream has stopped")
+                raise self._connection.lost("capture", "the stream has stopped")
 
     def _set(self, command: str, stream: Stream, units: int) -> None:
-        def work(capture: Any) -> float:
-            return set_units(capture, units)
-
-        actual = self._ask(command, stream, work, self._period + _SETTING)
+        seconds = self._period + _SETTING
+        actual = self._connection.ask(
+            command, stream, lambda capture: set_units(capture, units), seconds
+        )
         self._in_force = self._in_force.changed(units, actual * self._mode.unit)
 
-    def _ready(self, command: str) -> Stream:
-        """The stream, begun again if it has ended: then it must be the same camera."""
-        stream = self._stream
-        if stream is not None and not stream.ended:
-            return stream
-        self._stop()
-        if self._left is not None and not self._left.stop(_ENDING):
-            raise self._refuse(
-                command, "it hangs in the system", "Pull its plug, and use own_process = true"
-            )
-        self._left = None
-        self._stream = stream = Stream(lambda: configured(self._mode, self._source))
-        told = self._ask(command, stream, lambda capture: describe(capture, self._mode.device))
-        if self._told and told != self._told:
-            raise self._lost(command, f"another camera has taken its place: {told}")
-        self._told = told
-        self._was_there = path_of(self._mode.device).exists()
+    def _set_again(self, command: str, stream: Stream) -> None:
+        """The exposure that was set last, or at first the camera's own, if that is in the range."""
         low, high = (round(limit / self._mode.unit) for limit in self._range)
-        units = self._in_force.units or round(self._ask(command, stream, units_of))
+        units = self._in_force.units or round(self._connection.ask(command, stream, units_of))
         self._set(command, stream, min(max(units, low, 1), high))
-        return stream
-
-    def _ask(
-        self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = _OPENING
-    ) -> T:
-        try:
-            return stream.ask(work, seconds)
-        except Stopped as stopped:
-            raise self._lost(command, str(stopped)) from None
-        except Exception as error:
-            raise self._lost(command, f"{type(error).__name__}: {error}") from error
-
-    def _lost(self, command: str, why: str) -> DeviceError:
-        """What is wrong with a stream, which is ended: the next command begins another."""
-        self._stop(0.0)
-        if self._was_there and not path_of(self._mode.device).exists():
-            return self._refuse(command, "it was unplugged", "Plug it in again")
-        return self._refuse(command, why, _CABLE)
-
-    def _stop(self, seconds: float = _ENDING) -> None:
-        stream, self._stream = self._stream, None
-        if stream is not None and not stream.stop(seconds):
-            self._left = stream
-
-    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
-        return DeviceError(self.identity.model, command, reply, remedy)
 
 
 def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:

@@ -33,20 +33,18 @@ def devices_(
 ) -> None:
     """List the bench's devices, the installed drivers, and what is plugged in.
 
-    **test** tries a device out and reports; **screens** says which display is which. Exit code
-    1 if the bench can't be opened; the rest is listed all the same.
+    **test** tries a device out and reports; **screens** says which display is which.
     """
     if context.invoked_subcommand is not None:
         return
     from labapp.listing import list_devices
 
-    if not list_devices(bench, scene, as_json=json):
-        raise typer.Exit(1)
+    list_devices(bench, scene, as_json=json)
 
 
 @devices.command("test")
 def devices_test_(
-    name: Annotated[str, typer.Argument(help="slm, filter, camera or targets.")],
+    name: Annotated[str, typer.Argument(help="slm, filter, camera, targets or spectroradiometer.")],
     bench: BenchOption = None,
     scene: SceneOption = None,
     report: Annotated[
@@ -58,7 +56,8 @@ def devices_test_(
     """Try a device out, alone: does it do what it says? The report is for support, too.
 
     The SLM shows patterns and a video, the filter is tuned through its range, the camera takes
-    pictures of several exposures. Exit code 1 if a check fails.
+    pictures of several exposures, the spectroradiometer measures twice. Exit code 1 if a check
+    fails.
     """
     from labapp.selftest.command import run_selftest
 

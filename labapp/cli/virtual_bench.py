@@ -32,7 +32,7 @@ def serve(
     ] = "varispec",
     camera: Annotated[str, typer.Option(help="gige; none leaves it out.")] = "gige",
     slm: Annotated[str, typer.Option(help="screen; none leaves it out.")] = "screen",
-    meter: Annotated[str, typer.Option(help="cs2000; none leaves it out.")] = "cs2000",
+    spectroradiometer: Annotated[str, typer.Option(help="cs2000; none leaves it out.")] = "cs2000",
     display: Annotated[
         str,
         typer.Option(
@@ -84,7 +84,7 @@ def serve(
             filter=filter,
             camera=camera,
             slm=slm,
-            meter=meter,
+            spectroradiometer=spectroradiometer,
             display=display,
             screen=screen,
             folder=folder,

@@ -10,9 +10,9 @@ import numpy as np
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from labapp.figures import Figure
-from labapp.figures.serial_cases import SERIAL_CASES, SerialCase
+from labapp.figures.serial_cases import SERIAL_CASES
+from labapp.figures.wire_case import Rng, WireCase
 from simulator.clock import VirtualClock
-from simulator.wire import Line, plug_in, unplug
 from simulator.wire.fuzzing import FuzzedMachine
 
 _REPLIES = 100_000
@@ -54,7 +54,7 @@ def fuzz_figure(folder: Path) -> list[Figure]:
     return figures
 
 
-def fuzz(case: SerialCase, seed: int) -> Iterator[tuple[int, str]]:
+def fuzz(case: WireCase, seed: int) -> Iterator[tuple[int, str]]:
     """Some commands to a driver: the answers that were changed, and how each command ended.
 
     It ends with "" if the answer was the truth, with "DeviceError", or with what was wrong.
@@ -64,30 +64,26 @@ def fuzz(case: SerialCase, seed: int) -> Iterator[tuple[int, str]]:
     machine = FuzzedMachine(case.machine(), rng, 0.0)
     # Often few answers are changed, so that commands get far; sometimes nearly all.
     share = float(10 ** rng.uniform(-2.0, -0.05))
-    port = f"fuzz-{case.name}-{seed}".replace(" ", "-")
-    url = plug_in(port, Line(machine, baudrate=case.baudrate, seed=seed), clock)
-    device = case.device(Surroundings(clock), url)
     names = [name for name in case.commands if name != "open"]
-    try:
-        device.__enter__()
-        machine.share = share
-        for _ in range(_COMMANDS):
-            name = names[int(rng.integers(len(names)))]
-            before, began = machine.changed, clock.now()
-            ended = _ask(case, name, device, machine, rng)
-            limit = max(device.reply_time, case.commands[name].seconds) + 1.0
-            if clock.now() - began > limit:
-                ended = f"{name} took {clock.now() - began:.2f} s"
-            yield machine.changed - before, ended
-    finally:
-        machine.share = 0.0
-        device.__exit__(None, None, None)
-        unplug(port)
+    with case.plugged(machine, clock, seed) as cable:
+        device = case.device(Surroundings(clock), cable.address)
+        try:
+            device.__enter__()
+            machine.share = share
+            for _ in range(_COMMANDS):
+                name = names[int(rng.integers(len(names)))]
+                before, began = machine.changed, clock.now()
+                ended = _ask(case, name, device, machine, rng)
+                limit = max(device.reply_time, case.commands[name].seconds) + 1.0
+                if clock.now() - began > limit:
+                    ended = f"{name} took {clock.now() - began:.2f} s"
+                yield machine.changed - before, ended
+        finally:
+            machine.share = 0.0
+            device.__exit__(None, None, None)
 
 
-def _ask(
-    case: SerialCase, name: str, device: object, machine: FuzzedMachine, rng: np.random.Generator
-) -> str:
+def _ask(case: WireCase, name: str, device: object, machine: FuzzedMachine, rng: Rng) -> str:
     command = case.commands[name]
     try:
         told = command.run(device, rng)

@@ -2,55 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from drivers.cs2000 import CS2000
-from drivers.interfaces import Surroundings
 from drivers.thorlabs_wheel import ThorlabsWheel
 from drivers.varispec import VariSpec
+from labapp.figures.wheel_commands import WHEEL, slots_nm
+from labapp.figures.wire_case import Command, Rng, WireCase, serial
 from simulator.machines.colorimetry import tristimulus
 from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.cs2000_optics import WAVELENGTHS
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
-
-Rng = np.random.Generator
-
-
-@dataclass(frozen=True)
-class Command:
-    """Something that a device is asked.
-
-    run: asks it, and gives back its answer. right: whether that answer is the truth about the
-    machine. seconds: that are documented for it, where they are more than the reply time.
-    """
-
-    run: Callable[[Any, Rng], Any]
-    right: Callable[[Any, Any], bool]
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class SerialCase:
-    """A driver and its machine.
-
-    machine: a fresh one, ready for use. device: the driver on a port, not yet open. opening:
-    seconds in which it must be open. delay: seconds by which late answers are late, more than
-    the driver waits for them. variant: of another case with the same driver.
-    """
-
-    name: str
-    machine: Callable[[], Any]
-    baudrate: int
-    device: Callable[[Surroundings, str], Any]
-    commands: dict[str, Command]
-    opening: float = 60.0
-    delay: float = 3.0
-    variant: bool = False
 
 
 def _tune(device: Any, rng: Rng) -> Any:
@@ -93,7 +58,7 @@ def _holds(palette: Any, machine: Any) -> bool:
 
 
 VARISPEC = {
-    "open": Command(lambda device, rng: device.__enter__(), _knows_itself),
+    "open": Command(lambda device, rng: device.__enter__(), _knows_itself, 60.0),
     "set_wavelength": Command(_tune, _is_tuned),
     "wavelength": Command(
         lambda d, rng: d.wavelength, lambda told, m: told == _metres(m.state.wavelength)
@@ -116,27 +81,6 @@ VARISPEC = {
 }  # fmt: skip
 
 
-def _turn(device: Any, rng: Rng) -> Any:
-    return device.set_slot(int(rng.integers(1, len(device.slots) + 1)))
-
-
-def _turn_by_wavelength(device: Any, rng: Rng) -> Any:
-    return device.set_wavelength(device.slots[int(rng.integers(len(device.slots)))].wavelength)
-
-
-def _stands(setting: Any, machine: Any) -> bool:
-    return setting.asked == setting.actual == machine.position
-
-
-def _centre(slot: int) -> float:
-    """Of the cases' wheels."""
-    return (400 + 20 * slot) / 1e9
-
-
-def _is_near(wavelength: float, machine: Any) -> bool:
-    return abs(wavelength - _centre(machine.position)) < 1e-12
-
-
 def _is_set(device: Any, machine: Any) -> bool:
     wanted = {"speed": 1, "sensors": 0, "trig": 0, "pcount": len(device.slots)}
     told: bool = device.identity.model[-5:-1] == f"W{'102' if wanted['pcount'] == 6 else '212'}"
@@ -151,28 +95,21 @@ def _wheel_is_healthy(health: dict[str, str], machine: Any) -> bool:
     return same and health["firmware"] == machine.firmware and len(settings) >= 2
 
 
-WHEEL = {
+THORLABS = {
     "open": Command(lambda device, rng: device.__enter__(), _is_set, 60.0),
-    "set_slot": Command(_turn, _stands),
-    "set_wavelength": Command(
-        _turn_by_wavelength, lambda told, m: told.asked == told.actual and _is_near(told.actual, m)
-    ),
-    "slot": Command(lambda d, rng: d.slot, lambda told, m: told == m.position),
-    "wavelength": Command(lambda d, rng: d.wavelength, _is_near),
+    **WHEEL,
     "health": Command(lambda d, rng: d.health(), _wheel_is_healthy),
     "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved == m.settings),
-    "make_safe": Command(lambda d, rng: d.make_safe(), lambda told, m: m.position == 1),
 }
 
 
-def _wheel(slots: int, firmware: str, avoid: tuple[int, ...]) -> SerialCase:
-    slots_nm = [[_centre(slot) * 1e9, 10] for slot in range(1, slots + 1)]
-    return SerialCase(
+def _wheel(slots: int, firmware: str, avoid: tuple[int, ...]) -> WireCase:
+    return WireCase(
         f"Thorlabs FW{'102' if slots == 6 else '212'}C, firmware {firmware}",
         lambda: ThorlabsWheelMachine(slots, firmware),
-        115200,
-        lambda surroundings, url: ThorlabsWheel(surroundings, url, slots_nm, avoid=avoid),
-        WHEEL,
+        serial(115200),
+        lambda surroundings, url: ThorlabsWheel(surroundings, url, slots_nm(slots), avoid=avoid),
+        THORLABS,
         variant=not avoid,
     )
 
@@ -217,17 +154,17 @@ CS = {
 }
 
 SERIAL_CASES = (
-    SerialCase(
+    WireCase(
         "VariSpec",
         VariSpecMachine,
-        9600,
+        serial(9600),
         lambda surroundings, url: VariSpec(surroundings, port=url),
         VARISPEC,
     ),
-    SerialCase(
+    WireCase(
         "VariSpec with RS-232",
         lambda: VariSpecMachine(electronics="rs232"),
-        9600,
+        serial(9600),
         lambda surroundings, url: VariSpec(surroundings, port=url),
         VARISPEC,
         variant=True,
@@ -235,10 +172,10 @@ SERIAL_CASES = (
     _wheel(6, "1.07", (2,)),
     _wheel(12, "1.04", ()),
     _wheel(6, "1.0", ()),
-    SerialCase(
+    WireCase(
         "CS-2000A",
         lambda: CS2000Machine(_light),
-        115200,
+        serial(115200),
         lambda surroundings, url: CS2000(surroundings, url),
         CS,
         delay=12.0,

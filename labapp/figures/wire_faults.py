@@ -1,9 +1,8 @@
-"""Every serial driver, every command and every fault at random moments: no lie, no hang."""
+"""Drivers behind a wire: every command, every fault at random moments, no lie and no hang."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,16 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from labapp.console import say
 from labapp.figures import Figure
-from labapp.figures.serial_cases import SERIAL_CASES, Command, Rng, SerialCase
+from labapp.figures.serial_cases import SERIAL_CASES
+from labapp.figures.usb_cases import USB_CASES
+from labapp.figures.wire_case import Cable, Command, Rng, WireCase
 from simulator.clock import VirtualClock
-from simulator.wire import WIRE_KINDS, Line, WireFault, plug_in, unplug
+from simulator.wire import WIRE_KINDS, WireFault
 
 _MOMENTS = 20
 
 _MARGIN = 1.0
 """Seconds beyond the documented time."""
-
-_NAMES = itertools.count()
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,23 @@ class Suffered:
     wrong: str
 
 
-_NAME = "serial driver: every command, every fault, 20 random moments"
+_SERIAL = "serial driver: every command, every fault, 20 random moments"
+_USB = "USB wheels: every command, every fault, 20 random moments"
 
 
-def wire_fault_figure(folder: Path) -> list[Figure]:
+def serial_fault_figure(folder: Path) -> list[Figure]:
     """Each serial driver with each fault during each of its commands, at random moments."""
+    return _figures(_SERIAL, SERIAL_CASES)
+
+
+def usb_fault_figure(folder: Path) -> list[Figure]:
+    """Each driver of a USB wheel, likewise."""
+    return _figures(_USB, USB_CASES)
+
+
+def _figures(name: str, cases: Iterable[WireCase]) -> list[Figure]:
     figures = []
-    for case in SERIAL_CASES:
+    for case in cases:
         found = []
         for kind in kinds(case):
             say(f"  {case.name}: {kind}")
@@ -56,7 +65,7 @@ def wire_fault_figure(folder: Path) -> list[Figure]:
         )
         figures.append(
             Figure(
-                f"{_NAME}: {case.name}",
+                f"{name}: {case.name}",
                 "truth or a DeviceError in time; the next command works",
                 measured + (f"; first trouble: {wrong[0]}" if wrong else ""),
                 not wrong,
@@ -65,12 +74,12 @@ def wire_fault_figure(folder: Path) -> list[Figure]:
     return figures
 
 
-def kinds(case: SerialCase) -> tuple[str, ...]:
+def kinds(case: WireCase) -> tuple[str, ...]:
     """All that can go wrong with a case."""
     return (*WIRE_KINDS, *case.machine().own_faults)
 
 
-def suffer(case: SerialCase, kind: str, moments: int, seed: int = 0) -> Iterator[Suffered]:
+def suffer(case: WireCase, kind: str, moments: int, seed: int = 0) -> Iterator[Suffered]:
     """A fault of one kind during each command."""
     for number, name in enumerate(case.commands):
         for moment in range(moments):
@@ -78,7 +87,7 @@ def suffer(case: SerialCase, kind: str, moments: int, seed: int = 0) -> Iterator
             yield suffer_once(case, kind, name, np.random.default_rng(words))
 
 
-def suffer_once(case: SerialCase, kind: str, name: str, rng: Rng) -> Suffered:
+def suffer_once(case: WireCase, kind: str, name: str, rng: Rng) -> Suffered:
     """One command with one fault that begins before it or during it."""
     command = case.commands[name]
     usual = _Trial(case, rng).run(name, command, None)[0]
@@ -91,28 +100,25 @@ def suffer_once(case: SerialCase, kind: str, name: str, rng: Rng) -> Suffered:
 
 
 class _Trial:
-    """A fresh machine on a line, and its driver; open but where opening is what is tried."""
+    """A fresh machine on its wire, and its driver; open but where opening is what is tried."""
 
-    def __init__(self, case: SerialCase, rng: Rng) -> None:
+    def __init__(self, case: WireCase, rng: Rng) -> None:
         self._case, self._rng = case, rng
         self._clock = VirtualClock()
-        self._machine = case.machine()
-        seed = int(rng.integers(2**31))
-        self._line = Line(self._machine, baudrate=case.baudrate, seed=seed)
+        self._seed = int(rng.integers(2**31))
 
     def run(self, name: str, command: Command, fault: WireFault | None) -> tuple[float, bool, str]:
         """Seconds that it took, whether it failed, and what was wrong with that."""
-        port = f"figure-{next(_NAMES)}"
-        url = plug_in(port, self._line, self._clock)
-        device = self._case.device(Surroundings(self._clock), url)
-        try:
-            if name != "open":
-                device.__enter__()
-            return self._try(device, name, command, fault)
-        finally:
-            self._line.mend()
-            device.__exit__(None, None, None)
-            unplug(port)
+        with self._case.plugged(self._case.machine(), self._clock, self._seed) as cable:
+            self._cable: Cable = cable
+            device = self._case.device(Surroundings(self._clock), cable.address)
+            try:
+                if name != "open":
+                    device.__enter__()
+                return self._try(device, name, command, fault)
+            finally:
+                cable.mend()
+                device.__exit__(None, None, None)
 
     def _try(
         self, device: Any, name: str, command: Command, fault: WireFault | None
@@ -120,17 +126,16 @@ class _Trial:
         began = self._clock.now()
         if fault is not None:
             from_now = began + fault.at
-            self._line.inject(WireFault(fault.kind, from_now, fault.seconds, delay=fault.delay))
+            self._cable.inject(WireFault(fault.kind, from_now, fault.seconds, delay=fault.delay))
         wrong = self._ask(device, command)
         took = self._clock.now() - began
-        documented = self._case.opening if name == "open" else device.reply_time
-        late = max(command.seconds, documented) + _MARGIN
+        late = max(command.seconds, device.reply_time) + _MARGIN
         if took > late:
             return took, False, f"took {took:.2f} s instead of {late:.2f}"
         if fault is None or wrong not in ("", "DeviceError"):
             return took, wrong != "", wrong
         failed = wrong == "DeviceError"
-        self._line.mend()
+        self._cable.mend()
         if name == "open" and not failed:
             device.__exit__(None, None, None)
         after = self._ask(device, command)
@@ -146,4 +151,4 @@ class _Trial:
             return "DeviceError"
         except Exception as error:
             return f"{type(error).__name__}: {error}"
-        return "" if command.right(told, self._machine) else f"{told} isn't true"
+        return "" if command.right(told, self._cable.truth) else f"{told} isn't true"

@@ -36,15 +36,27 @@ class DeviceTable(FileModel):
 
 
 class DevicesTable(FileModel):
+    """The devices by the names that the bench has for them.
+
+    A run takes all but the spectroradiometer, which stands beside, and not on every bench.
+    """
+
     slm: DeviceTable
     filter: DeviceTable
     camera: DeviceTable
     targets: DeviceTable
+    spectroradiometer: DeviceTable | None = None
 
     @property
     def tables(self) -> dict[str, DeviceTable]:
-        """The devices by the names that the bench has for them."""
-        return {name: getattr(self, name) for name in DevicesTable.model_fields}
+        """All that there are."""
+        named = {name: getattr(self, name) for name in DevicesTable.model_fields}
+        return {name: table for name, table in named.items() if table is not None}
+
+    @property
+    def of_runs(self) -> dict[str, DeviceTable]:
+        """Those that every run needs."""
+        return {name: table for name, table in self.tables.items() if name != "spectroradiometer"}
 
 
 class BenchFile(CameraFile):
@@ -59,8 +71,8 @@ class BenchFile(CameraFile):
 
     @property
     def is_real(self) -> bool:
-        """Whether a device is real, so that time is the wall's."""
-        return not all(table.is_simulated for table in self.devices.tables.values())
+        """Whether a device of its runs is real, so that their time is the wall's."""
+        return not all(table.is_simulated for table in self.devices.of_runs.values())
 
 
 def read_bench(path: Path) -> BenchFile:

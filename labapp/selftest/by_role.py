@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Clock, Frame, Setting
+from drivers.interfaces import Clock, Frame, Setting, Spectrum
 from labapp.selftest.checks import Check, Wrong
 
 _LONGEST = 0.2
@@ -28,6 +28,7 @@ def checks_of(role: str, device: Any, clock: Clock) -> list[Check]:
         "filter": _filter,
         "slm": _slm,
         "camera": _camera,
+        "spectroradiometer": _spectroradiometer,
     }
     try:
         own = of_role[role](device, clock)
@@ -194,6 +195,30 @@ def _camera(device: Any, clock: Clock) -> list[Check]:
 
     taken = [(f"expose {t * 1e3:.3g} ms", partial(take, float(t))) for t in tried]
     return [("range", range_), *taken, ("beyond its range", beyond)]
+
+
+def _spectroradiometer(device: Any, clock: Clock) -> list[Check]:
+    wavelengths = device.wavelengths
+
+    def range_() -> str:
+        nm = wavelengths * 1e9
+        return f"{nm[0]:g} to {nm[-1]:g} nm at {nm.size} wavelengths"
+
+    def measure() -> str:
+        told: Spectrum = device.measure(lambda: False)
+        if not np.array_equal(told.wavelengths, wavelengths):
+            raise Wrong("a spectrum has other wavelengths than the instrument")
+        if told.radiance.shape != wavelengths.shape or not np.isfinite(told.radiance).all():
+            raise Wrong(f"a spectrum of {told.radiance.shape} values, or not all of them finite")
+        total = float(np.trapezoid(told.radiance, wavelengths))
+        most = wavelengths[np.argmax(told.radiance)] * 1e9
+        filtered = ", through its own grey filter" if told.dimmed else ""
+        return (
+            f"{total:.4g} W/(sr m²) in all, most at {most:g} nm, "
+            f"integrated for {told.integration:.3g} s{filtered}"
+        )
+
+    return [("range", range_), ("measure", measure), ("measure again", measure)]
 
 
 def _require_right(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:

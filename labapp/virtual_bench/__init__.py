@@ -1,5 +1,6 @@
 """The virtual bench behind its true wires: ports, a camera's packets and a screen's pixels.
 
 `serving` is `labapp virtual-bench serve`; `shared` the one world behind all; `filters`,
-`cameras`, `panels` and `meters` what is before it; `talking` what a person types meanwhile.
+`cameras`, `panels` and `spectroradiometers` what is before it; `talking` what a person types
+meanwhile.
 """

@@ -21,21 +21,16 @@ def bench_text(bench: BenchFile, served: Mapping[str, Instrument], targets: Sequ
     devices = data.pop("devices")
     data["name"] = f"{bench.name}, behind its wires"
     text = _HEAD
-    for role, own in devices.items():
-        table = _table(served.get(role), own)
+    for role in {**devices, **served}:
         if role == "targets":
             table = _plain("manual-targets", {"names": list(targets)})
-        elif role not in served:
+        elif one := served.get(role):
+            table = _plain(one.driver, one.options)
+        else:
             text += f"# The {role} isn't served: it is the one that the bench file had.\n"
+            table = devices[role]
         data[f"devices.{role}"] = table
-    if meter := served.get("meter"):
-        text += f"# A spectroradiometer is served, too: driver {meter.driver!r}"
-        text += "".join(f", {key} = {value!r}" for key, value in meter.options.items()) + "\n"
     return text + as_toml(data)
-
-
-def _table(one: Instrument | None, own: dict[str, Any]) -> dict[str, Any]:
-    return own if one is None else _plain(one.driver, one.options)
 
 
 def _plain(driver: str, options: dict[str, Any]) -> dict[str, Any]:

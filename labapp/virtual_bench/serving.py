@@ -18,9 +18,12 @@ from labapp.virtual_bench.cameras import CAMERAS, serve_camera
 from labapp.virtual_bench.filters import FILTERS, serve_filter
 from labapp.virtual_bench.instruments import Instrument
 from labapp.virtual_bench.listening import asked_to_end, listen
-from labapp.virtual_bench.meters import METERS, serve_meter
 from labapp.virtual_bench.panels import SLMS, serve_panel
 from labapp.virtual_bench.shared import SharedWorld
+from labapp.virtual_bench.spectroradiometers import (
+    SPECTRORADIOMETERS,
+    serve_spectroradiometer,
+)
 from labapp.virtual_bench.talking import Talk
 
 
@@ -35,7 +38,7 @@ class Wished:
     filter: str = "varispec"
     camera: str = "gige"
     slm: str = "screen"
-    meter: str = "cs2000"
+    spectroradiometer: str = "cs2000"
     display: str = ""
     screen: str = ""
     folder: Path | None = None
@@ -49,7 +52,7 @@ class Wished:
             "filter": (self.filter, (*FILTERS, "none")),
             "camera": (self.camera, CAMERAS),
             "slm": (self.slm, SLMS),
-            "meter": (self.meter, METERS),
+            "spectroradiometer": (self.spectroradiometer, SPECTRORADIOMETERS),
         }
         for name, (value, known) in choices.items():
             if value not in known:
@@ -101,8 +104,8 @@ def _start(
     if wished.camera != "none":
         sensor = world.camera.sensor
         served["camera"] = serve_camera(sensor, shared, clock, stack)
-    if wished.meter != "none":
-        served["meter"] = serve_meter(shared, clock, folder, stack)
+    if wished.spectroradiometer != "none":
+        served["spectroradiometer"] = serve_spectroradiometer(shared, clock, folder, stack)
     return shared, list(world.scene.targets), served
 
 

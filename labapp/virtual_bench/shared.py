@@ -57,11 +57,9 @@ class SharedWorld:
             return self._see(exposure, gain_db)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """W / (sr m² m) of what is white in the target, through the filter at its best."""
+        """As World.radiance(): what a spectroradiometer looks at."""
         with self._turn:
-            target, band = self._world.scene.targets[self._world.target], self._world.band
-        light: NDArray[np.float64] = target.lit().at(wavelengths) * band.passes(wavelengths)
-        return light
+            return self._world.radiance(wavelengths)
 
     def place(self, name: str) -> None:
         """Put a target before the camera; ValueError lists those that there are."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
 from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
+from simulator.machines.cs2000_settings import Settings
 from simulator.wire.machine import Reply
 
 _LATENCY = 0.02
@@ -63,20 +64,8 @@ class CS2000Machine:
         angle: int = 0,
         slit_nm: int = 5,
     ) -> None:
-        if model not in ("CS-2000", "CS-2000A"):
-            raise ValueError(f"model is {model!r}; choose CS-2000 or CS-2000A")
-        if not re.fullmatch(r"[0-9]{7}", serial):
-            raise ValueError(f"serial is {serial!r}; it has seven digits")
         self.optics = Optics(spectrum, slit_nm, angle)
-        self._model, self._serial = model, serial
-        self._version = tuple(int(part) for part in firmware.split("."))
-        self._old = self._version < (1, 10) and model == "CS-2000"
-        self._settings = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
-        self._speed: tuple[int, int, int] = (0, 0, 2)
-        self._sync: tuple[int, int] = (0, 0)
-        self.remote = 0
-        self.written_to_flash = 0
-        """Settings that have gone into its flash memory, which wears."""
+        self.settings = Settings(model, serial, firmware, self.optics)
         self._faults: set[str] = set()
         self._buffer, self._heard_at = bytearray(), -math.inf
         self._after_cr = False
@@ -86,17 +75,16 @@ class CS2000Machine:
         self._data: Array | None = None
         self._conditions = ""
         self._unread: set[int] = set()
-        self._commands: dict[str, Callable[[list[int]], str]] = {
-            "RMTS": self._rmts,
-            "IDDR": self._iddr,
-            "STSR": self._stsr,
-            "DTCR": self._dtcr,
-            "SCMS": self._scms,
-            "SCMR": self._scmr,
-            "SPMS": self._spms,
-            "SPMR": self._spmr,
-            "MEDR": self._medr,
-        }
+
+    @property
+    def remote(self) -> int:
+        """Its mode: 0 while its keys work, 1 and 2 while it obeys the wire."""
+        return self.settings.remote
+
+    @property
+    def written_to_flash(self) -> int:
+        """Settings that have gone into its flash memory, which wears."""
+        return self.settings.written_to_flash
 
     @property
     def measured(self) -> Array | None:
@@ -123,11 +111,11 @@ class CS2000Machine:
         if self._measuring:
             self._measuring = None
         else:
-            self.remote = 0
+            self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
         """The measuring key, if MSWE has enabled it: nothing is said of it on the wire."""
-        if not (self.remote and self._settings["MSWE"]) or self._measuring:
+        if not (self.settings.remote and self.settings.single["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
 
@@ -136,7 +124,7 @@ class CS2000Machine:
         for byte in data:
             if self._buffer and t - self._heard_at > _FORGETS:
                 self._buffer.clear()
-                if self._old:
+                if self.settings.old:
                     replies += self._say("ER00", t)
             self._heard_at = t
             replies += self._hear(byte, t)
@@ -176,13 +164,13 @@ class CS2000Machine:
         name, *parameters = command.split(",")
         if "error code" in self._faults:
             return self._say("ER99", t)
-        if name != "RMTS" and not self.remote:
+        if name != "RMTS" and not self.settings.remote:
             return self._say("ER00", t)
         if self._measuring and name == "MEDR":
             return self._say("ER02", t)
         if self._measuring and name != "MEAS":
             return self._say("ER00", t)
-        work = self._commands.get(name) or self._simple(name)
+        work = self._medr if name == "MEDR" else self.settings.command(name)
         if work is None and name != "MEAS":
             return self._say("ER00", t)
         if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
@@ -190,87 +178,7 @@ class CS2000Machine:
         numbers = [int(p) for p in parameters]
         if work is None:
             return self._meas(numbers, t)
-        answer = work(numbers)
-        if answer == "OK00" and name in ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS"):
-            self.written_to_flash += self.remote == 1
-        return self._say(answer, t)
-
-    def _simple(self, name: str) -> Callable[[list[int]], str] | None:
-        """Settings of one number each, and the questions for them."""
-        asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
-        if asked:
-            return lambda given: "ER00" if given else f"OK00,{self._settings[asked]}"
-        if name not in self._settings:
-            return None
-
-        def put(given: list[int]) -> str:
-            if len(given) != 1:
-                return "ER00"
-            if given[0] > (2 if name == "NDFS" else 1):
-                return "ER17"
-            self._settings[name] = given[0]
-            return "OK00"
-
-        return put
-
-    def _rmts(self, given: list[int]) -> str:
-        if len(given) != 1:
-            return "ER00"
-        if given[0] > (2 if self._version >= (3, 0, 9301) else 1):
-            return "ER17"
-        self.remote = given[0]
-        return "OK00"
-
-    def _iddr(self, given: list[int]) -> str:
-        variation = 2 if self._model == "CS-2000A" else 1
-        return "ER00" if given else f"OK00,{self._model:9},{variation},{self._serial}"
-
-    def _stsr(self, given: list[int]) -> str:
-        return "ER00" if given else f"OK00,{self.optics.angle}"
-
-    def _dtcr(self, given: list[int]) -> str:
-        return "ER00" if given else "OK00,20240201,235607"
-
-    def _scms(self, given: list[int]) -> str:
-        if not given or len(given) != (2 if given[0] == 1 else 1):
-            return "ER00" if not given or given[0] <= 2 else "ER17"
-        if given[0] > 2 or (given[0] == 1 and not 2000 <= given[1] <= 20000):
-            return "ER17"
-        self._sync = given[0], given[1] if given[0] == 1 else 0
-        return "OK00"
-
-    def _scmr(self, given: list[int]) -> str:
-        mode, frequency = self._sync
-        tail = f",{frequency:05d}" if mode == 1 else ""
-        return "ER00" if given else f"OK00,{mode}{tail}"
-
-    def _spms(self, given: list[int]) -> str:
-        if not given:
-            return "ER00"
-        mode, rest = given[0], given[1:]
-        if mode > (3 if self._old else 4):
-            return "ER17"
-        timed = mode >= 2
-        has_nd = mode == 3 or not self._old
-        least = timed + (mode == 3)
-        if not least <= len(rest) <= timed + has_nd:
-            return "ER00"
-        seconds = rest[0] if timed else 0
-        nd = rest[timed] if len(rest) > timed else 2
-        times = range(5000, 120_000_001) if mode == 3 else range(1, 17)
-        if (timed and seconds not in times) or nd > (1 if mode == 3 else 2):
-            return "ER17"
-        self._speed = mode, seconds, nd
-        return "OK00"
-
-    def _spmr(self, given: list[int]) -> str:
-        mode, seconds, nd = self._speed
-        texts = [f"OK00,{mode}"]
-        if mode >= 2:
-            texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
-        if mode == 3 or not self._old:
-            texts.append(str(nd))
-        return "ER00" if given else ",".join(texts)
+        return self._say(work(numbers), t)
 
     def _meas(self, given: list[int], t: float) -> list[Reply]:
         if len(given) != 1:
@@ -284,7 +192,7 @@ class CS2000Machine:
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
         self._data = None
-        until = t + min(10.0, max(1.0, self.optics.needed(*self._speed)[0] / 10))
+        until = t + min(10.0, max(1.0, self.optics.needed(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
@@ -302,7 +210,7 @@ class CS2000Machine:
         self._measuring = None
         if "stuck" in self._faults:
             return self._tell("ER81", going)
-        integration, nd = self.optics.needed(*self._speed)
+        integration, nd = self.optics.needed(*self.settings.speed)
         if self.optics.is_too_bright(integration, nd):
             return self._tell("ER10", going)
         seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
@@ -313,20 +221,14 @@ class CS2000Machine:
     def _end(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # It makes up for the external filter that it was told of, there or not.
-        self._data = self.optics.seen() * 10.0 ** self._settings["NDFS"]
+        self._data = self.optics.seen() * 10.0 ** self.settings.single["NDFS"]
         self._unread = set(_SPANS)
-        self._conditions = self._conditions_of(going)
+        self._conditions = self.settings.conditions(going.integration, going.nd)
         return self._tell("OK00", going)
 
     def _tell(self, text: str, of: _Measurement) -> list[Reply]:
         """Say how a measurement gets on, if it was asked for on the wire."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
-
-    def _conditions_of(self, done: _Measurement) -> str:
-        return (
-            f"{self._speed[0]},{self._sync[0]},{round(done.integration * 1e6):09d},{done.nd},"
-            f"{self._settings['LNSS']},{self._settings['NDFS']},{self.optics.angle},00"
-        )
 
     def _medr(self, given: list[int]) -> str:
         if len(given) != 3:
@@ -339,7 +241,7 @@ class CS2000Machine:
             return "ER20"
         if mode == 0:
             return f"OK00,{self._conditions}"
-        how = (form == 1, self._old)
+        how = (form == 1, self.settings.old)
         if mode == 1:
             texts = [written("spectral", float(v), *how) for v in self._data[_SPANS[number]]]
         else:
@@ -350,5 +252,5 @@ class CS2000Machine:
     def _forget(self, mode: int, number: int) -> None:
         """With its key enabled, what was read is gone."""
         self._unread -= {number} if mode == 1 else set()
-        if self._settings["MSWE"] and (mode == 2 or not self._unread):
+        if self.settings.single["MSWE"] and (mode == 2 or not self._unread):
             self._data = None

@@ -29,6 +29,10 @@ _AREAS = (1.0, 0.04, 0.01)
 """Of the field at 1, 0.2 and 0.1 degrees, relative to the first."""
 
 
+_FINE = 5
+"""Samples of the light in a nanometre, within the slit."""
+
+
 class Optics:
     """From the spectrum before the lens to the sensor.
 
@@ -43,13 +47,13 @@ class Optics:
 
     def seen(self) -> Array:
         """Radiance through the slit and the external filter, in W/(sr m² nm)."""
-        reach = self._slit
-        nm = np.arange(380 - reach, 781 + reach).astype(np.float64)
+        reach = _FINE * self._slit
+        nm = np.arange(_FINE * 380 - reach, _FINE * 780 + reach + 1) / _FINE
         light = np.asarray(self._spectrum(nm * 1e-9), np.float64) * 1e-9
         if reach:
             weights = reach - np.abs(np.arange(-reach, reach + 1.0))
             light = np.convolve(light, weights / weights.sum(), mode="valid")
-        return light * 10.0**-self.attached_nd
+        return light[::_FINE] * 10.0**-self.attached_nd
 
     def _signal(self, integration: float, nd: int) -> float:
         """What falls onto the sensor, in cd s/m² at 1 degree."""

@@ -55,10 +55,15 @@ class Turning:
             self._turned(self._at)
         return self._at
 
-    def stands(self, t: float) -> int:
-        """The slot at which it stands; 0 while it turns."""
+    def rests(self, t: float) -> int:
+        """The slot at which it really stands; 0 while it turns."""
         at = self.passed(t)
-        return 0 if self.endless or (self._way and not self.stuck) else at
+        return 0 if self._way and not self.stuck else at
+
+    def stands(self, t: float) -> int:
+        """The slot at which it says that it stands; 0 while it says that it turns."""
+        at = self.rests(t)
+        return 0 if self.endless else at
 
     def _shortest(self, start: int, end: int) -> list[int]:
         ahead = (end - start) % self.count

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.aravis.arrivals import follows as follows_on
 from drivers.aravis.options import Options
 from drivers.aravis.pixels import FORMATS
-from drivers.aravis.taking import Taking, _follows
+from drivers.aravis.taking import Taking
 from drivers.errors import DeviceError
 
 SHAPE = (2, 3)
@@ -113,4 +114,4 @@ def test_a_camera_that_never_tells_the_right_one_is_refused() -> None:
 def test_numbers_follow_one_another_in_16_and_64_bits(
     number: int, last: int, follows: bool
 ) -> None:
-    assert _follows(number, last) is follows
+    assert follows_on(number, last) is follows

@@ -1,20 +1,18 @@
 import contextlib
 import os
-import random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from usb_benches import COMMANDS, SEVEN, Bench, recover, suffer
+from usb_benches import COMMANDS, SEVEN, Bench, ask, recover
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, FilterWheel, Surroundings
 from drivers.starlight_wheel import StarlightWheel
 from simulator.machines.starlight_wheel import StarlightWheelMachine
-from simulator.wire.faults import WIRE_KINDS, WireFault
+from simulator.wire.faults import WireFault
 
-MOMENTS = int(os.environ.get("FAULT_MOMENTS", "2"))
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 SET = (0x21, 9, 0x0200, 0)
@@ -77,6 +75,13 @@ def test_it_has_the_wheel_count_its_filters_where_it_does_not_know():
         assert bench.sent[:4] == [question(0, 0), answer(3, 0), question(0, 1), answer(0, 0)]
         assert bench.sent[-2:] == [question(0, 0), answer(1, 7)]
         assert wheel.slot == 1
+
+
+def test_while_it_counts_it_says_so():
+    with Bench(StarlightWheelMachine(step=0.1)) as bench, opened(bench) as wheel:
+        bench.machine.power(bench.clock.now())
+        told = wheel.health()
+        assert (told["slots"], told["slot"]) == ("not counted yet", "turning")
 
 
 def test_counting_can_be_asked_for():
@@ -161,34 +166,6 @@ def test_late_answers_are_not_taken_for_the_next_ones():
         assert wheel.set_slot(2).actual == 2 == bench.place
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("kind", [*WIRE_KINDS, *StarlightWheelMachine.own_faults])
-def test_every_command_under_every_fault_is_right_or_a_device_error(kind, name):
-    for moment in range(MOMENTS):
-        chance = random.Random(f"{kind} {name} {moment}")
-        machine = StarlightWheelMachine(step=0.2, position=chance.randint(1, 7))
-        with Bench(machine, seed=moment) as bench, opened(bench, step_ms=400) as wheel:
-            begins = bench.clock.now() + chance.uniform(0, 0.9)
-            suffer(bench, wheel, WireFault(kind, at=begins), name)
-            recover(bench, wheel, name)
-
-
-@pytest.mark.parametrize("kind", [*WIRE_KINDS, *StarlightWheelMachine.own_faults])
-def test_a_wheel_that_fails_to_open_can_be_opened_later(kind):
-    for moment in range(MOMENTS):
-        with Bench(StarlightWheelMachine(step=0.1), seed=moment) as bench:
-            wheel = opened(bench, step_ms=200)
-            bench.plug.inject(WireFault(kind))
-            began = bench.clock.now()
-            try:
-                wheel.__enter__()
-            except DeviceError:
-                assert bench.clock.now() - began <= wheel.reply_time + 2
-            bench.plug.mend()
-            with wheel:
-                assert wheel.set_slot(3).actual == 3 == bench.place
-
-
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(st.lists(st.binary(max_size=4), max_size=8), st.sampled_from(sorted(COMMANDS)))
 def test_answers_of_any_bytes_are_survived(answers, name):
@@ -202,10 +179,10 @@ def test_answers_of_any_bytes_are_survived(answers, name):
         bench.machine.out = strange
         began = bench.clock.now()
         with contextlib.suppress(DeviceError):
-            COMMANDS[name](wheel)
+            ask(wheel, name)
         assert bench.clock.now() - began <= wheel.reply_time + 1
         del left[:]
-        recover(bench, wheel, name)
+        recover(bench, wheel)
 
 
 @pytest.mark.parametrize(

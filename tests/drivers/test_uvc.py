@@ -259,8 +259,12 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("fault", ["stopped stream", "disconnect", "hang"])
 def test_every_command_under_every_fault_is_right_or_a_device_error(monkeypatch, fault, name):
-    for place, value in (("_STALL", 0.2), ("_SETTING", 0.2), ("_ENDING", 0.3)):
-        monkeypatch.setattr(f"drivers.uvc.camera.{place}", value)
+    for place, value in (
+        ("camera._STALL", 0.2),
+        ("camera._SETTING", 0.2),
+        ("connection._ENDING", 0.3),
+    ):
+        monkeypatch.setattr(f"drivers.uvc.{place}", value)
     monkeypatch.setattr("simulator.machines.uvc_camera._SELECT", 0.2)
     behind = machine()
     with camera(behind) as one:

@@ -1,20 +1,18 @@
 import contextlib
 import os
-import random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from usb_benches import COMMANDS, SEVEN, Bench, recover, suffer
+from usb_benches import COMMANDS, SEVEN, Bench, ask, recover
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, FilterWheel, Surroundings
 from drivers.zwo_wheel import ZwoWheel
 from simulator.machines.zwo_wheel import ZwoWheelMachine
-from simulator.wire.faults import WIRE_KINDS, WireFault
+from simulator.wire.faults import WireFault
 
-MOMENTS = int(os.environ.get("FAULT_MOMENTS", "2"))
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 WHO = "03 7e 5a 02 04 00 00 00 00 00 00 00 00 00 00 00"
@@ -136,34 +134,6 @@ def test_an_unplugged_wheel_is_named_within_a_second_and_works_again():
         assert wheel.set_slot(4).actual == 4 == bench.place
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("kind", [*WIRE_KINDS, *ZwoWheelMachine.own_faults])
-def test_every_command_under_every_fault_is_right_or_a_device_error(kind, name):
-    for moment in range(MOMENTS):
-        chance = random.Random(f"{kind} {name} {moment}")
-        machine = ZwoWheelMachine(step=0.2, position=chance.randint(1, 7), patience=0)
-        with Bench(machine, seed=moment) as bench, opened(bench, step_ms=600) as wheel:
-            begins = bench.clock.now() + chance.uniform(0, 1.5)
-            suffer(bench, wheel, WireFault(kind, at=begins), name)
-            recover(bench, wheel, name)
-
-
-@pytest.mark.parametrize("kind", [*WIRE_KINDS, *ZwoWheelMachine.own_faults])
-def test_a_wheel_that_fails_to_open_can_be_opened_later(kind):
-    for moment in range(MOMENTS):
-        with Bench(ZwoWheelMachine(step=0.1), seed=moment) as bench:
-            wheel = opened(bench, step_ms=600)
-            bench.plug.inject(WireFault(kind))
-            began = bench.clock.now()
-            try:
-                wheel.__enter__()
-            except DeviceError:
-                assert bench.clock.now() - began <= 30 + 2
-            bench.plug.mend()
-            with wheel:
-                assert wheel.set_slot(3).actual == 3 == bench.place
-
-
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(
     st.lists(
@@ -183,10 +153,10 @@ def test_answers_of_any_bytes_are_survived(answers, name):
         machine.control = strange
         began = bench.clock.now()
         with contextlib.suppress(DeviceError):
-            COMMANDS[name](wheel)
+            ask(wheel, name)
         assert bench.clock.now() - began <= wheel.reply_time + 1
         del left[:]
-        recover(bench, wheel, name)
+        recover(bench, wheel)
 
 
 @pytest.mark.parametrize(

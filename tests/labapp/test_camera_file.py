@@ -58,6 +58,21 @@ def test_a_bench_file_is_a_camera_file_with_devices(tmp_path):
         read_bench(tmp_path / "camera.toml")
 
 
+def test_a_spectroradiometer_is_no_part_of_a_run(tmp_path):
+    with_one = bundled("bench.toml").read_text()
+    table = '[devices.spectroradiometer]\ndriver = "cs2000"\noptions = { port = "x" }\n'
+    path = tmp_path / "bench.toml"
+    path.write_text(with_one[: with_one.index("[devices.spectroradiometer]")])
+    without = read_bench(path)
+    path.write_text(path.read_text() + table)
+    real = read_bench(path)
+    runs = ["slm", "filter", "camera", "targets"]
+    assert list(without.devices.tables) == list(without.devices.of_runs) == runs
+    assert list(real.devices.of_runs) == runs
+    assert list(real.devices.tables) == [*runs, "spectroradiometer"]
+    assert not real.is_real
+
+
 def test_what_is_not_said_of_a_lens_is_off():
     lens = LensTable(focal_length_mm=125.0, f_number=5.0, focus_distance_m=2.0)
     assert lens.build() == read_bench(bundled("bench.toml")).lens.build()

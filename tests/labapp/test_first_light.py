@@ -15,6 +15,7 @@ import pytest
 
 from labapp.acquisition.state import State
 from labapp.figures.first_light import prediction_error
+from labapp.files.reading import bundled
 from labapp.record.reader import Record
 from labapp.report.tables import as_data
 
@@ -117,6 +118,24 @@ def test_devices_tells_what_there_is_to_work_with(labapp):
     assert code == 0
     assert {d["kind"] for d in said["devices"]} == {"SIMULATED"}
     assert said["drivers"]["simulated-camera"] == ""
+
+
+def test_a_device_that_is_not_there_hides_no_other(labapp, tmp_path):
+    bench = tmp_path / "bench.toml"
+    text = bundled("bench.toml").read_text()
+    bench.write_text(
+        text.replace('"simulated-spectroradiometer"', '"cs2000"\noptions = { port = "/dev/none" }')
+    )
+    code, printed, _ = labapp("devices", "--json", "--bench", bench)
+    *others, last = json.loads(printed)["devices"]
+    assert code == 0
+    assert {d["kind"] for d in others} == {"SIMULATED"}
+    assert (last["device"], last["model"], last["kind"]) == (
+        "spectroradiometer",
+        "cs2000",
+        "NOT THERE",
+    )
+    assert "/dev/none" in last["limits"]
 
 
 def test_a_users_own_photograph_is_taken(labapp, tmp_path):

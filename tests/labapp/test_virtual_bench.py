@@ -16,13 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock import RealClock
-from drivers.cs2000 import CS2000
 from drivers.errors import DeviceError
-from drivers.interfaces import Surroundings
 from drivers.x11 import XConnection, XError
 from labapp.acquisition.runner import run_plan
-from labapp.bench import BenchFiles, open_bench
+from labapp.bench import BenchFiles, open_bench, open_device
 from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
 from labapp.record.reader import Record
@@ -214,20 +211,22 @@ def test_filter_and_screen_set_the_world_and_nothing_is_left(small, tmp_path):
             assert "600.00 nm" in served.tell("state", "^filter ")
 
         served.tell("target flat", "target flat")
-        port = str(folder / "cs2000")
         # The bench parked its filter when it was left.
         low = float(re.search(r"filter (\S+) nm", served.tell("state", "^filter "))[1])
-        with CS2000(Surroundings(RealClock()), port, rtscts=False) as meter:
-            spectrum = meter.measure(never)
+        assert file.devices.spectroradiometer.options["port"] == str(folder / "cs2000")
+        files = BenchFiles(served.bench, small.scene)
+        with open_device(files, "spectroradiometer") as alone:
+            spectrum = alone.device.measure(never)
+            assert alone.device.identity.simulated
         peak = spectrum.wavelengths[np.argmax(spectrum.radiance)]
         assert peak == pytest.approx(low * 1e-9, abs=1e-9)
 
         served.tell("target nowhere", "no target 'nowhere'; choose dark, star, flat")
         served.tell("fault filter bogus", "kind is 'bogus'; choose one of silence")
         served.tell("fault filter silence -1", "must be more than 0")
-        served.tell("fault slm silence", "no instrument 'slm' that can fail; choose filter, meter")
+        served.tell("fault slm silence", "no instrument 'slm' that can fail; choose filter, sp")
         served.tell("dance", "'dance' isn't understood; type help")
-        served.tell("help", "faults of meter: silence")
+        served.tell("help", "faults of spectroradiometer: silence")
         display = file.devices.slm.options["display"]
         served.tell("quit", "ending")
         assert served.process.wait(PATIENCE) == 0
@@ -245,7 +244,7 @@ def test_wheels_turn_the_light(small, kind, end, slots):
     wheel = f'driver = "simulated-wheel"\noptions = {{ slots_nm = {nm} }}'
     text = small.bench.read_text()
     small.bench.write_text(text.replace('driver = "simulated-filter"', wheel))
-    others = ["--camera", "none", "--slm", "none", "--meter", "none", "--until-eof"]
+    others = ["--camera", "none", "--slm", "none", "--spectroradiometer", "none", "--until-eof"]
     with serving(small, "--filter", kind, *others) as served:
         with opened(served, small) as bench:
             ready(bench, bench.wheel.set_slot(2))
@@ -266,7 +265,7 @@ def test_wheels_turn_the_light(small, kind, end, slots):
         (["--filter", "lens"], "--filter is 'lens'. Choose one of varispec, thorlabs"),
         (["--camera", "usb"], "--camera is 'usb'. Choose one of gige, none"),
         (["--slm", "x"], "--slm is 'x'"),
-        (["--meter", "x"], "--meter is 'x'"),
+        (["--spectroradiometer", "x"], "--spectroradiometer is 'x'"),
         (["--screen", "HDMI-1"], "--screen is given without --display"),
         (["--display", "nowhere"], "Write it as in DISPLAY, such as :0"),
         (["--display", ":987"], "987"),

@@ -16,14 +16,17 @@ from drivers.interfaces import (
     Identity,
     Slot,
     SpectralFilter,
+    Spectroradiometer,
     Surroundings,
     TargetChanger,
 )
+from optics.light.bands import Band
 from simulator.clock import VirtualClock
 from simulator.devices import (
     SimulatedCamera,
     SimulatedFilter,
     SimulatedSLM,
+    SimulatedSpectroradiometer,
     SimulatedTargets,
     SimulatedWheel,
 )
@@ -35,6 +38,7 @@ KINDS = [
     (SimulatedWheel, FilterWheel),
     (SimulatedCamera, Camera),
     (SimulatedTargets, TargetChanger),
+    (SimulatedSpectroradiometer, Spectroradiometer),
 ]
 
 
@@ -544,3 +548,52 @@ def test_a_longer_exposure_of_a_brighter_scene_clips_at_full_scale():
     w.target = "card"
     image = photograph(Surroundings(w.clock, w), exposure=20.0)
     assert (image >= w.camera.sensor.full_scale).mean() > 0.999
+
+
+def test_the_spectroradiometer_sees_the_band_through_its_slit(surroundings):
+    """Against the integral over a triangle of 5 nm of a Gaussian of 7 nm, on a fine grid."""
+    w = surroundings.world
+    w.target, w.band = "card", Band(600e-9, 7e-9)
+    with SimulatedSpectroradiometer(surroundings) as meter:
+        told = meter.measure(never)
+        assert np.array_equal(told.wavelengths, meter.wavelengths)
+    away = np.linspace(-5, 5, 20001)
+    slit = (5 - np.abs(away)) / 25
+    light = w.scene.targets["card"].lit().at(np.asarray([600e-9]))[0]
+    for nm in (585, 596, 600, 603):
+        band = 2.0 ** (-(((nm + away - 600) / 3.5) ** 2))
+        expected = light * np.trapezoid(slit * band, away)
+        assert told.radiance[nm - 380] == pytest.approx(expected, rel=5e-4, abs=1e-5 * light)
+    assert told.radiance[450 - 380] < 1e-9 * light
+
+
+def test_dim_light_takes_the_spectroradiometer_long(surroundings):
+    """Its data sheet: 5 ms to 120 s in normal mode; the bench's time passes meanwhile."""
+    w = surroundings.world
+    w.target = "dark"
+    with SimulatedSpectroradiometer(surroundings) as meter:
+        began = w.clock.now()
+        told = meter.measure(never)
+        assert (told.integration, told.time) == (120.0, began)
+        assert w.clock.now() == pytest.approx(began + 120)
+        assert not told.radiance.any()
+        with pytest.raises(DeviceError, match=r"measure: it was cancelled. Measure again"):
+            meter.measure(lambda: True)
+
+
+@pytest.mark.parametrize("slit", [-1, 2.5, 1000])
+def test_a_slit_that_is_none_is_refused(slit, surroundings):
+    with pytest.raises(ValueError, match=r"slit_nm is .*; it must be a whole number from 0 to 20"):
+        SimulatedSpectroradiometer(surroundings, slit)
+
+
+def test_too_much_light_for_the_spectroradiometer_is_told(surroundings):
+    w = surroundings.world
+    bright = replace(w.scene.targets["card"], radiance=1e18)
+    w.scene.targets["glare"] = bright
+    w.target = "glare"
+    with (
+        SimulatedSpectroradiometer(surroundings) as meter,
+        pytest.raises(DeviceError, match=r"measure: the light is too bright. Dim the lamp"),
+    ):
+        meter.measure(never)

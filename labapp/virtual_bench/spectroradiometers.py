@@ -12,11 +12,13 @@ from simulator.machines.cs2000 import CS2000Machine
 from simulator.wire.line import Line
 from simulator.wire.pty import ServedLine
 
-METERS = ("cs2000", "none")
+SPECTRORADIOMETERS = ("cs2000", "none")
 
 
-def serve_meter(shared: SharedWorld, clock: Clock, folder: Path, stack: ExitStack) -> Instrument:
-    """Start it until the stack is left; a bench file has no place for it yet."""
+def serve_spectroradiometer(
+    shared: SharedWorld, clock: Clock, folder: Path, stack: ExitStack
+) -> Instrument:
+    """Start it until the stack is left."""
     machine = CS2000Machine(shared.radiance)
     line, port = Line(machine, baudrate=115200), folder / "cs2000"
     stack.enter_context(ServedLine(line, port, clock))

@@ -1,4 +1,4 @@
-"""Every serial driver, every fault, every command: the figure's trial, fewer moments."""
+"""Every driver behind a wire, every fault, every command: the figure's trial, fewer moments."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 
 from labapp.figures.fuzz import fuzz
 from labapp.figures.serial_cases import SERIAL_CASES
+from labapp.figures.usb_cases import USB_CASES
 from labapp.figures.wire_faults import kinds, suffer
 
 _MOMENTS = int(os.environ.get("LABAPP_FAULT_MOMENTS", "1"))
@@ -16,7 +17,7 @@ _OF_VARIANTS = ("delayed", "bit flips")
 
 
 def trials():
-    for case in SERIAL_CASES:
+    for case in (*SERIAL_CASES, *USB_CASES):
         for kind in kinds(case):
             if not case.variant or kind in _OF_VARIANTS:
                 yield pytest.param(case, kind, id=f"{case.name}-{kind}")

@@ -1,0 +1,5 @@
+"""Thorlabs' filter wheels FW102C and FW212C."""
+
+from drivers.thorlabs_wheel.wheel import ThorlabsWheel
+
+__all__ = ["ThorlabsWheel"]

@@ -1,0 +1,53 @@
+"""A spectroradiometer that looks at the target through the filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Spectrum, Surroundings
+from simulator.devices.simulated import Simulated
+from simulator.machines.cs2000_optics import WAVELENGTHS, Optics
+
+_ANGLE = math.radians(1)
+
+
+class SimulatedSpectroradiometer(Simulated):
+    """A CS-2000 without its wire: what is white in the target, from 380 to 780 nm.
+
+    slit_nm: full width at half maximum of its triangular slit, in whole nanometres, 0 for none.
+    """
+
+    model = "simulated spectroradiometer"
+    role = "spectroradiometer"
+
+    def __init__(self, surroundings: Surroundings, slit_nm: int = 5) -> None:
+        super().__init__(surroundings)
+        if not (isinstance(slit_nm, int) and 0 <= slit_nm <= 20):
+            raise ValueError(f"slit_nm is {slit_nm}; it must be a whole number from 0 to 20")
+        self._optics = Optics(self._world.radiance, slit_nm, 0)
+
+    @property
+    def wavelengths(self) -> NDArray[np.float64]:
+        return WAVELENGTHS.copy()
+
+    def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
+        """Measure once: the dimmer the light the longer, 5 ms to 120 s of the bench's time.
+
+        DeviceError if the light is too bright, or if it was cancelled.
+        """
+        self._luck.begin("measure", self.reply_time)
+        began = self._clock.now()
+        integration, nd = self._optics.needed(0, 0, 2)
+        if self._optics.is_too_bright(integration, nd):
+            raise self._refuse("measure", "the light is too bright", "Dim the lamp")
+        self._clock.wait_until(began + integration, lambda: cancelled() or self._luck.killed)
+        self._luck.require_alive("measure")
+        if cancelled():
+            raise self._refuse("measure", "it was cancelled", "Measure again")
+        return Spectrum(
+            self.wavelengths, self._optics.seen() * 1e9, integration, bool(nd), _ANGLE, began
+        )

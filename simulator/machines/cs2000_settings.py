@@ -1,0 +1,148 @@
+"""What a simulated CS-2000 is, and how it is set: the commands that measure nothing.
+
+Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
+rev. 7.00, 2020.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from simulator.machines.cs2000_optics import Optics
+
+Command = Callable[[list[int]], str]
+"""From the parameters to the answer."""
+
+_INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
+
+
+class Settings:
+    """model, serial, firmware: as of CS2000Machine. optics: whose dial it tells.
+
+    remote: the mode that RMTS has set. old: whether it has the first firmware, which knows
+    less. speed: SPMS's mode, integration and filter. sync: SCMS's mode and frequency.
+    """
+
+    def __init__(self, model: str, serial: str, firmware: str, optics: Optics) -> None:
+        if model not in ("CS-2000", "CS-2000A"):
+            raise ValueError(f"model is {model!r}; choose CS-2000 or CS-2000A")
+        if not re.fullmatch(r"[0-9]{7}", serial):
+            raise ValueError(f"serial is {serial!r}; it has seven digits")
+        self._model, self._serial, self._optics = model, serial, optics
+        self._version = tuple(int(part) for part in firmware.split("."))
+        self.old = self._version < (1, 10) and model == "CS-2000"
+        self.remote = 0
+        self.single = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
+        """The settings of one number each, by the command that sets it."""
+        self.speed: tuple[int, int, int] = (0, 0, 2)
+        self.sync: tuple[int, int] = (0, 0)
+        self.written_to_flash = 0
+        self._commands: dict[str, Command] = {
+            "RMTS": self._rmts,
+            "IDDR": self._iddr,
+            "STSR": self._stsr,
+            "DTCR": self._dtcr,
+            "SCMS": self._scms,
+            "SCMR": self._scmr,
+            "SPMS": self._spms,
+            "SPMR": self._spmr,
+        }
+
+    def command(self, name: str) -> Command | None:
+        """What carries it out, if it is one of those that ask or set."""
+        work = self._commands.get(name) or self._simple(name)
+        if work is None or name not in _INTO_FLASH:
+            return work
+
+        def put(given: list[int]) -> str:
+            answer = work(given)
+            self.written_to_flash += answer == "OK00" and self.remote == 1
+            return answer
+
+        return put
+
+    def conditions(self, integration: float, nd: int) -> str:
+        """Of a measurement, as MEDR tells them."""
+        given = self.single
+        return (
+            f"{self.speed[0]},{self.sync[0]},{round(integration * 1e6):09d},{nd},"
+            f"{given['LNSS']},{given['NDFS']},{self._optics.angle},00"
+        )
+
+    def _simple(self, name: str) -> Callable[[list[int]], str] | None:
+        """Settings of one number each, and the questions for them."""
+        asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
+        if asked:
+            return lambda given: "ER00" if given else f"OK00,{self.single[asked]}"
+        if name not in self.single:
+            return None
+
+        def put(given: list[int]) -> str:
+            if len(given) != 1:
+                return "ER00"
+            if given[0] > (2 if name == "NDFS" else 1):
+                return "ER17"
+            self.single[name] = given[0]
+            return "OK00"
+
+        return put
+
+    def _rmts(self, given: list[int]) -> str:
+        if len(given) != 1:
+            return "ER00"
+        if given[0] > (2 if self._version >= (3, 0, 9301) else 1):
+            return "ER17"
+        self.remote = given[0]
+        return "OK00"
+
+    def _iddr(self, given: list[int]) -> str:
+        variation = 2 if self._model == "CS-2000A" else 1
+        return "ER00" if given else f"OK00,{self._model:9},{variation},{self._serial}"
+
+    def _stsr(self, given: list[int]) -> str:
+        return "ER00" if given else f"OK00,{self._optics.angle}"
+
+    def _dtcr(self, given: list[int]) -> str:
+        return "ER00" if given else "OK00,20240201,235607"
+
+    def _scms(self, given: list[int]) -> str:
+        if not given or len(given) != (2 if given[0] == 1 else 1):
+            return "ER00" if not given or given[0] <= 2 else "ER17"
+        if given[0] > 2 or (given[0] == 1 and not 2000 <= given[1] <= 20000):
+            return "ER17"
+        self.sync = given[0], given[1] if given[0] == 1 else 0
+        return "OK00"
+
+    def _scmr(self, given: list[int]) -> str:
+        mode, frequency = self.sync
+        tail = f",{frequency:05d}" if mode == 1 else ""
+        return "ER00" if given else f"OK00,{mode}{tail}"
+
+    def _spms(self, given: list[int]) -> str:
+        if not given:
+            return "ER00"
+        mode, rest = given[0], given[1:]
+        if mode > (3 if self.old else 4):
+            return "ER17"
+        timed = mode >= 2
+        has_nd = mode == 3 or not self.old
+        least = timed + (mode == 3)
+        if not least <= len(rest) <= timed + has_nd:
+            return "ER00"
+        seconds = rest[0] if timed else 0
+        nd = rest[timed] if len(rest) > timed else 2
+        times = range(5000, 120_000_001) if mode == 3 else range(1, 17)
+        if (timed and seconds not in times) or nd > (1 if mode == 3 else 2):
+            return "ER17"
+        self.speed = mode, seconds, nd
+        return "OK00"
+
+    def _spmr(self, given: list[int]) -> str:
+        mode, seconds, nd = self.speed
+        texts = [f"OK00,{mode}"]
+        if mode >= 2:
+            texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
+        if mode == 3 or not self.old:
+            texts.append(str(nd))
+        return "ER00" if given else ",".join(texts)
