@@ -20,16 +20,34 @@ _BABBLE = 65536
 
 _CABLE = "Check the cable, the power and that the port is the device's"
 
-_REMEDIES = {
-    errno.ENOENT: "Plug the device in, switch it on, and look up its port by: labapp devices",
-    errno.EACCES: "Add yourself to the group dialout, and log in again",
-    errno.EPERM: "Add yourself to the group dialout, and log in again",
-    errno.EBUSY: "Close the other program that uses the port",
-    errno.EAGAIN: "Close the other program that uses the port",
-    errno.ENXIO: "Plug the device in again",
-    errno.ENODEV: "Plug the device in again",
-    errno.EIO: "Plug the device in again",
+_GONE = ("it is disconnected", "Plug the device in again")
+_FORBIDDEN = (
+    "this user may not use it",
+    "Add yourself to the group dialout (sudo adduser NAME dialout), and log in again",
+)
+_USED = ("another program uses it", "Close the other program that uses the port")
+_NO_PORT = ("it is no serial port", "Look up the device's port by: labapp devices")
+
+_TROUBLES = {
+    errno.ENOENT: (
+        "there is no such port",
+        "Plug the device in, switch it on, and look up its port by: labapp devices",
+    ),
+    errno.EACCES: _FORBIDDEN,
+    errno.EPERM: _FORBIDDEN,
+    errno.EBUSY: _USED,
+    errno.EAGAIN: _USED,
+    errno.ENXIO: _GONE,
+    errno.ENODEV: _GONE,
+    errno.EIO: _GONE,
+    errno.ENOTTY: _NO_PORT,
+    errno.EISDIR: _NO_PORT,
+    errno.ECONNREFUSED: (
+        "nobody serves it there",
+        "Start the program that serves it, or correct host and number in the option port",
+    ),
 }
+"""What a port's error means, and what helps."""
 
 
 def port_errors() -> tuple[type[BaseException], ...]:
@@ -87,8 +105,7 @@ class SerialLine:
         """Take the port for this program alone, unless it is open."""
         if self._port is not None:
             return
-        if self._cancelled.is_set():
-            raise self.error(command, "the device was given up", "Open the device again")
+        self._require_wanted(command)
         import serial
 
         self._errors = port_errors()
@@ -209,13 +226,15 @@ class SerialLine:
         """The first bytes that are long enough. length: how many make it up, 0 if too few."""
         if self._port is None:
             raise self.error(command, "the port is closed", "Try again: it is opened again")
-        late = min(self.clock.now() + seconds, self._until)
+        granted = max(0.0, min(seconds, self.time_left))
+        late = self.clock.now() + granted
         while not (found := length(self._buffer)):
             left = late - self.clock.now()
             piece = self._wait_for_some(command, left) if left > 0 else b""
             if not piece:
-                came = f"only {_shown(self._buffer)} came" if self._buffer else "no reply"
-                raise self.error(command, f"{came} within {seconds:.3g} s")
+                came = f"it broke off after {_shown(self._buffer)}: no more"
+                said = f"{came if self._buffer else 'no reply'} within {granted:.3g} s"
+                raise self.error(command, said)
             self._buffer += piece
             if len(self._buffer) > _BABBLE:
                 came = f"it doesn't stop talking: {_shown(self._buffer)}"
@@ -226,23 +245,50 @@ class SerialLine:
 
     def _wait_for_some(self, command: str, seconds: float) -> bytes:
         """What comes first within so many seconds; nothing if nothing does."""
-        if self._cancelled.is_set():
-            raise self.error(command, "the device was given up", "Open the device again")
+        self._require_wanted(command)
         try:
             self._port.timeout = seconds
             piece: bytes = self._port.read(max(1, min(self._port.in_waiting, 4096)))
         except self._errors as error:
             raise self._lost(command, error) from error
+        # Nothing came because nobody waits any more: that isn't the device's silence.
+        self._require_wanted(command)
         return piece
+
+    def _require_wanted(self, command: str) -> None:
+        if self._cancelled.is_set():
+            raise self.error(command, "the device was given up", "Open the device again")
 
     def _lost(self, command: str, error: BaseException) -> DeviceError:
         """What to say of a port that fails; it is closed."""
         self.close()
-        number = getattr(error, "errno", None)
-        remedy = _REMEDIES.get(number or 0, _CABLE)
-        if "exclusively lock" in str(error):
-            remedy = _REMEDIES[errno.EBUSY]
-        return self.error(command, f"port {self.url}: {error}", remedy)
+        reply, remedy = _explained(error)
+        return self.error(command, f"port {self.url}: {reply}", remedy)
+
+
+def _explained(error: BaseException) -> tuple[str, str]:
+    """What an error of a port means, and what helps."""
+    number = _number_of(error)
+    if number in _TROUBLES:
+        return _TROUBLES[number]
+    # pyserial's words where a port says that there is something, and then there is nothing.
+    if "returned no data" in str(error):
+        return _GONE
+    if "Write timeout" in str(error):
+        return "it takes no more bytes: the other side holds it up", _CABLE
+    if isinstance(error, ValueError):
+        return str(error), "Correct the option port"
+    return str(error), _CABLE
+
+
+def _number_of(error: BaseException | None) -> int:
+    """The system's number of what went wrong: some errors only come about by those that have it."""
+    while error is not None:
+        for number in (getattr(error, "errno", None), *error.args[:1]):
+            if isinstance(number, int):
+                return number
+        error = error.__context__
+    return 0
 
 
 def _shown(data: bytes | bytearray) -> str:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.interfaces import Identity, Surroundings
+from drivers.interfaces import Surroundings
 from drivers.usb_link import UsbLink
-from drivers.wheel import Wheel
+from drivers.usb_wheel import UsbWheel
 
 VENDOR, PRODUCT = 0x1278, 0x0920
 
@@ -26,7 +26,7 @@ _AGREEING = 3
 """Answers that must agree: two bytes carry no checksum."""
 
 
-class StarlightWheel(Wheel):
+class StarlightWheel(UsbWheel):
     """A Starlight Xpress filter wheel: 1278:0920.
 
     slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: the most that it needs
@@ -50,16 +50,12 @@ class StarlightWheel(Wheel):
         count_filters: bool = False,
         backend: str = "",
     ) -> None:
-        super().__init__(surroundings, slots_nm, names, avoid, step_ms, settling_ms)
+        link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
+        super().__init__(link, surroundings, slots_nm, names, avoid, step_ms, settling_ms)
         if not isinstance(count_filters, bool):
             raise ValueError(f"count_filters is {count_filters!r}; it is true or false")
-        self._link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
         self._count_filters = count_filters
         self._owed = 0
-
-    @property
-    def identity(self) -> Identity:
-        return Identity(self.model, self._link.told.serial, simulated=False)
 
     @property
     def reply_time(self) -> float:
@@ -70,12 +66,8 @@ class StarlightWheel(Wheel):
         """What the wheel tells about itself."""
         self._begin()
         position, total = self._agreed("read its state")
-        told = self._link.told
         return {
-            "product": told.product,
-            "maker": told.maker,
-            "serial number": told.serial,
-            "release": told.release,
+            **self._descriptors(),
             "slots": str(total) if total else "not counted yet",
             "slot": str(position) if position else "turning",
         }
@@ -92,9 +84,6 @@ class StarlightWheel(Wheel):
             self._ask(command, _COUNT)
         # It turns to its first slot when it gets power, and when it has counted.
         self._settle(command, 0)
-
-    def _close(self) -> None:
-        self._link.close()
 
     def _where(self, command: str) -> int:
         return self._settle(command, 0)
@@ -131,11 +120,9 @@ class StarlightWheel(Wheel):
             seen = [*seen, position] if position in seen[-1:] else [position]
             if position and position == (wanted or position) and len(seen) >= _AGREEING:
                 return position
-            now = self._clock.now()
-            if now >= self._late:
+            if self._clock.now() >= self._late:
                 raise self._stuck(command, position)
-            pause = _QUIET if position else _POLL
-            self._clock.wait_until(min(now + pause, self._late), _never)
+            self._pause(_QUIET if position else _POLL)
 
     def _require_total(self, command: str, position: int, total: int) -> None:
         """DeviceError unless the wheel has as many filters as were named; 0 while it counts."""
@@ -184,7 +171,3 @@ class StarlightWheel(Wheel):
         came = link.drain(command, _REPORTS_IN, 2, quiet, lambda: self._clock.now() >= self._late)
         self._owed = max(self._owed - came, 0) if link.doubtful else 0
         link.doubtful = False
-
-
-def _never() -> bool:
-    return False

@@ -38,9 +38,12 @@ def slots_from(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -
     )
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _is_length(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and 0 < value < math.inf  # type: ignore[operator]
+    return _is_number(value) and 0 < value < math.inf  # type: ignore[operator]
 
 
 def _are_names(names: Sequence[str], count: int) -> bool:
@@ -131,10 +134,10 @@ class Wheel:
         self._slots = slots_from(slots_nm, names)
         if not _are_slots(avoid, len(self._slots)):
             raise ValueError(f"avoid is {avoid!r}; give numbers from 1 to {len(self._slots)}")
-        if not 0 < step_ms <= 60_000:
-            raise ValueError(f"step_ms is {step_ms}; it must be more than 0 and up to 60000")
-        if not 0 <= settling_ms <= 60_000:
-            raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 60000")
+        if not _is_number(step_ms) or not 0 < step_ms <= 60_000:
+            raise ValueError(f"step_ms is {step_ms!r}; it must be more than 0 and up to 60000")
+        if not _is_number(settling_ms) or not 0 <= settling_ms <= 60_000:
+            raise ValueError(f"settling_ms is {settling_ms!r}; it must be from 0 to 60000")
         self._avoid = frozenset(avoid)
         self._step = step_ms * 1e-3
         self._given, self._late = math.inf, math.inf
@@ -193,7 +196,7 @@ class Wheel:
         raise self._refuse(
             f"tune to {wavelength * 1e9:.1f} nm",
             "no slot passes it",
-            f"Choose one of {', '.join(slot.name for slot in self._slots)}",
+            f"Choose one of {', '.join(map(_called, self._slots))}",
         )
 
     def make_safe(self) -> None:
@@ -255,6 +258,12 @@ class Wheel:
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self.model, command, reply, remedy)
+
+
+def _called(slot: Slot) -> str:
+    """Its name, and the wavelength that it is asked for by."""
+    centre = f"{slot.wavelength * 1e9:g} nm"
+    return centre if slot.name == centre else f"{centre} ({slot.name})"
 
 
 def _are_slots(numbers: Sequence[int], count: int) -> bool:

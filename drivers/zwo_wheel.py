@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Identity, Surroundings
+from drivers.interfaces import Surroundings
 from drivers.usb_link import UsbLink
-from drivers.wheel import Wheel
+from drivers.usb_wheel import UsbWheel
 
 VENDOR, PRODUCT = 0x03C3, 0x1F01
 
@@ -45,7 +45,7 @@ class _State(NamedTuple):
         return self.places[0] if stands else 0
 
 
-class ZwoWheel(Wheel):
+class ZwoWheel(UsbWheel):
     """A ZWO EFW filter wheel: 03c3:1f01.
 
     slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: the most that it needs
@@ -70,17 +70,13 @@ class ZwoWheel(Wheel):
         both_ways: bool = False,
         backend: str = "",
     ) -> None:
-        super().__init__(surroundings, slots_nm, names, avoid, step_ms, settling_ms)
+        link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
+        super().__init__(link, surroundings, slots_nm, names, avoid, step_ms, settling_ms)
         if not isinstance(both_ways, bool):
             raise ValueError(f"both_ways is {both_ways!r}; it is true or false")
         self._forward_only = not both_ways
         self._longest = 0 if both_ways else 1
-        self._link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
         self._name, self._firmware = "", ""
-
-    @property
-    def identity(self) -> Identity:
-        return Identity(self.model, self._link.told.serial, simulated=False)
 
     def health(self) -> dict[str, str]:
         """What the wheel tells about itself."""
@@ -89,12 +85,8 @@ class ZwoWheel(Wheel):
         state, again = self._state(command), self._state(command)
         if state != again:
             raise self._refuse(command, "its answers differ from one to the next", "Ask again")
-        told = self._link.told
         return {
-            "product": told.product,
-            "maker": told.maker,
-            "serial number": told.serial,
-            "release": told.release,
+            **self._descriptors(),
             "name": self._name,
             "firmware": self._firmware,
             "slots": str(state.slots),
@@ -112,9 +104,6 @@ class ZwoWheel(Wheel):
         self._who("open")
         self._settle("open", 0)
 
-    def _close(self) -> None:
-        self._link.close()
-
     def _where(self, command: str) -> int:
         return self._settle(command, 0)
 
@@ -131,11 +120,10 @@ class ZwoWheel(Wheel):
             last = slot
             if slot and slot == (wanted or slot) and agreeing >= _AGREEING:
                 return slot
-            now = self._clock.now()
-            if now >= self._late:
+            if self._clock.now() >= self._late:
                 state = f"stands at slot {slot}" if slot else "is still turning"
                 raise self._refuse(command, f"it {state} after {self._given:.0f} s", _RESTART)
-            self._clock.wait_until(min(now + _POLL, self._late), _never)
+            self._pause(_POLL)
 
     def _who(self, command: str) -> None:
         """Its name and firmware, as it says twice."""
@@ -185,7 +173,3 @@ class ZwoWheel(Wheel):
 
 
 _RESTART = "If that stays, pull its plug and put it in again"
-
-
-def _never() -> bool:
-    return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 import logging
 import math
@@ -331,7 +332,7 @@ def maker(
     if entry is None:
         raise UserError(
             f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
-            f"Choose one of {', '.join(sorted(drivers()))}."
+            f"{_meant(table.driver, drivers())}Choose one of {', '.join(sorted(drivers()))}."
         )
     where = f"{source}: key 'devices.{name}"
     if table.own_process:
@@ -343,14 +344,24 @@ def maker(
             f"{where}.driver' is {table.driver!r}, which doesn't load: {error}. "
             "Reinstall the package that provides it."
         ) from error
+    signature = inspect.signature(factory)
     try:
-        inspect.signature(factory).bind(surroundings, **table.options)
+        signature.bind(surroundings, **table.options)
     except TypeError as error:
-        known = [p for p in inspect.signature(factory).parameters if p != "surroundings"]
+        known = [p for p in signature.parameters if p != "surroundings"]
+        unknown = [option for option in table.options if option not in known]
+        said = f"has {unknown[0]!r}, which is unknown" if unknown else f"is wrong: {error}"
         raise UserError(
-            f"{where}.options': {error}. {table.driver} takes {', '.join(known) or 'no options'}."
+            f"{where}.options' {said}. {_meant(unknown[0], known) if unknown else ''}"
+            f"{table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
     return _explaining(where, table, lambda: factory(surroundings, **table.options))
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    """A question, where a word looks like one that is known."""
+    near = difflib.get_close_matches(word, list(known), 1)
+    return f"Did you mean {near[0]!r}? " if near else ""
 
 
 def _hosted(

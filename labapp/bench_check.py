@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,9 @@ from drivers.interfaces import Surroundings
 from labapp.bench import Alone, BenchFiles, BenchSetup, maker, open_device
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
+from labapp.selftest.checks import broke
+
+log = logging.getLogger(__name__)
 
 Row = tuple[str, bool, str]
 """What was looked at, whether it is well, and what was seen."""
@@ -54,6 +58,10 @@ def _told(role: str, see: Callable[[], str]) -> Row:
         return role, True, see()
     except (UserError, DeviceError) as error:
         return role, False, str(error)
+    except Exception as error:
+        # A broken driver of somebody else's hides no other device.
+        log.info("%s", role, exc_info=error)
+        return role, False, broke(error)
 
 
 def _device(setup: BenchSetup, role: str, opening: bool) -> str:

@@ -13,6 +13,7 @@ from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
 from labapp.bench import BenchFiles, BenchSetup, drivers, open_device
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
+from labapp.selftest.checks import broke
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
@@ -34,18 +35,19 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
                 "devices": described,
                 "drivers": installed,
                 "ports": plugged,
+                "unlisted": trouble,
             }
         )
         return
     columns = ["device", "model", "", "can do"]
     rows = [[escape(told) for told in one.values()] for one in described]
     table(f"Bench: {setup.bench.name}", columns, rows)
-    rows = [[driver, bad or "installed"] for driver, bad in installed.items()]
+    rows = [[driver, escape(bad or "installed")] for driver, bad in installed.items()]
     table("Drivers", ["name", "state"], rows)
     table(
         "Plugged in",
         ["kind", "address", "description"],
-        [[port.kind, port.address, port.description] for port in ports],
+        [[escape(told) for told in (port.kind, port.address, port.description)] for port in ports],
     )
     for line in trouble:
         out.print(line, markup=False)
@@ -69,6 +71,9 @@ def describe(setup: BenchSetup, role: str) -> dict[str, str]:
     except (UserError, DeviceError) as error:
         driver = setup.bench.devices.tables[role].driver
         return {"device": role, "model": driver, "kind": "NOT THERE", "limits": str(error)}
+    except Exception as error:
+        driver = setup.bench.devices.tables[role].driver
+        return {"device": role, "model": driver, "kind": "NOT THERE", "limits": broke(error)}
 
 
 def _slm(device: Any) -> str:

@@ -17,6 +17,11 @@ from typing import IO
 from labapp.errors import UserError
 from labapp.files.bench_file import DeviceTable
 
+_ADDRESSES = frozenset(
+    ("address", "backend", "device", "display", "host", "index", "port", "screen", "serial")
+)
+"""Options that say which device is meant. Who has none of these is known by all options."""
+
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
@@ -78,7 +83,9 @@ def _owner(file: IO[str]) -> str:
 
 
 def _path(table: DeviceTable) -> Path:
-    """By driver and options: two bench files may have the same device."""
-    named = json.dumps([table.driver, table.options], sort_keys=True, default=str).encode()
+    """By driver and address: two bench files may have the same device, and use it otherwise."""
+    where = {name: told for name, told in table.options.items() if name in _ADDRESSES}
+    found = [table.driver, where or table.options]
+    named = json.dumps(found, sort_keys=True, default=str).encode()
     name = hashlib.sha256(named).hexdigest()[:24]
     return Path(tempfile.gettempdir(), f"labapp-{name}.lock")

@@ -39,7 +39,7 @@ def identify(display: str | None = None, seconds: float = 5.0) -> list[Output]:
     except subprocess.TimeoutExpired as error:
         raise _unseen("its windows don't end") from error
     if done.returncode:
-        raise _unseen(done.stderr.strip().splitlines()[-1:] or "no window came up")
+        raise _unseen((done.stderr.strip().splitlines() or ["no window came up"])[-1])
     return there
 
 
@@ -66,5 +66,5 @@ def show_names(display: str | None, seconds: float) -> None:
     show_plates(name, there, RealClock(), seconds)
 
 
-def _unseen(reply: object) -> DeviceError:
-    return DeviceError(_MODEL, "identify", str(reply), "Look whether Qt's X11 plugin works")
+def _unseen(reply: str) -> DeviceError:
+    return DeviceError(_MODEL, "identify", reply, "Look whether Qt's X11 plugin works")

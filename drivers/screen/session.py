@@ -11,7 +11,10 @@ from drivers.x11 import XConnection, XError
 _SCALING = ("QT_SCALE_FACTOR", "QT_SCREEN_SCALE_FACTORS", "QT_FONT_DPI", "QT_USE_PHYSICAL_DPI")
 """QT_SCALE_FACTOR scales even where QT_ENABLE_HIGHDPI_SCALING is 0."""
 
-_TO_X11 = "Log in to an X11 (Xorg) session: the login screen offers it, or WaylandEnable=false"
+_TO_X11 = (
+    "Log in to an X11 (Xorg) session, which the login screen offers; if it doesn't, write "
+    "WaylandEnable=false into /etc/gdm3/daemon.conf"
+)
 
 
 class ServerGone(DeviceError):
@@ -29,7 +32,10 @@ def connect(model: str, display: str | None) -> XConnection:
     name = display or os.environ.get("DISPLAY", "")
     if not name:
         reply = "there is no X display (DISPLAY isn't set)"
-        remedy = "Start it in an X11 session, or give display, such as ':0', in the bench file"
+        remedy = (
+            "Start it in an X11 session; or say which display, such as ':0': option display in "
+            "the bench file, --display of labapp devices screens"
+        )
         raise DeviceError(model, "open", reply, remedy)
     try:
         x = XConnection(name)

@@ -11,6 +11,8 @@ import pkgutil
 import re
 from typing import Any
 
+_CORRECT = "Correct the option backend, or leave it out for libusb"
+
 _NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(@.+)?")
 
 
@@ -23,31 +25,40 @@ def require_backend_name(backend: object) -> None:
         )
 
 
+class Missing(Exception):
+    """There is no such backend. remedy: what helps."""
+
+    def __init__(self, reply: str, remedy: str) -> None:
+        super().__init__(reply)
+        self.remedy = remedy
+
+
 def load_backend(backend: str) -> Any:
-    """The backend of that name; RuntimeError says what is missing."""
+    """The backend of that name; Missing if there is none."""
     if not backend:
         return _libusb()
     name, _, address = backend.partition("@")
     try:
         thing = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise RuntimeError(f"the backend {name} can't be loaded ({error})") from error
-    if address:
-        return thing(address)
-    return thing() if callable(thing) else thing
+        reply = f"the backend {name} can't be loaded ({error})"
+        raise Missing(reply, _CORRECT) from error
+    try:
+        if address:
+            return thing(address)
+        return thing() if callable(thing) else thing
+    except Exception as error:
+        raise Missing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
 
 
 def _libusb() -> Any:
     try:
         import libusb_package
     except ImportError as error:
-        raise RuntimeError(
-            "pyusb has no backend: install the package libusb-package, which brings libusb"
-        ) from error
+        reply = "pyusb has no backend"
+        raise Missing(reply, "Install the package libusb-package, which brings libusb") from error
     backend = libusb_package.get_libusb1_backend()
     if backend is None:
-        raise RuntimeError(
-            "pyusb has no backend: the libusb of the package libusb-package can't be loaded; "
-            "reinstall that package"
-        )
+        reply = "pyusb has no backend: the libusb of libusb-package can't be loaded"
+        raise Missing(reply, "Reinstall the package libusb-package")
     return backend

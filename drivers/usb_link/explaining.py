@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 
+from drivers.usb_link.backend import Missing
+
 CABLE = "Check its cable, and pull its plug and put it in again if it stays"
 
 _EXPLANATIONS: dict[int | None, tuple[str, str]] = {
@@ -19,10 +21,14 @@ _EXPLANATIONS: dict[int | None, tuple[str, str]] = {
 
 def explained(error: Exception, seconds: float, vendor: int, product: int) -> tuple[str, str]:
     """Reply and remedy of a DeviceError, for whatever pyusb raised. seconds: its time-out."""
+    if isinstance(error, Missing):
+        return str(error), error.remedy
     code = getattr(error, "errno", None)
     if code in (errno.EACCES, errno.EPERM):
         return "the system denies access to it", udev_rule(vendor, product)
     known = _EXPLANATIONS.get(code)
+    if known is None and isinstance(error, ValueError):
+        return str(error), CABLE
     if known is None:
         return f"{type(error).__name__}: {error}", CABLE
     reply, remedy = known

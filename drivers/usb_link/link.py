@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -48,6 +49,7 @@ class UsbLink:
         self._detached = False
         self._known: Told | None = None
         self._fitting = 0
+        self._cancelled = threading.Event()
 
     @property
     def told(self) -> Told:
@@ -58,8 +60,18 @@ class UsbLink:
     def is_open(self) -> bool:
         return self._device is not None
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether somebody has given the device up."""
+        return self._cancelled.is_set()
+
+    def cancel(self) -> None:
+        """No transfer begins any more; from any thread. Whose turn it is lets the device go."""
+        self._cancelled.set()
+
     def open(self, command: str = "open") -> None:
         """Find and claim the device, if that isn't done."""
+        self._require_wanted(command)
         if self._device is not None:
             return
         self.doubtful = True
@@ -180,6 +192,7 @@ class UsbLink:
             except usb.core.USBTimeoutError:
                 return count
             count += 1
+            self._require_wanted(command)
             if late():
                 raise self._error(command, "it doesn't stop sending", CABLE)
 
@@ -194,7 +207,15 @@ class UsbLink:
         seconds = self.patience if seconds is None else min(max(seconds, 0.0), self.patience)
         with self._explaining(command, seconds, endpoint):
             # 0 would be for ever.
-            return transfer(self._device, max(round(seconds * 1000), 1))
+            answer = transfer(self._device, max(round(seconds * 1000), 1))
+        self._require_wanted(command)
+        return answer
+
+    def _require_wanted(self, command: str) -> None:
+        """DeviceError once the device was given up: whoever opens it anew must find it free."""
+        if self._cancelled.is_set():
+            self.close()
+            raise self._error(command, "the device was given up", "Open the device again")
 
     def _find(self, command: str) -> Any:
         import usb.core
@@ -300,6 +321,7 @@ class UsbLink:
             raise
         except Exception as error:
             self.doubtful = True
+            self._require_wanted(command)
             code = getattr(error, "errno", None)
             if code == errno.EPIPE and endpoint and self._device is not None:
                 with contextlib.suppress(Exception):

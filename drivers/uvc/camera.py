@@ -183,10 +183,7 @@ class UVCCamera:
 
     def gone(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
-        if not self._was_there:
-            return None
-        path = path_of(self._mode.device)
-        return "" if path.exists() else f"{path} isn't there any more"
+        return self._connection.gone()
 
     def __enter__(self) -> Self:
         self._connection.ready("open")

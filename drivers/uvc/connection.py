@@ -75,9 +75,16 @@ class Connection:
     def lost(self, command: str, why: str) -> DeviceError:
         """What is wrong with a stream, which is ended: the next command begins another."""
         self.stop(0.0)
-        if self._was_there and not path_of(self._mode.device).exists():
+        if self.gone():
             return self.refuse(command, "it was unplugged", "Plug it in again")
         return self.refuse(command, why, _CABLE)
+
+    def gone(self) -> str | None:
+        """Why the camera counts as unplugged, empty while it is there, None if nobody knows."""
+        if not self._was_there:
+            return None
+        path = path_of(self._mode.device)
+        return "" if path.exists() else f"{path} isn't there any more"
 
     def stop(self, seconds: float = _ENDING) -> None:
         stream, self.stream = self.stream, None

@@ -29,7 +29,10 @@ _CALCULATING = 0.5
 _POLL = 0.5
 """Seconds between two questions whether it is done."""
 
-_ASLEEP = "It may be asleep: give its serial number. Check power, cable, port and baud rate"
+_ASLEEP = (
+    "Check power, cable, port and baud rate. If it was sent to sleep, give its serial number in "
+    "the option serial"
+)
 
 
 class Opening:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import queue
 import select
@@ -16,6 +17,12 @@ from drivers.x11 import libxcb
 
 PATIENCE = 2.0
 """Seconds after which a server that doesn't answer is taken for a hung one."""
+
+_REFUSALS = {
+    5: "{!r} is no name of a display, which is such as ':0'",
+    6: "the X server at {!r} has no screen of that number",
+}
+"""XCB_CONN_CLOSED_PARSE_ERR and XCB_CONN_CLOSED_INVALID_SCREEN of xcb.h."""
 
 _BAD = {
     1: "bad request",
@@ -67,12 +74,16 @@ class XConnection:
             raise XError("libxcb isn't installed (Debian: libxcb1)") from error
         screen = ctypes.c_int(0)
         self._at: int | None = _connected(display, screen)
-        if xcb.xcb_connection_has_error(self._at):
+        if refusal := xcb.xcb_connection_has_error(self._at):
             self.close()
-            raise XError(f"no X server answers at {display!r}")
+            raise XError(_REFUSALS.get(refusal, "no X server answers at {!r}").format(display))
         self._opcodes: dict[str, tuple[int, int]] = {}
         self._lock = threading.RLock()
-        self.setup = _setup(xcb.xcb_get_setup(self._at), screen.value)
+        try:
+            self.setup = _setup(xcb.xcb_get_setup(self._at), screen.value)
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -122,7 +133,9 @@ class XConnection:
             left = late - time.monotonic()
             if left <= 0:
                 raise XError(f"the X server {self.display} doesn't answer")
-            select.select([self.fileno()], [], [], left)
+            readable = select.poll()
+            readable.register(self.fileno(), select.POLLIN)
+            readable.poll(left * 1e3)
 
     def events(self) -> Iterator[bytes]:
         """What has arrived, without waiting; XError if the server has gone."""
@@ -175,15 +188,25 @@ class XConnection:
 def _connected(display: str, screen: ctypes.c_int) -> int:
     """The library's connection, good or bad; XError if the server doesn't say a word."""
     made: queue.SimpleQueue[int] = queue.SimpleQueue()
+    unwanted = threading.Event()
+
+    def forget() -> None:
+        """Let go of what came too late; who of both takes it does."""
+        with contextlib.suppress(queue.Empty):
+            libxcb.library().xcb_disconnect(made.get_nowait())
 
     def connect() -> None:
         made.put(libxcb.library().xcb_connect(display.encode(), ctypes.byref(screen)))
+        if unwanted.is_set():
+            forget()
 
     # The library waits for a greeting for ever: then the thread does, and nobody else.
     threading.Thread(target=connect, name=f"connect to {display}", daemon=True).start()
     try:
         return made.get(timeout=PATIENCE)
     except queue.Empty:
+        unwanted.set()
+        forget()
         raise XError(f"the X server {display} doesn't answer") from None
 
 

@@ -30,10 +30,13 @@ class SharedMemory:
         try:
             if self._at == c_void_p(-1).value:
                 raise XError("the shared memory can't be reached")
-            x.order("MIT-SHM", 1, "IIB3x", self.segment, number, 0)
-            if not self._seen():
+            try:
+                x.order("MIT-SHM", 1, "IIB3x", self.segment, number, 0)
+                if not self._seen():
+                    raise XError(f"{x.display} can't see this machine's memory")
+            except BaseException:
                 self.close()
-                raise XError(f"{x.display} can't see this machine's memory")
+                raise
         finally:
             # It lives until both have let go, so that nobody who is killed leaves any behind.
             libc.shmctl(number, _REMOVE, None)

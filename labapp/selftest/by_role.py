@@ -30,12 +30,20 @@ def checks_of(role: str, device: Any, clock: Clock) -> list[Check]:
         "camera": _camera,
         "spectroradiometer": _spectroradiometer,
     }
+    try:
+        own = of_role[role](device, clock)
+    except Exception as error:
+        own = [("what it can do", partial(_raise, error))]
     return [
         ("identity", lambda: _identity(device)),
         ("what it says of itself", lambda: _health(device)),
-        *of_role[role](device, clock),
+        *own,
         ("safe", lambda: _safe(device)),
     ]
+
+
+def _raise(error: Exception) -> str:
+    raise error
 
 
 def _identity(device: Any) -> str:

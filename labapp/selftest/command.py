@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -12,11 +13,11 @@ from typing import Any
 from rich.markup import escape
 
 import labapp
-from labapp.bench import BenchFiles, open_device
+from labapp.bench import Alone, BenchFiles, BenchSetup, open_device
 from labapp.console import out, print_json, table, watched
 from labapp.files.writing import require_writable, write_whole
 from labapp.selftest.by_role import checks_of
-from labapp.selftest.checks import Finding, look
+from labapp.selftest.checks import Finding, look, looked
 
 
 def run_selftest(
@@ -30,14 +31,15 @@ def run_selftest(
 ) -> bool:
     """Open one device of a bench, test it and print what was found; whether all is well.
 
-    report: where the same is kept, as JSON. Errors as labapp.bench.open_device().
+    report: where the same is kept, as JSON. A device that doesn't open is a finding, too.
+    UserError for a bench file that is wrong, or a device that somebody else uses.
     """
     if report is not None:
         require_writable(report, force=force)
-    with open_device(BenchFiles.default(bench, scene), role) as alone, watched() as progress:
-        found = look(checks_of(role, alone.device, alone.clock), progress)
-        described = alone.file.devices.tables[role]
-    data = _as_data(role, alone.file.name, described.model_dump(), found)
+    setup = BenchFiles.default(bench, scene).read()
+    found = _tested(setup, role)
+    described = setup.bench.devices.tables[role]
+    data = _as_data(role, setup.bench.name, described.model_dump(), found)
     if report is not None:
         write_whole(report, (json.dumps(data, indent=2) + "\n").encode())
     if as_json:
@@ -47,6 +49,21 @@ def run_selftest(
     if report is not None:
         out.print(f"wrote {report}: send it with your question", markup=False)
     return bool(data["well"])
+
+
+def _tested(setup: BenchSetup, role: str) -> list[Finding]:
+    with ExitStack() as stack:
+        alone: list[Alone] = []
+
+        def open_it() -> str:
+            alone.append(stack.enter_context(open_device(setup, role)))
+            return ""
+
+        opened = looked("open", open_it)
+        if not opened.passed:
+            return [opened]
+        progress = stack.enter_context(watched())
+        return look(checks_of(role, alone[0].device, alone[0].clock), progress)
 
 
 def _as_data(

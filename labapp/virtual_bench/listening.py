@@ -42,7 +42,7 @@ def listen(talk: Talk, ended: Callable[[], bool], *, until_eof: bool) -> None:
     source = None if sys.stdin is None else sys.stdin.fileno()
     rest = b""
     while not (ended() or talk.over):
-        waiting = [] if source is None else [source]
+        waiting = [] if source is None or not _may_read(source) else [source]
         if not select.select(waiting, [], [], _LOOK)[0]:
             continue
         data = os.read(source or 0, 65536)
@@ -54,6 +54,18 @@ def listen(talk: Talk, ended: Callable[[], bool], *, until_eof: bool) -> None:
                 _obey(talk, line.decode(errors="replace"))
         if source is None and until_eof:
             return
+
+
+def _may_read(source: int) -> bool:
+    """Whether it isn't a terminal that somebody else reads just now.
+
+    A shell in whose background this process runs would have it stopped for reading, and with
+    it all instruments.
+    """
+    try:
+        return os.tcgetpgrp(source) == os.getpgrp()
+    except OSError:
+        return True  # no terminal
 
 
 def _obey(talk: Talk, line: str) -> None:

@@ -33,18 +33,20 @@ class WatchedPanel:
         self._shared, self._display, self._wanted = shared, display, wanted
         self._turn = threading.Lock()
         self._reader: ScreenReader | None = None
-        self._trouble = ""
+        self._trouble, self._closed = "", False
         self.output = self._open()
 
     def look(self) -> None:
         """Read the screen, if anything was drawn on it since the last time."""
         with self._turn:
+            if self._closed:
+                return
             try:
                 if self._reader is None:
                     self._open()
                 grey = self._changed()
             except (XError, DeviceError, UserError) as error:
-                self.close()
+                self._drop()
                 grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
                 self._tell(f"the panel has no signal: {error}")
             else:
@@ -54,6 +56,12 @@ class WatchedPanel:
                 world.grey = grey
 
     def close(self) -> None:
+        """From then on nothing is looked at: a picture may still be made meanwhile."""
+        with self._turn:
+            self._closed = True
+            self._drop()
+
+    def _drop(self) -> None:
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()

@@ -122,9 +122,8 @@ def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
     display: such as ":1"; one that is free if empty. NoXServer if it can't be had.
     """
     program = require_program("Xvfb", "xvfb")
-    with started(
-        [program, *filter(None, [display]), "-screen", "0", f"{columns}x{rows}x24"]
-    ) as server:
+    number = [display] if display else []
+    with started([program, *number, "-screen", "0", f"{columns}x{rows}x24"]) as server:
         yield server
 
 

@@ -229,7 +229,7 @@ class FakeGigE:
         except Exception as error:
             self.failure = error
             return
-        self._say({"made": places})
+        self._say({"made": places, "of": wanted})
 
 
 def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:

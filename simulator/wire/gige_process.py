@@ -75,6 +75,7 @@ class Machine:
         self._turn = 0
         self._next: int | None = None
         self._wanted: Any = None
+        self._asked: dict[str, Any] = {}
         self._arrived = threading.Condition()
         self._pulses = 0
         self.latency = int(given["latency"])
@@ -187,14 +188,19 @@ class Machine:
             if self._wanted != key or self._given["fresh"]:
                 self._wanted = key
                 self._places = []
-                self.ask({"us": us, "gain": key[1], "region": region, "code": key[3]})
+                self._asked = {"us": us, "gain": key[1], "region": region, "code": key[3]}
+                self._asked["seen"] = seen
+                self.ask(self._asked)
             if not self._arrived.wait_for(lambda: bool(self._places), patience):
                 return None
             self._key, self._wanted = key, None
             return self._places
 
-    def made(self, places: list[int]) -> None:
+    def made(self, places: list[int], of: dict[str, Any]) -> None:
+        """Pictures have come. Those of what isn't asked for any more, being late, are not taken."""
         with self._arrived:
+            if of != self._asked:
+                return
             self._places = places
             self._arrived.notify_all()
 
@@ -266,7 +272,7 @@ def main(end: str, memory: str, given: str) -> None:
         while True:
             told = json.loads(connection.recv_bytes())
             if "made" in told:
-                machine.made(told["made"])
+                machine.made(told["made"], told["of"])
             elif "suffer" in told:
                 machine.suffer(told["suffer"])
                 say({"suffered": told["suffer"]})

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from xservers import started, wait_for, xvfb
+from xservers import wait_for, xvfb
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError

@@ -186,7 +186,8 @@ def test_its_reply_time_covers_its_longest_way():
 @pytest.mark.parametrize(
     "options",
     [{"avoid": [0]}, {"avoid": [5]}, {"avoid": "1"}, {"avoid": [1.0]}, {"step_ms": 0},
-     {"step_ms": math.nan}, {"settling_ms": -1}, {"settling_ms": math.inf}, {"avoid": 1}],
+     {"step_ms": math.nan}, {"settling_ms": -1}, {"settling_ms": math.inf}, {"avoid": 1},
+     {"step_ms": "fast"}, {"step_ms": True}, {"settling_ms": [5]}, {"settling_ms": None}],
 )  # fmt: skip
 def test_bad_options_are_named(options):
     (name,) = options

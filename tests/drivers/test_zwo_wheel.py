@@ -167,3 +167,25 @@ def test_bad_options_are_named(options):
     (name,) = options
     with pytest.raises(ValueError, match=f"{name} is"):
         ZwoWheel(Surroundings(RealClock()), SEVEN, **options)
+
+
+def test_killed_a_move_ends_and_another_driver_finds_the_wheel_free():
+    with Bench(ZwoWheelMachine()) as bench:
+        wheel = opened(bench)
+        wheel.__enter__()
+        began = bench.clock.now()
+        wait = bench.clock.wait_until
+
+        def wait_until(time, cancelled):
+            if bench.clock.now() > began + 0.3:
+                wheel.kill()
+            wait(time, cancelled)
+
+        bench.clock.wait_until = wait_until
+        with pytest.raises(DeviceError, match="turn to slot 4: the device was given up"):
+            wheel.set_slot(4)
+        assert bench.clock.now() < began + 0.6
+        assert bench.plug.kernel_driver
+        bench.clock.wait_until = wait
+        with opened(bench) as again:
+            assert again.slot == bench.place

@@ -248,13 +248,13 @@ def test_what_is_made_up_or_a_person_needs_no_lock(bench, owner, locks):
     "other",
     [
         'driver = "acme-camera"\noptions = { serial = "8", gain = 2 }',
-        'driver = "acme-camera"\noptions = { serial = "7" }',
+        'driver = "acme-camera"\noptions = { serial = "7", port = "COM1" }',
         'driver = "acme-camera"\noptions = { serial = 7, gain = 2 }',
         'driver = "acme-camera"',
         'driver = "other-camera"\noptions = { serial = "7", gain = 2 }',
     ],
 )
-def test_another_driver_or_other_options_are_another_device(other, bench, locks):
+def test_another_driver_or_address_is_another_device(other, bench, locks):
     with locked(bench(camera=ACME)):
         assert is_free(bench("other", camera=other))
 
@@ -263,12 +263,20 @@ def test_another_driver_or_other_options_are_another_device(other, bench, locks)
     "same",
     [
         'driver = "acme-camera"\noptions = { gain = 2, serial = "7" }',
+        'driver = "acme-camera"\noptions = { gain = 3, serial = "7" }',
+        'driver = "acme-camera"\noptions = { serial = "7" }',
         'driver = "acme-camera"\nown_process = true\noptions = { serial = "7", gain = 2 }',
     ],
 )
 def test_another_bench_with_the_same_device_waits_for_it(same, bench, locks):
     with locked(bench(camera=ACME)):
         assert not is_free(bench("other", camera=same))
+
+
+def test_without_an_address_other_options_are_another_device(bench, locks):
+    with locked(bench(camera='driver = "acme-camera"\noptions = { channel = 1 }')):
+        two = bench("other", camera='driver = "acme-camera"\noptions = { channel = 2 }')
+        assert is_free(two)
 
 
 def test_devices_of_one_bench_are_locked_one_by_one(bench, locks):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from typer.testing import CliRunner
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
+from drivers.ports import Port
+from labapp import bench as bench_module
+from labapp import listing
 from labapp.cli import app
 from labapp.errors import UserError
 from labapp.files.reading import bundled
@@ -113,6 +117,87 @@ def test_a_filter_that_goes_elsewhere_or_anywhere_is_found_out():
     assert "taken without a word" in found[-1].detail
 
 
+class BrokenCamera(LyingCamera):
+    def set_exposure(self, exposure):
+        raise KeyError("exposure")
+
+    @property
+    def exposure_range(self):
+        raise DeviceError("camera", "exposure range", "no reply", "Check the cable")
+
+
+def test_a_driver_that_breaks_is_reported_and_the_rest_is_looked_at():
+    found = look(checks_of("camera", BrokenCamera(), RealClock()), Progress())
+    said = {one.check: (one.passed, one.detail) for one in found}
+    assert said["identity"] == (
+        False,
+        "its driver broke: AttributeError: 'NoneType' object has no attribute 'simulated'",
+    )
+    assert said["what it can do"] == (
+        False, "camera: exposure range: no reply. Check the cable"
+    )  # fmt: skip
+    assert said["safe"][0]
+
+    camera = BrokenCamera()
+    type(camera).exposure_range = (1e-3, 1e-2)
+    found = look(checks_of("camera", camera, RealClock()), Progress())
+    broken = [one for one in found if "its driver broke: KeyError: 'exposure'" in one.detail]
+    assert len(broken) == 5
+
+
+def test_a_device_that_does_not_open_has_a_report_for_support(tmp_path):
+    old = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
+    old += "settling_ms = 50.0 }"
+    new = '"varispec"\noptions = { port = "/dev/no-such-port" }'
+    bench, report = broken_bench(tmp_path, old, new), tmp_path / "report.json"
+    done = labapp("devices", "test", "filter", "--bench", bench, "--out", report)
+    assert done.exit_code == 1
+    assert "1 of 1 checks FAILED" in done.output
+    (kept,) = json.loads(report.read_text())["checks"]
+    assert (kept["check"], kept["passed"]) == ("open", False)
+    assert "port /dev/no-such-port: there is no such port" in kept["detail"]
+
+
+class Exploding:
+    """Somebody else's driver that raises what no driver may."""
+
+    def __init__(self, surroundings):
+        pass
+
+    def __enter__(self):
+        raise KeyError("no such register")
+
+
+def test_ports_are_listed_where_a_device_of_the_bench_is_not_there(tmp_path, monkeypatch):
+    there = [Port("serial", "/dev/ttyUSB3", "a [red]plug")]
+    monkeypatch.setattr(listing, "_ports", lambda: (there, ["screens can't be listed: why"]))
+    old = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
+    old += "settling_ms = 50.0 }"
+    new = '"varispec"\noptions = { port = "/dev/no-such-port" }'
+    bench = broken_bench(tmp_path, old, new)
+    said = " ".join(labapp("devices", "--bench", bench).output.split())
+    assert "/dev/ttyUSB3 a [red]plug" in said
+    assert "screens can't be listed: why" in said
+    told = json.loads(labapp("devices", "--bench", bench, "--json").output)
+    assert "there is no such port" in told["devices"][1]["limits"]
+    assert told["ports"][0]["address"] == "/dev/ttyUSB3"
+    assert told["unlisted"] == ["screens can't be listed: why"]
+
+
+def test_a_driver_that_breaks_hides_no_other_device(tmp_path, monkeypatch):
+    entry = EntryPoint("exploding", f"{__name__}:Exploding", "labapp.devices")
+    installed = bench_module.drivers()
+    monkeypatch.setattr(bench_module, "drivers", lambda: {**installed, "exploding": entry})
+    path = broken_bench(tmp_path, "simulated-targets", "exploding")
+    done = labapp("bench", "check", path, "--json")
+    rows = {row["check"]: row for row in json.loads(done.output)["checks"]}
+    assert [name for name, row in rows.items() if not row["well"]] == ["targets"]
+    assert rows["targets"]["seen"] == "its driver broke: KeyError: 'no such register'"
+    done = labapp("devices", "test", "targets", "--bench", path, "--json")
+    assert done.exit_code == 1
+    assert "no such register" in json.loads(done.output)["checks"][0]["detail"]
+
+
 def test_a_self_test_can_be_cancelled():
     progress = Progress()
     progress.cancel()
@@ -137,8 +222,13 @@ def test_a_good_bench_file_is_told_well():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('driver = "simulated-slm"', 'driver = "nothing"', "'nothing', which is unknown"),
-        ("settling_ms = 50.0 }", "settling = 1 }", "unexpected keyword argument 'settling'"),
+        ('driver = "simulated-slm"', 'driver = "nothing"', "'nothing', which is unknown. Choose"),
+        ('driver = "simulated-slm"', 'driver = "simulated_slm"', "Did you mean 'simulated-slm'?"),
+        ("settling_ms = 50.0 }", "settling = 1 }",
+         "has 'settling', which is unknown. Did you mean 'settling_ms'? simulated-filter takes"),
+        ("settling_ms = 50.0 }", "x = 1 }", "has 'x', which is unknown. simulated-filter takes"),
+        ('"simulated-camera"\noptions = { readout_ms = 8.0 }', '"thorlabs-wheel"',
+         "is wrong: missing a required argument: 'port'. thorlabs-wheel takes port, slots_nm"),
         ('"simulated-camera"\noptions = { readout_ms = 8.0 }',
          '"aravis-camera"\noptions = { pixel_format = "Mono99" }', "Mono99"),
         ('"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '

@@ -1,0 +1,52 @@
+"""What filter wheels on USB share: the way to them, and what they say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.interfaces import Identity, Surroundings
+from drivers.usb_link import UsbLink
+from drivers.wheel import Wheel
+
+
+class UsbWheel(Wheel):
+    """A filter wheel at the end of a link, which is closed with it. The rest: see Wheel."""
+
+    def __init__(
+        self,
+        link: UsbLink,
+        surroundings: Surroundings,
+        slots_nm: Sequence[Sequence[float]],
+        names: Sequence[str],
+        avoid: Sequence[int],
+        step_ms: float,
+        settling_ms: float,
+    ) -> None:
+        super().__init__(surroundings, slots_nm, names, avoid, step_ms, settling_ms)
+        self._link = link
+
+    @property
+    def identity(self) -> Identity:
+        return Identity(self.model, self._link.told.serial, simulated=False)
+
+    def kill(self) -> None:
+        """End a call that goes on, and all later ones; from any thread."""
+        self._link.cancel()
+
+    def _close(self) -> None:
+        self._link.close()
+
+    def _pause(self, seconds: float) -> None:
+        """Wait, but not beyond `_late`, nor once the wheel was given up."""
+        until = min(self._clock.now() + seconds, self._late)
+        self._clock.wait_until(until, lambda: self._link.cancelled)
+
+    def _descriptors(self) -> dict[str, str]:
+        """What its USB descriptors say of it."""
+        told = self._link.told
+        return {
+            "product": told.product,
+            "maker": told.maker,
+            "serial number": told.serial,
+            "release": told.release,
+        }

@@ -1,0 +1,54 @@
+"""The virtual bench's panel: a screen that is watched, and the X server behind it."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.screen.choosing import Wanted
+from labapp.errors import UserError
+from labapp.virtual_bench import panels
+from labapp.virtual_bench.panels import WatchedPanel
+
+
+class World:
+    """What is watched of a shared world: the grey levels that it was given."""
+
+    def __init__(self):
+        self.greys = []
+
+    @contextmanager
+    def changing(self):
+        world = SimpleNamespace(grey=None)
+        yield world
+        self.greys.append(world.grey)
+
+
+def test_a_panel_that_was_closed_looks_no_more():
+    """A picture may be made while all ends, in a thread that nobody waits for."""
+    with ExitStack() as stack:
+        display = panels._start_xvfb(48, 64, stack)
+        world = World()
+        panel = WatchedPanel(world, display, Wanted("", 64, 48, 60.0, allow_primary=True))
+        panel.look()
+        assert [grey.shape for grey in world.greys] == [(48, 64)]
+        panel.close()
+        panel.look()
+        assert len(world.greys) == 1
+        assert panel._reader is None
+        panel.close()
+
+
+def test_an_x_server_that_hangs_is_told_and_ended(tmp_path, monkeypatch):
+    program = tmp_path / "Xvfb"
+    program.write_text("#!/bin/sh\nexec sleep 100\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setattr(panels, "_STARTING", 0.3)
+    began = time.monotonic()
+    with pytest.raises(UserError, match="Xvfb didn't start"), ExitStack() as stack:
+        panels._start_xvfb(48, 64, stack)
+    assert time.monotonic() - began < 50
