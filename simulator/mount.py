@@ -136,8 +136,9 @@ def _rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
     y, x = plane.mesh()
     cos, sin = math.cos(angle), math.sin(angle)
     frequencies = Plane((side, side), (1 / (side * pitch),) * 2)
+    # They aren't few, but not many either: its way is measured to be nearly three times quicker.
     series = NonuniformTransform(
-        (y * cos - x * sin).ravel(), (x * cos + y * sin).ravel(), frequencies, 1.0, _ERROR
+        (y * cos - x * sin).ravel(), (x * cos + y * sin).ravel(), frequencies, 1.0, _ERROR, few=True
     )
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)
 
