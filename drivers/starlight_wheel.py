@@ -72,10 +72,6 @@ class StarlightWheel(UsbWheel):
             "slot": str(position) if position else "turning",
         }
 
-    def gone(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._link.gone()
-
     def _open(self) -> None:
         command = "open"
         self._begin()

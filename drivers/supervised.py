@@ -176,7 +176,8 @@ class Supervised:
         made.append(device)
         if worker.ended:
             return None
-        entered = device.__enter__()
+        with self._only_device_errors("open"):
+            entered = device.__enter__()
         made.append(entered)
         if worker.ended:
             # Nobody waits for it any more, and who tries again shall not find it in use.

@@ -33,6 +33,10 @@ class UsbWheel(Wheel):
         """End a call that goes on, and all later ones; from any thread."""
         self._link.cancel()
 
+    def gone(self) -> str | None:
+        """Why it counts as unplugged, empty while it is there; see Device."""
+        return self._link.gone()
+
     def _close(self) -> None:
         self._link.close()
 

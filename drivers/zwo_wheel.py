@@ -95,10 +95,6 @@ class ZwoWheel(UsbWheel):
             "error": str(state.error),
         }
 
-    def gone(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._link.gone()
-
     def _open(self) -> None:
         self._begin(_STARTING)
         self._who("open")

@@ -153,7 +153,12 @@ class ThorlabsWheel(Wheel):
         try:
             stands = self._where(command)
         except DeviceError as error:
-            raise (error if self._line.cancelled else failure or error) from None
+            if self._line.cancelled or failure is None:
+                raise
+            # It may be on its way yet, and says nothing until it is there.
+            raise self._refuse(
+                command, failure.reply, f"{failure.remedy}. If it only turns slowly, raise step_ms"
+            ) from None
         if stands != number and failure:
             raise failure
         if stands != number:
