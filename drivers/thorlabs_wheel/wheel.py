@@ -152,7 +152,7 @@ class ThorlabsWheel(Wheel):
             failure = error
         try:
             stands = self._where(command)
-        except DeviceError as error:
+        except DeviceError:
             if self._line.cancelled or failure is None:
                 raise
             # It may be on its way yet, and says nothing until it is there.
