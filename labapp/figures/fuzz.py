@@ -9,13 +9,17 @@ import numpy as np
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
+from labapp.console import say
 from labapp.figures import Figure
 from labapp.figures.serial_cases import SERIAL_CASES
-from labapp.figures.wire_case import Rng, WireCase
+from labapp.figures.wire_case import Rng, WireCase, unheard
 from simulator.clock import VirtualClock
 from simulator.wire.fuzzing import FuzzedMachine
 
 _REPLIES = 100_000
+
+_TOLD = 10_000
+"""After so many more it is said how far it got."""
 
 _COMMANDS = 40
 """With one driver, until a fresh one is opened."""
@@ -26,32 +30,35 @@ _NAME = "serial driver: 100 000 changed answers"
 
 def fuzz_figure(folder: Path) -> list[Figure]:
     """Answers and echoes changed by chance, until 100 000 were, for each serial driver."""
-    figures = []
-    for case in (case for case in SERIAL_CASES if not case.variant):
-        changed = true = failed = 0
-        wrong: list[str] = []
-        for seed in range(_REPLIES):
-            for count, ended in fuzz(case, seed):
-                changed += count
-                true += ended == ""
-                failed += ended == "DeviceError"
-                if ended not in ("", "DeviceError"):
-                    wrong.append(ended)
-            if changed >= _REPLIES:
-                break
-        measured = (
-            f"{changed} changed: {true} commands answered truly, {failed} DeviceErrors, "
-            f"{len(wrong)} others"
-        )
-        figures.append(
-            Figure(
-                f"{_NAME}: {case.name}",
-                "no hang, no crash, no wrong value",
-                measured + (f"; first: {wrong[0]}" if wrong else ""),
-                not wrong,
-            )
-        )
-    return figures
+    with unheard():
+        return [_figure(case) for case in SERIAL_CASES if not case.variant]
+
+
+def _figure(case: WireCase) -> Figure:
+    changed = true = failed = told = 0
+    wrong: list[str] = []
+    for seed in range(_REPLIES):
+        for count, ended in fuzz(case, seed):
+            changed += count
+            true += ended == ""
+            failed += ended == "DeviceError"
+            if ended not in ("", "DeviceError"):
+                wrong.append(ended)
+        if changed >= told + _TOLD:
+            told = changed
+            say(f"  {case.name}: {changed} changed")
+        if changed >= _REPLIES:
+            break
+    measured = (
+        f"{changed} changed: {true} commands answered truly, {failed} DeviceErrors, "
+        f"{len(wrong)} others"
+    )
+    return Figure(
+        f"{_NAME}: {case.name}",
+        "no hang, no crash, no wrong value",
+        measured + (f"; first: {wrong[0]}" if wrong else ""),
+        not wrong,
+    )
 
 
 def fuzz(case: WireCase, seed: int) -> Iterator[tuple[int, str]]:

@@ -15,7 +15,7 @@ from labapp.console import say
 from labapp.figures import Figure
 from labapp.figures.serial_cases import SERIAL_CASES
 from labapp.figures.usb_cases import USB_CASES
-from labapp.figures.wire_case import Cable, Command, Rng, WireCase
+from labapp.figures.wire_case import Cable, Command, Rng, WireCase, unheard
 from simulator.clock import VirtualClock
 from simulator.wire import WIRE_KINDS, WireFault
 
@@ -42,12 +42,14 @@ _USB = "USB wheels: every command, every fault, 20 random moments"
 
 def serial_fault_figure(folder: Path) -> list[Figure]:
     """Each serial driver with each fault during each of its commands, at random moments."""
-    return _figures(_SERIAL, SERIAL_CASES)
+    with unheard():
+        return _figures(_SERIAL, SERIAL_CASES)
 
 
 def usb_fault_figure(folder: Path) -> list[Figure]:
     """Each driver of a USB wheel, likewise."""
-    return _figures(_USB, USB_CASES)
+    with unheard():
+        return _figures(_USB, USB_CASES)
 
 
 def _figures(name: str, cases: Iterable[WireCase]) -> list[Figure]:
