@@ -70,10 +70,10 @@ def describe(setup: BenchSetup, role: str) -> dict[str, str]:
             }
     except (UserError, DeviceError) as error:
         driver = setup.bench.devices.tables[role].driver
-        return {"device": role, "model": driver, "kind": "NOT THERE", "limits": str(error)}
+        return {"device": role, "model": driver, "kind": "FAILED", "limits": str(error)}
     except Exception as error:
         driver = setup.bench.devices.tables[role].driver
-        return {"device": role, "model": driver, "kind": "NOT THERE", "limits": broke(error)}
+        return {"device": role, "model": driver, "kind": "FAILED", "limits": broke(error)}
 
 
 def _slm(device: Any) -> str:

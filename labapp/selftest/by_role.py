@@ -212,11 +212,9 @@ def _spectroradiometer(device: Any, clock: Clock) -> list[Check]:
             raise Wrong(f"a spectrum of {told.radiance.shape} values, or not all of them finite")
         total = float(np.trapezoid(told.radiance, wavelengths))
         most = wavelengths[np.argmax(told.radiance)] * 1e9
+        light = f"{total:.4g} W/(sr m²) in all, most at {most:g} nm" if total > 0 else "no light"
         filtered = ", through its own grey filter" if told.dimmed else ""
-        return (
-            f"{total:.4g} W/(sr m²) in all, most at {most:g} nm, "
-            f"integrated for {told.integration:.3g} s{filtered}"
-        )
+        return f"{light}, integrated for {told.integration:.3g} s{filtered}"
 
     return [("range", range_), ("measure", measure), ("measure again", measure)]
 

@@ -133,7 +133,7 @@ def test_a_device_that_is_not_there_hides_no_other(labapp, tmp_path):
     assert (last["device"], last["model"], last["kind"]) == (
         "spectroradiometer",
         "cs2000",
-        "NOT THERE",
+        "FAILED",
     )
     assert "/dev/none" in last["limits"]
 
