@@ -42,7 +42,7 @@ class Lookout:
     @property
     def words(self) -> str:
         """The devices that are gone now, and why; empty if all are there."""
-        return "; ".join(f"{role} UNPLUGGED: {why}" for role, why in [*self._gone.items()])
+        return "; ".join(f"{role}, {why}" for role, why in [*self._gone.items()])
 
     def __enter__(self) -> Self:
         for thread in self._threads:

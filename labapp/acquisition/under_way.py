@@ -200,7 +200,7 @@ class RunUnderWay:
     def _report(self, message: str) -> None:
         self._doing = message
         share = self._done / self._expected if self._expected else 1.0
-        told = f"{self._unplugged} ({message})" if self._unplugged else message
+        told = f"UNPLUGGED: {self._unplugged} ({message})" if self._unplugged else message
         self._progress.report(share, told)
 
     def _say_last_words(self, state: State, message: str) -> None:

@@ -103,7 +103,7 @@ class DeviceList(Panel):
 
 def _headed(device: DeviceInfo) -> str:
     kind, kind_colour = ("simulated", SIMULATED) if device.simulated else ("real", REAL)
-    state_colour = ERROR if device.state == "failed" else REAL
+    state_colour = ERROR if device.error else REAL
     title = TITLES.get(device.name, device.name)
     return (
         f"<span style='color:{state_colour}'>●</span> <b>{escape(title)}</b> "

@@ -186,7 +186,7 @@ Command = (
 class DeviceInfo:
     """A device of the bench: what it is, how it is, and the last value read from it.
 
-    error: what is wrong with it, if its state is "failed".
+    error: what is wrong with it, if its state is "failed" or "unplugged".
     """
 
     name: str
@@ -228,7 +228,7 @@ class BenchState:
     @property
     def failed(self) -> set[str]:
         """The bench's names of the devices that don't do as they are told."""
-        return {device.name for device in self.devices if device.state == "failed"}
+        return {device.name for device in self.devices if device.error}
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,9 +46,9 @@ def test_what_goes_and_comes_is_told_once(caplog):
             one.why = why
             one.looked_at()
             assert looks.words == (
-                "filter UNPLUGGED: still not"
+                "filter, still not"
                 if why in ("still not", None)
-                else f"filter UNPLUGGED: {why}"
+                else f"filter, {why}"
                 if why
                 else ""
             )

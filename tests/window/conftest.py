@@ -188,14 +188,17 @@ def _as_set(frame: LiveFrame | None) -> bool:
 
 
 @pytest.fixture
-def own_bench(dark_theme: None, tmp_path: Path, qtbot: Any) -> Iterator[Callable[[str], Bench]]:
-    """Open a window of one's own, on a virtual bench with faults (a fault file's text)."""
+def own_bench(dark_theme: None, tmp_path: Path, qtbot: Any) -> Iterator[Callable[..., Bench]]:
+    """Open a window of one's own, on a virtual bench with faults (a fault file's text).
+
+    Of other files if they are given: bench, scene.
+    """
     opened: list[Bench] = []
 
-    def open_(faults: str = "") -> Bench:
+    def open_(faults: str = "", **files: Path) -> Bench:
         file = tmp_path / "faults.toml"
         file.write_text(f"version = 1\n{faults}")
-        opened.append(Bench(tmp_path, faults=file if faults else None))
+        opened.append(Bench(tmp_path, faults=file if faults else None, **files))
         bench = opened[0]
         qtbot.waitUntil(bench.window.actions_["acquire"].isEnabled, timeout=60_000)
         return bench

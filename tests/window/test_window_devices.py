@@ -5,11 +5,15 @@ from conftest import Person
 from plan_files import write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QMessageBox
+from small_bench import write_bench
 from test_window_trouble import alive
 
 from labapp.acquisition.state import State
 from labapp.record.reader import Record
 from labapp.window.messages import BenchState
+from simulator.machines.varispec import VariSpecMachine
+from simulator.wire import Line, WireFault
+from simulator.wire.pty import ServedLine
 
 
 def hangs(device, frame=0, times=1):
@@ -91,3 +95,28 @@ def test_closing_the_window_in_a_run_leaves_the_bench_safe(paused_by_the_filter,
         # It is only written once the bench has been made safe.
         assert record.state is State.CANCELLED
         assert len(record.missing()) == 2
+
+
+def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
+    own_bench, chosen_file, qtbot, tmp_path
+):
+    """A VariSpec whose port goes; the run waits for it, and goes on by itself."""
+    files = write_bench(tmp_path)
+    line, port = Line(VariSpecMachine(), baudrate=9600), tmp_path / "filter"
+    table = f'driver = "varispec"\noptions = {{ port = "{port}" }}\nsimulated = true'
+    text = files.bench.read_text()
+    files.bench.write_text(text.replace('driver = "simulated-filter"', table))
+    with ServedLine(line, port) as served:
+        bench = own_bench(bench=files.bench, scene=files.scene)
+        window, person = bench.window, Person(bench.window, qtbot)
+        chosen_file(write_plan(tmp_path, "Darks", wavelengths="[500, 600]", repeats=5))
+        window.actions_["plan"].trigger()
+        person.waits(lambda: bench.stored > 2)
+        line.inject(WireFault("disconnect", served.clock.now()))
+        person.waits(lambda: "unplugged" in window.devices.text("filter"))
+        assert "there any more" in window.devices.text("filter")
+        assert "UNPLUGGED: filter, VariSpec" in bench.runs[-1].message
+        assert "unplugged" not in window.devices.text("camera")
+        line.mend()
+        person.waits(lambda: "in a run" in window.devices.text("filter"))
+        person.waits(lambda: bench.states == ["COMPLETE"])

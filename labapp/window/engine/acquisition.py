@@ -26,7 +26,7 @@ class Acquisition:
 
     def take(self, run: Run) -> RunEnded:
         """How the run ended; UserError, DeviceError or OSError if it couldn't begin."""
-        run.rested = self._tell
+        run.rested, run.plugged = self._tell, self._tell_unasked
 
         def on_frame(shot: Shot, frame: Frame) -> None:
             run.stored(shot, frame)
@@ -55,6 +55,10 @@ class Acquisition:
 
     def _tell(self) -> None:
         self._channel.send(self._top.state(live=False, running=True))
+
+    def _tell_unasked(self) -> None:
+        """While the run waits for a device, none is asked anything: it may be that one."""
+        self._channel.send(self._top.state(live=False, running=True, anew=False))
 
     def _show(self, shot: Shot, frame: Frame) -> None:
         """Let the window see a stored frame, if it has the time."""

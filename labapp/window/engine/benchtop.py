@@ -112,8 +112,9 @@ class Benchtop:
         if role == "camera":
             self._set_exposure(self._exposure)
 
-    def state(self, live: bool, running: bool) -> BenchState:
-        infos = self._devices.infos(self._exposure, live=live, running=running)
+    def state(self, live: bool, running: bool, *, anew: bool = True) -> BenchState:
+        """anew: whether the devices are asked; what they said last if not."""
+        infos = self._devices.infos(self._exposure, live=live, running=running, anew=anew)
         readings = self._devices.last
         return BenchState(
             devices=infos,

@@ -70,9 +70,11 @@ class Devices:
         self._bench.watched[role].revive()
         self.absolve(role)
 
-    def infos(self, exposure: float, *, live: bool, running: bool) -> tuple[DeviceInfo, ...]:
-        """exposure: seconds, as the camera was set."""
-        readings = self.read()
+    def infos(
+        self, exposure: float, *, live: bool, running: bool, anew: bool = True
+    ) -> tuple[DeviceInfo, ...]:
+        """exposure: seconds, as the camera was set. anew: whether the devices are asked."""
+        readings = self.read() if anew else self.last
         values = {
             "slm": readings.pattern,
             "filter": f"{readings.wavelength * 1e9:.2f} nm",
@@ -83,21 +85,28 @@ class Devices:
         states = {"camera": "in a run" if running else "live" if live else "stopped"}
 
         def info(name: str) -> DeviceInfo:
-            error = self._dead(name) or self._failed.get(name, "")
-            state = "failed" if error else states.get(name, busy)
+            error, state = self._dead(name) or self._failed.get(name, ""), "failed"
+            if gone := self._gone(name):
+                error, state = gone, "unplugged"
+            state = state if error else states.get(name, busy)
             who = self._identities[name]
             return DeviceInfo(name, who.model, who.simulated, state, values[name], error)
 
         return tuple(info(name) for name in self._identities)
 
     def _ask(self, role: str, question: Callable[[], T], otherwise: T) -> T:
-        if self._dead(role):
+        if self._dead(role) or self._gone(role):
             return otherwise
         try:
             return question()
         except DeviceError as error:
             self.blame(error)
             return otherwise
+
+    def _gone(self, role: str) -> str:
+        """Why a device counts as unplugged; empty while it is there, or if nobody knows."""
+        watched = self._bench.watched.get(role)
+        return (watched.gone() or "") if watched is not None else ""
 
     def _dead(self, role: str) -> str:
         """Why a device is given up; empty while it isn't."""

@@ -19,13 +19,16 @@ Take = Callable[..., Outcome]
 _PAUSED = "PAUSED: "
 """How a run begins to say that it rests, and why."""
 
+_UNPLUGGED = "UNPLUGGED: "
+"""How it begins to say which devices aren't there, while they aren't."""
+
 
 class Run:
     """What a run reports goes into `info`, which any thread may ask for.
 
     planned, stored: frames of the record, and those that it has. timing: of those that it
-    lacks. changed: is called after each change; rested: when the run
-    begins to rest, in the thread that has the bench.
+    lacks. changed: is called after each change; in the thread that has the bench, rested: when
+    the run begins to rest, and plugged: when a device was unplugged or plugged in.
     """
 
     def __init__(
@@ -37,6 +40,8 @@ class Run:
         self.progress = Progress(self._hear)
         self.changed: Callable[[], None] = lambda: None
         self.rested: Callable[[], None] = lambda: None
+        self.plugged: Callable[[], None] = lambda: None
+        self._unplugged = False
         self._planned, self._stored = planned, stored
         self._timing = timing
         self._message, self._fraction, self._took = "", 0.0, 0.0
@@ -100,3 +105,6 @@ class Run:
         else:
             self.state, self._message = RunState.RUNNING, message
             self.changed()
+        if (unplugged := message.startswith(_UNPLUGGED)) != self._unplugged:
+            self._unplugged = unplugged
+            self.plugged()
