@@ -115,7 +115,7 @@ def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
         line.inject(WireFault("disconnect", served.clock.now()))
         person.waits(lambda: "unplugged" in window.devices.text("filter"))
         assert "there any more" in window.devices.text("filter")
-        assert "UNPLUGGED: filter, VariSpec" in bench.runs[-1].message
+        person.waits(lambda: "UNPLUGGED: filter, VariSpec" in bench.runs[-1].message)
         assert "unplugged" not in window.devices.text("camera")
         line.mend()
         person.waits(lambda: "in a run" in window.devices.text("filter"))
