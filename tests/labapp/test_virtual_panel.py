@@ -12,6 +12,7 @@ from drivers.screen.choosing import Wanted
 from labapp.errors import UserError
 from labapp.virtual_bench import panels
 from labapp.virtual_bench.panels import WatchedPanel
+from simulator.screens import server
 
 
 class World:
@@ -47,7 +48,7 @@ def test_an_x_server_that_hangs_is_told_and_ended(tmp_path, monkeypatch):
     program.write_text("#!/bin/sh\nexec sleep 100\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    monkeypatch.setattr(panels, "_STARTING", 0.3)
+    monkeypatch.setattr(server, "_STARTING", 0.3)
     began = time.monotonic()
     with pytest.raises(UserError, match="Xvfb didn't start"), ExitStack() as stack:
         panels._start_xvfb(48, 64, stack)
