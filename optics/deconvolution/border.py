@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from optics.plane import centred_pad
+
 
 def continued(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """The picture continued to `shape` so that its opposite edges meet smoothly.
@@ -11,24 +13,28 @@ def continued(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     Beyond the edge the picture is mirrored, and the mirrored parts of two opposite edges
     are blended into each other across the gap by a raised cosine.
     """
-    return _continued_axis(_continued_axis(image, shape[1], -1), shape[0], -2)
+    whole = centred_pad(image, shape)
+    for dim in (-1, -2):
+        _fill(whole, image.shape[dim], dim)
+    return whole
 
 
-def _continued_axis(image: torch.Tensor, length: int, dim: int) -> torch.Tensor:
-    n = image.shape[dim]
-    gap = length - n
-    after = gap - (length // 2 - n // 2)
+def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
+    """What lies before and after n known samples along an axis, in place."""
+    length = whole.shape[dim]
+    gap, first = length - n, length // 2 - n // 2
     if gap == 0:
-        return image
+        return
     step = torch.arange(gap)
-    ramp = (0.5 * (1 + torch.cos(torch.pi * (step + 1) / (gap + 1)))).to(image)
+    ramp = (0.5 * (1 + torch.cos(torch.pi * (step + 1) / (gap + 1)))).to(whole)
     ramp = ramp if dim == -1 else ramp[:, None]
     period = max(2 * n - 2, 1)
-    beyond_end = image.index_select(dim, _mirror(n + step, n, period))
-    beyond_start = image.index_select(dim, _mirror(step - gap, n, period))
+    beyond_end = whole.index_select(dim, first + _mirror(n + step, n, period))
+    beyond_start = whole.index_select(dim, first + _mirror(step - gap, n, period))
     filling = beyond_end * ramp + beyond_start * (1 - ramp)
-    parts = filling.narrow(dim, after, gap - after), image, filling.narrow(dim, 0, after)
-    return torch.cat(parts, dim=dim)
+    after = gap - first
+    whole.narrow(dim, first + n, after).copy_(filling.narrow(dim, 0, after))
+    whole.narrow(dim, 0, first).copy_(filling.narrow(dim, after, first))
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:

@@ -36,7 +36,7 @@ class NormalEquations:
     def start(self, penalty: torch.Tensor) -> torch.Tensor:
         """The solution if the smooth continuation of the photograph had been measured."""
         spectrum = rfft2(self._seen.continued - self.mean).mul_(self._seen.back)
-        return spectrum * self._below(penalty).reciprocal()
+        return spectrum.mul_(self._below(penalty).reciprocal_())
 
     def solved(
         self,
@@ -68,7 +68,7 @@ class NormalEquations:
         return self._seen.unexplained(self.picture(spectrum * self._seen.transfer)) ** 0.5
 
     def _below(self, penalty: torch.Tensor) -> torch.Tensor:
-        return (self._seen.power + penalty).clamp(min=1e-12)
+        return (self._seen.power + penalty).clamp_(min=1e-12)
 
     def _normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
         light = irfft2(x * self._seen.transfer, self._seen.whole)

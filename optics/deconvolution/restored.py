@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -13,23 +14,33 @@ class Restored:
 
     image: (rows, columns), light per pixel of the scene in the photograph's frame; never negative
     but for linear filters. method: in words. noise: standard deviation that the photograph was
-    taken to have.
-    weight: of what is known of pictures beforehand, against the data; None where there is none.
-    residual: rms of the photograph less the blurred restoration, over the noise: about 1 where
-    model, PSF and noise are right; above 1.2 something isn't. change: of the picture in the last
-    iteration, relative, after each. converged: whether it fell below what was asked. whole: the
-    scene around the frame as well, as far as light comes into it, for whoever goes on from there.
+    taken to have. left: the residual, or what works it out once somebody asks. weight: of what is
+    known of pictures beforehand, against the data; None where there is none. change: of the picture
+    in the last iteration, relative, after each. converged: whether it fell below what was asked.
+    whole: the scene around the frame as well, as far as light comes into it, for whoever goes on
+    from there.
     """
 
     image: torch.Tensor
     method: str
     noise: float
-    residual: float
+    left: float | Callable[[], float]
     weight: float | None = None
     iterations: int = 1
     change: list[float] = field(default_factory=list)
     converged: bool = True
     whole: torch.Tensor | None = None
+
+    @property
+    def residual(self) -> float:
+        """Rms of the photograph less the blurred restoration, over the noise: about 1 where model,
+        PSF and noise are right; above 1.2 something isn't."""
+        if not callable(self.left):
+            return self.left
+        residual = self.left()
+        # What it was worked out from may be large, and is needed no more.
+        object.__setattr__(self, "left", residual)
+        return residual
 
 
 @torch.no_grad()

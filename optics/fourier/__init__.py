@@ -18,6 +18,7 @@ from optics.fourier.fft import fft as fft
 from optics.fourier.fft import half_counts as half_counts
 from optics.fourier.fft import irfft2 as irfft2
 from optics.fourier.fft import quick_length as quick_length
+from optics.fourier.fft import rfft as rfft
 from optics.fourier.fft import rfft2 as rfft2
 from optics.fourier.geometry import Geometry as Geometry
 from optics.fourier.geometry import unit_phasor as unit_phasor

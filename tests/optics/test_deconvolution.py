@@ -135,6 +135,20 @@ def test_what_a_filter_leaves_unexplained_is_about_the_noise(blurred):
     assert wiener(measured(noisy, psf[::-1, ::-1].copy() * 0.9, 1e-3), 1e-4, "flat").residual > 0
 
 
+def test_the_residual_is_what_blurring_again_leaves(blurred):
+    """Worked out once somebody asks, from what is then let go."""
+    _, noisy, psf = blurred
+    restored = wiener(measured(noisy, psf, 1e-3, "periodic"), 1e-3, "flat")
+    rows, columns = (np.arange(n) - n // 2 for n in psf.shape)
+    kernel = np.zeros(noisy.shape)
+    kernel[np.ix_(rows, columns)] = psf
+    again = np.fft.ifft2(np.fft.fft2(kernel) * np.fft.fft2(restored.image.numpy())).real
+    truth = np.sqrt(np.mean((again - noisy) ** 2)) / 1e-3
+    assert callable(restored.left)
+    assert restored.residual == pytest.approx(truth, rel=1e-3)
+    assert restored.left == restored.residual
+
+
 def test_a_filter_fills_dead_pixels(blurred):
     truth, noisy, psf = blurred
     dead = np.random.default_rng(11).random(noisy.shape) < 0.03
@@ -363,9 +377,9 @@ def test_opposite_edges_of_the_continued_picture_meet():
     assert float(seam.abs().max()) < 3
 
 
-@pytest.mark.parametrize("side", [4, 5])
+@pytest.mark.parametrize("side", [4, 5, 12, 21])
 def test_the_transfer_function_is_that_of_the_centred_psf(side):
-    """The DFT sum with the origin at n // 2, written out."""
+    """The DFT sum with the origin at n // 2, written out; a larger PSF is wound around."""
     psf = np.random.default_rng(7).random((side, side))
     x = positions(side, 1.0)
     k, m = np.arange(9)[:, None], np.arange(6)[:, None]
