@@ -164,16 +164,12 @@ def test_light_is_never_negative():
         assert light_of(world(), ring_pattern(100e-6), target=target).min() >= 0
 
 
-@pytest.mark.parametrize("tol", [1e-2, 1e-3])
 @pytest.mark.parametrize("bandwidth", [7e-9, 20e-9, 40e-9])
 @pytest.mark.parametrize("radius", [0.0, 60e-6, 200e-6])
-def test_the_band_is_sampled_as_finely_as_the_tolerance_asks(bandwidth, radius, tol):
+def test_the_band_is_sampled_as_finely_as_the_tolerance_asks(bandwidth, radius):
     """41 wavelengths across four standard deviations, each a world of its own."""
     grey = ring_pattern(radius)
-    w = world(tol=tol)
-    w.bandwidth = bandwidth
-    light = light_of(w, grey)
-    one = world(tol=tol, forced={"filter bandwidth": False})
+    one = world(tol=1e-3, forced={"filter bandwidth": False})
     # Narrow, for a wide band's mean photon is longer than its centre: by 0.5 nm if it has 40 nm.
     one.bandwidth = 0.1e-9
     x = np.linspace(-4, 4, 41)
@@ -183,7 +179,10 @@ def test_the_band_is_sampled_as_finely_as_the_tolerance_asks(bandwidth, radius, 
     # Each has all of the band's photons, at its own wavelength: longer waves have more of them.
     shapes = [light_of(one, grey, v) * bandwidth / one.bandwidth for v in wavelengths]
     truth = np.tensordot(weights / weights.sum(), shapes, 1)
-    assert relative(light, truth) <= tol
+    for tol in (1e-2, 1e-3):
+        w = world(tol=tol)
+        w.bandwidth = bandwidth
+        assert relative(light_of(w, grey), truth) <= tol
 
 
 class Counted:

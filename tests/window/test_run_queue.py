@@ -90,6 +90,45 @@ def test_cancel_reaches_a_run_that_is_about_to_begin(queue):
     assert states(queue) == ["CANCELLED", "WAITING", "WAITING"]
 
 
+def test_a_run_that_was_asked_for_before_a_bad_end_waits_with_the_others(queue):
+    """However long it takes to be read and checked."""
+    queue.remove([2, 3])
+    run = queue.begin()
+    queue.expect()
+    queue.cancel()
+    queue.end(run, RunState.CANCELLED, "")
+    assert queue.held == "one was cancelled"
+    queue.add(make_run("four"))
+    assert queue.begin() is None
+    queue.go_on()
+    assert queue.begin().title == "four"
+
+
+def test_a_run_that_never_comes_holds_nobody(queue):
+    queue.remove([2, 3])
+    run = queue.begin()
+    queue.expect()
+    queue.end(run, RunState.FAILED, "")
+    queue.dismiss()
+    assert queue.held == ""
+
+
+def test_cancel_reaches_a_run_that_is_still_being_made_ready():
+    queue = RunQueue(lambda: None)
+    queue.cancel()
+    queue.expect()
+    queue.add(make_run("one"))
+    assert states(queue) == ["WAITING"]
+    queue.end(queue.begin(), RunState.COMPLETE, "")
+    queue.expect()
+    queue.expect()
+    queue.cancel()
+    queue.add(make_run("two"))
+    queue.add(make_run("three"))
+    assert states(queue) == ["COMPLETE", "CANCELLED", "WAITING"]
+    assert queue.held == "two was cancelled"
+
+
 def test_a_file_is_taken_as_long_as_its_run_has_not_ended(queue):
     assert queue.has(Path("one.h5"))
     queue.end(queue.begin(), RunState.CANCELLED, "")

@@ -58,14 +58,17 @@ class Planner:
         self._thread.shutdown(cancel_futures=True)
 
     def line_up(self, command: Acquire | RunPlan | ResumeRun) -> None:
+        self._queue.expect()
         self._thread.submit(self._try, command)
 
     def _try(self, command: Acquire | RunPlan | ResumeRun) -> None:
         try:
-            self._queue.add(self._make[type(command)](command))
+            run = self._make[type(command)](command)
         except Exception as error:
+            self._queue.dismiss()
             self._failed(error)
         else:
+            self._queue.add(run)
             self._ready()
 
     def _bracket(self, command: Acquire) -> Run:

@@ -17,14 +17,17 @@ class RunQueue:
     """Every method may be called from any thread; `changed` is called after each change.
 
     After a run that was cancelled or failed the others wait: what stopped it may stop them,
-    and nobody may be there to see it. `held` says so until somebody says go_on().
+    and nobody may be there to see it. `held` says so until somebody says go_on(). That holds
+    for a run, too, that was asked for before and still is being made ready: who makes one says
+    expect() first, and add() or dismiss() then.
     """
 
     def __init__(self, changed: Callable[[], None]) -> None:
         self._changed = changed
         self._lock = threading.Lock()
         self._runs: list[Run] = []
-        self._count = 0
+        self._count = self._expected = 0
+        self._unwanted = False
         self.held = ""
 
     def infos(self) -> tuple[RunInfo, ...]:
@@ -42,11 +45,26 @@ class RunQueue:
         with self._lock:
             return not self.held and self._next() is not None
 
+    def expect(self) -> None:
+        """A run was asked for, and will be there soon."""
+        with self._lock:
+            self._expected += 1
+
     def add(self, run: Run) -> None:
         with self._lock:
+            unwanted = self._arrives()
             self._count += 1
             run.number, run.changed = self._count, self._changed
             self._runs.append(run)
+            if unwanted:
+                self._refuse(run)
+        self._changed()
+
+    def dismiss(self) -> None:
+        """There won't be a run that was expected."""
+        with self._lock:
+            self._arrives()
+            self._let_go()
         self._changed()
 
     def begin(self) -> Run | None:
@@ -72,8 +90,9 @@ class RunQueue:
             if run is not None:
                 run.progress.cancel()
             elif not self.held and (run := self._next()) is not None:
-                run.end(RunState.CANCELLED, "cancelled before it began")
-                self._hold_after(run)
+                self._refuse(run)
+            elif not self.held:
+                self._unwanted = self._expected > 0
         self._changed()
 
     def pause(self, on: bool) -> None:
@@ -98,9 +117,26 @@ class RunQueue:
     def _keep(self, wanted: Callable[[Run], bool]) -> None:
         with self._lock:
             self._runs = [run for run in self._runs if wanted(run)]
-            if self._next() is None:
-                self.held = ""
+            self._let_go()
         self._changed()
+
+    def _arrives(self) -> bool:
+        """One that was expected; whether it was cancelled before it was there."""
+        unwanted, self._unwanted = self._unwanted, False
+        self._expected = max(0, self._expected - 1)
+        return unwanted
+
+    def _refuse(self, run: Run) -> None:
+        run.end(RunState.CANCELLED, "cancelled before it began")
+        self._hold_after(run)
+
+    def _let_go(self) -> None:
+        """Hold nobody, where nobody is left to be held."""
+        if not self._anybody_waits():
+            self.held = ""
+
+    def _anybody_waits(self) -> bool:
+        return self._next() is not None or self._expected > 0
 
     def _under_way(self) -> Run | None:
         return next((run for run in self._runs if run.state.is_under_way), None)
@@ -109,5 +145,5 @@ class RunQueue:
         return next((run for run in self._runs if run.state is RunState.WAITING), None)
 
     def _hold_after(self, run: Run) -> None:
-        if run.state in _NOT_WELL and self._next() is not None:
+        if run.state in _NOT_WELL and self._anybody_waits():
             self.held = f"{run.title} {_NOT_WELL[run.state]}"
