@@ -137,8 +137,7 @@ def intruder(server):
 def show_and_look(slm, grey):
     """On a busy computer a window may come back only after the picture was found right."""
     slm.show("under it", grey)
-    time.sleep(1)
-    assert slm.shown
+    wait_for(lambda: not slm.shown, "an error")
 
 
 def is_on_top(server):

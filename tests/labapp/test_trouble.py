@@ -14,9 +14,9 @@ from labapp.figures.small_bench import small_setup
 from labapp.figures.troubles import suffer
 from simulator.faults import Fault, Kind
 
-KILLS = 20
-FULL = 8
-FAULTS = 3
+KILLS = 8
+FULL = 4
+FAULTS = 2
 
 
 def test_no_kill_loses_an_acknowledged_frame_and_every_run_goes_on(tmp_path):

@@ -16,13 +16,17 @@ def explicit_zernike(n: int, m: int, y: Any, x: Any) -> Any:
     """Born and Wolf 9.2.1 (5), factorials and all, in whole numbers and extended precision."""
     order = abs(m)
     r = np.hypot(np.asarray(y, np.longdouble), np.asarray(x, np.longdouble))
-    radial = np.zeros_like(r)
+    square, radial = r * r, np.zeros_like(r)
     for k in range((n - order) // 2 + 1):
         term = (-1) ** k * math.comb(n - k, k) * math.comb(n - 2 * k, (n - order) // 2 - k)
-        radial = radial + np.longdouble(term) * r ** (n - 2 * k)
+        # Horner's scheme: in extended precision, powers take a hundred times longer.
+        radial = radial * square + np.longdouble(term)
+    radial = np.sqrt(np.longdouble((2 if m else 1) * (n + 1))) * radial
+    if order == 0:
+        return radial
     angle = np.arctan2(np.asarray(y, np.longdouble), np.asarray(x, np.longdouble))
     turn = np.cos(order * angle) if m >= 0 else np.sin(order * angle)
-    return np.sqrt(np.longdouble((2 if m else 1) * (n + 1))) * radial * turn
+    return radial * r**order * turn
 
 
 def turns(lens: Lens, distance: float, wavelength: float, y: Any, x: Any) -> Any:
