@@ -31,7 +31,7 @@ def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
     period = max(2 * n - 2, 1)
     beyond_end = whole.index_select(dim, first + _mirror(n + step, n, period))
     beyond_start = whole.index_select(dim, first + _mirror(step - gap, n, period))
-    filling = beyond_end * ramp + beyond_start * (1 - ramp)
+    filling = torch.lerp(beyond_start, beyond_end, ramp)
     after = gap - first
     whole.narrow(dim, first + n, after).copy_(filling.narrow(dim, 0, after))
     whole.narrow(dim, 0, first).copy_(filling.narrow(dim, after, first))

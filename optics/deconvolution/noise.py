@@ -114,7 +114,7 @@ def squared_radii(shape: tuple[int, int]) -> torch.Tensor:
 
 def squared(spectrum: torch.Tensor) -> torch.Tensor:
     """Of the modulus."""
-    return spectrum.real.square() + spectrum.imag.square()
+    return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fitted(power: torch.Tensor, squares: torch.Tensor, let: torch.Tensor) -> PowerLaw:
