@@ -68,12 +68,10 @@ def describe(setup: BenchSetup, role: str) -> dict[str, str]:
                 "kind": kind,
                 "limits": _LIMITS[role](alone.device),
             }
-    except (UserError, DeviceError) as error:
-        driver = setup.bench.devices.tables[role].driver
-        return {"device": role, "model": driver, "kind": "FAILED", "limits": str(error)}
     except Exception as error:
+        why = str(error) if isinstance(error, (UserError, DeviceError)) else broke(error)
         driver = setup.bench.devices.tables[role].driver
-        return {"device": role, "model": driver, "kind": "FAILED", "limits": broke(error)}
+        return {"device": role, "model": driver, "kind": "FAILED", "limits": why}
 
 
 def _slm(device: Any) -> str:

@@ -192,7 +192,8 @@ def test_a_driver_that_breaks_hides_no_other_device(tmp_path, monkeypatch):
     done = labapp("bench", "check", path, "--json")
     rows = {row["check"]: row for row in json.loads(done.output)["checks"]}
     assert [name for name, row in rows.items() if not row["well"]] == ["targets"]
-    assert "KeyError: 'no such register'" in rows["targets"]["seen"]
+    seen = "targets: open: KeyError: 'no such register'. Look at the device and its cable"
+    assert rows["targets"]["seen"] == seen
     done = labapp("devices", "test", "targets", "--bench", path, "--json")
     assert done.exit_code == 1
     assert "no such register" in json.loads(done.output)["checks"][0]["detail"]

@@ -85,12 +85,10 @@ class Devices:
         states = {"camera": "in a run" if running else "live" if live else "stopped"}
 
         def info(name: str) -> DeviceInfo:
-            error, state = self._dead(name) or self._failed.get(name, ""), "failed"
-            if gone := self._gone(name):
-                error, state = gone, "unplugged"
-            state = state if error else states.get(name, busy)
+            gone, error = self._gone(name), self._dead(name) or self._failed.get(name, "")
+            state = "unplugged" if gone else "failed" if error else states.get(name, busy)
             who = self._identities[name]
-            return DeviceInfo(name, who.model, who.simulated, state, values[name], error)
+            return DeviceInfo(name, who.model, who.simulated, state, values[name], gone or error)
 
         return tuple(info(name) for name in self._identities)
 

@@ -19,7 +19,7 @@ def explicit_zernike(n: int, m: int, y: Any, x: Any) -> Any:
     square, radial = r * r, np.zeros_like(r)
     for k in range((n - order) // 2 + 1):
         term = (-1) ** k * math.comb(n - k, k) * math.comb(n - 2 * k, (n - order) // 2 - k)
-        # Horner's scheme: in extended precision, powers take a hundred times longer.
+        # Horner's scheme: in extended precision, powers take forty times longer.
         radial = radial * square + np.longdouble(term)
     radial = np.sqrt(np.longdouble((2 if m else 1) * (n + 1))) * radial
     if order == 0:
