@@ -22,8 +22,9 @@ test: $(VENV)/dev system check
 gui: $(VENV)/run
 	$(BIN)/labapp gui
 
-figures: $(VENV)/run
-	$(BIN)/labapp figures
+# Measure what labapp claims, all of it or ONLY="psf demo", and write tests/figures/RESULTS.md.
+figures: $(VENV)/dev
+	cd tests && ../$(BIN)/python -m figures $(ONLY) $(if $(JSON),--json)
 
 # Style, types and the imports that the rooms allow each other.
 check: $(VENV)/dev
@@ -60,7 +61,7 @@ $(VENV)/run: $(VENV)/made pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/dev: $(VENV)/made pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]' -e tests/peers
 	touch $@ $(VENV)/run
 
 clean:

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.accuracy.command import print_rows, write_measured
-from labapp.accuracy.peers import refuse
-from labapp.accuracy.rows import Candidate, Row, measure
+from labapp.accuracy.references.chain_psf import ChainProblem
+from labapp.accuracy.rows import Candidate, Row, measure, refuse
 from labapp.asked import Case
 from labapp.console import watched
 from labapp.errors import UserError
-from labapp.figures.chains import ChainProblem
 from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget

@@ -17,13 +17,12 @@ from labapp.accuracy.comparing import (
     slower,
     verdicts,
 )
-from labapp.accuracy.peers import peer_candidates
+from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import write_plot, write_rows
+from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.asked import Case
 from labapp.console import out, table, watched
-from labapp.figures import machine
 from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
@@ -54,7 +53,7 @@ def accuracy_psf(
         truth = exact(case, progress.part(0.1, 0.2))
         found = list(candidates(case, Budget(speed=speed)))
         if peers:
-            found += peer_candidates(case)
+            found += [one for peer in installed_peers("psf") for one in peer(case)]
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
         worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
     print_rows("PSF", case.name, measured.rows)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.blurs import Array, Taken
+from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import write_plot, write_rows
+from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.console import out, table, watched
-from labapp.figures import machine
 from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -82,7 +80,7 @@ def measure_deconvolution(
 ) -> list[DeconvolutionRow]:
     """Every method after more and more iterations; the front is marked. What fails is a row too."""
     settings = list(_settings(denoise))
-    theirs = list(_peers(case)) if peers else []
+    theirs = [one for peer in installed_peers("deconvolve") for one in peer(case)] if peers else []
     rows, total = [_row(case, "as it is", 0, lambda: case.frame)], len(settings) + len(theirs)
     for number, (name, count) in enumerate(settings):
         progress.report(number / total, f"{name}, {count}")
@@ -103,33 +101,6 @@ def _settings(denoise: Denoise | None) -> Iterator[tuple[str, int]]:
     for name, method in METHODS.items():
         if denoise is not None or not method.learned:
             yield from ((name, count) for count in sorted(method.gains))
-
-
-def _peers(case: Taken) -> Iterator[tuple[str, int, Callable[[], Array]]]:
-    """scikit-image as shipped, in double precision; the frame's opposite edges are neighbours to
-    it, or dark to Richardson and Lucy."""
-    try:
-        restoration: Any = importlib.import_module("skimage.restoration")
-    except ImportError:
-        return
-    frame, psf = case.frame, case.psf
-    for balance in (0.01, 0.1, 1.0):
-
-        def filtered(balance: float = balance) -> Array:
-            return np.asarray(restoration.wiener(frame, psf, balance))
-
-        yield f"scikit-image wiener, balance {balance:g}", 1, filtered
-    yield (
-        "scikit-image unsupervised_wiener",
-        1,
-        lambda: np.asarray(restoration.unsupervised_wiener(frame, psf, rng=1)[0]),
-    )
-    for count in (10, 30):
-
-        def likeliest(count: int = count) -> Array:
-            return np.asarray(restoration.richardson_lucy(frame, psf, num_iter=count))
-
-        yield f"scikit-image richardson_lucy, {count}", count, likeliest
 
 
 def _row(

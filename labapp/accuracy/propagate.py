@@ -11,16 +11,26 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from labapp.accuracy.command import print_rows, write_measured
-from labapp.accuracy.peers import refuse
-from labapp.accuracy.propagate_peers import peer_candidates
-from labapp.accuracy.rows import Candidate, Row, measure
+from labapp.accuracy.peers import installed_peers
+from labapp.accuracy.references.free_space import (
+    CellLight,
+    Complex,
+    Gaussian,
+    Light,
+    Places,
+    Real,
+    SmoothLight,
+    exact_field,
+    product_count,
+)
+from labapp.accuracy.references.samples import draw_samples
+from labapp.accuracy.rows import Candidate, Row, measure, refuse
 from labapp.asked import read_window
 from labapp.console import watched
 from labapp.errors import UserError
-from labapp.figures.free_space_judge import Cells, Complex, Gaussians, Pulse, Real
-from labapp.figures.free_space_problems import Judge, Problem
 from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
@@ -34,24 +44,53 @@ LIGHTS = ("smooth", "cells")
 _MOST_SECONDS = 2.0
 """Predicted processor time beyond which a method isn't tried."""
 
+_SAMPLES, _FEWEST = 64, 8
+"""Of the target that are compared: as many as _MOST_PRODUCTS values of the kernel allow."""
+
+_MOST_PRODUCTS = 3e7
+
 _HELD = 5.4
 """Widths of a Gaussian that its plane and its band hold: 2e-13 of it is left there."""
 
 
 @dataclass(frozen=True)
 class FieldCase:
-    """A field and where it is wanted, with samples of the exact answer; a problem in words."""
+    """A field and where it is wanted."""
 
     light: str
-    problem: Problem
+    field: Light
+    target: Plane
+    distance: float
+    wavelength: float
+    paraxial: bool
+
+    @property
+    def source(self) -> Plane:
+        return self.field.plane
+
+    @property
+    def samples(self) -> torch.Tensor:
+        """Of the field, on its own plane."""
+        return torch.from_numpy(self.field.samples)
+
+    def operator(self, tol: float, **settings: Any) -> FreeSpace:
+        return FreeSpace(
+            self.source,
+            self.target,
+            self.distance,
+            self.wavelength,
+            cells=self.source.pitch if isinstance(self.field, CellLight) else None,
+            paraxial=self.paraxial,
+            tol=tol,
+            **settings,
+        )
 
     @property
     def name(self) -> str:
-        p = self.problem
-        model = "Fresnel" if p.paraxial else "scalar"
+        model = "Fresnel" if self.paraxial else "scalar"
         return (
-            f"{self.light}, {_told(p.source)}, {p.distance * 1e3:g} mm, "
-            f"{p.wavelength * 1e9:g} nm, to {_told(p.target)}, {model}"
+            f"{self.light}, {_told(self.source)}, {self.distance * 1e3:g} mm, "
+            f"{self.wavelength * 1e9:g} nm, to {_told(self.target)}, {model}"
         )
 
 
@@ -82,9 +121,8 @@ def asked_field(
         raise UserError(f"--distance {distance:g}: it must be finite and not 0, in metres.")
     if not (0 < wavelength < math.inf):
         raise UserError(f"--wavelength-nm {wavelength * 1e9:g}: it must be positive.")
-    shown = smooth_light(source) if light == "smooth" else random_cells(source)
-    problem = Problem(source, shown, target, distance, wavelength, paraxial, 1e-3)
-    return FieldCase(light, problem)
+    field = smooth_light(source) if light == "smooth" else random_cells(source)
+    return FieldCase(light, field, target, distance, wavelength, paraxial)
 
 
 def read_plane(size: int, pitch_um: float, centre: str, name: str) -> Plane:
@@ -94,7 +132,7 @@ def read_plane(size: int, pitch_um: float, centre: str, name: str) -> Plane:
     return read_window(size, pitch_um * 1e-6, centre)
 
 
-def smooth_light(plane: Plane) -> Gaussians:
+def smooth_light(plane: Plane) -> SmoothLight:
     """Three Gaussians that fill a plane, two of them tilted to the ends of its default band."""
     half, band = (min(plane.shape) - 1) // 2 * plane.pitch[0], 0.25 / plane.pitch[0]
     wide, narrow = 0.6 * half / _HELD, _HELD / (math.pi * 0.75 * band)
@@ -102,22 +140,17 @@ def smooth_light(plane: Plane) -> Gaussians:
         needed = 2 * math.ceil(_HELD * narrow / 0.6 / plane.pitch[0]) + 2
         raise UserError(f"--size {plane.shape[0]}: a smooth field takes {needed} samples or more.")
     tilt, corner = band - _HELD / (math.pi * wide), 0.25 * band
-
-    def pulse(middle: float, frequency: float, width: float) -> Pulse:
-        return Pulse(middle * half, frequency, complex(width**-2))
-
-    return Gaussians(
-        (
-            (1.0 + 0j, pulse(0.0, 0.0, wide), pulse(0.0, 0.0, wide)),
-            (0.7j, pulse(0.3, -tilt, wide), pulse(-0.2, 0.0, wide)),
-            (-0.5 + 0j, pulse(-0.3, corner, narrow), pulse(0.1, -corner, narrow)),
-        )
+    gaussians = (
+        Gaussian(1.0 + 0j, (0.0, 0.0), (0.0, 0.0), wide),
+        Gaussian(0.7j, (0.3 * half, -0.2 * half), (-tilt, 0.0), wide),
+        Gaussian(-0.5 + 0j, (-0.3 * half, 0.1 * half), (corner, -corner), narrow),
     )
+    return SmoothLight(plane, gaussians)
 
 
-def random_cells(plane: Plane) -> Cells:
+def random_cells(plane: Plane) -> CellLight:
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
-    return Cells(plane, plane.pitch, np.exp(1j * phase))
+    return CellLight(plane, np.exp(1j * phase))
 
 
 class Reference:
@@ -128,25 +161,43 @@ class Reference:
     """
 
     def __init__(self, case: FieldCase) -> None:
-        self._judge = Judge(case.problem, _glimpse(case.problem))
-        self.truth = self.seen(self._judge.truth())
+        light = np.abs(_glimpse(case)) ** 2
+        count = _SAMPLES
+        while True:
+            self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
+            places = _places(case, self._where)
+            if count <= _FEWEST or _cost(case, places) <= _MOST_PRODUCTS:
+                break
+            count //= 2
+        self.truth = self.seen(exact_field(case.field, places, paraxial=case.paraxial))
 
     def of(self, answer: Any) -> Real:
         """An answer's, from a tensor or an array on the whole target."""
-        values = answer.reshape(-1)[self._judge.where]
+        values = answer.reshape(-1)[self._where]
         return self.seen(np.asarray(values.resolve_conj() if torch.is_tensor(values) else values))
 
     def seen(self, values: Complex) -> Real:
-        weighed = np.sqrt(self._judge.weight) * values
+        weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
-def _glimpse(problem: Problem) -> Complex:
+def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
+    """Of samples of the target, by their numbers."""
+    rows, columns = np.divmod(where, case.target.shape[1])
+    y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
+    return Places(y[rows], x[columns], case.distance, case.wavelength)
+
+
+def _cost(case: FieldCase, places: Places) -> float:
+    return product_count(case.field, places, paraxial=case.paraxial)
+
+
+def _glimpse(case: FieldCase) -> Complex:
     """About where the light arrives; everywhere alike if even that can't be said."""
     try:
-        return np.asarray(problem.operator(1e-1)(problem.field).resolve_conj())
+        return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
     except ValueError:
-        return np.ones(problem.target.shape, dtype=np.complex128)
+        return np.ones(case.target.shape, dtype=np.complex128)
 
 
 def candidates(case: FieldCase, reference: Reference, budget: Budget) -> Iterator[Candidate]:
@@ -155,13 +206,13 @@ def candidates(case: FieldCase, reference: Reference, budget: Budget) -> Iterato
         for tol in TOLERANCES:
             row = Row("propagate", case.name, method, "float64", tol)
             try:
-                operator = case.problem.operator(tol, method=method, budget=budget)
+                operator = case.operator(tol, method=method, budget=budget)
                 _require_quick(operator)
             except ValueError as error:
                 yield Candidate(row, partial(refuse, error))
                 continue
             row = replace(row, precision=operator.account.precision)
-            yield Candidate(row, partial(_to_tolerance, case.problem.field, operator, reference))
+            yield Candidate(row, partial(_to_tolerance, case.samples, operator, reference))
 
 
 def _require_quick(operator: FreeSpace) -> None:
@@ -195,7 +246,8 @@ def accuracy_propagate(
         reference = Reference(case)
         found = list(candidates(case, reference, budget))
         if peers:
-            found += peer_candidates(case.problem, case.name, reference.of)
+            adapters = installed_peers("propagate")
+            found += [one for peer in adapters for one in peer(case, reference.of)]
         measured = measure(found, reference.truth, progress.part(0.2, 1.0))
     print_rows("Free space", case.name, measured.rows)
     write_measured(case.name, measured, data, plot)

@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 
+from labapp.accuracy.references.lens import lens_picture
+from labapp.accuracy.references.round_lens import Picture, round_lens_picture
 from labapp.accuracy.rows import Candidate, Row
 from labapp.asked import Case
-from labapp.figures.quadrature import Picture, round_lens_picture
-from labapp.figures.slices import lens_picture
 from optics.accuracy import Budget
 from optics.fourier import Geometry, plan_transform, transforms
 from optics.plane import Plane

@@ -12,11 +12,10 @@ import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import write_plot, write_rows
+from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.bench import BenchFiles
 from labapp.console import out, table, watched
 from labapp.designing.kinds import read_psf
-from labapp.figures import machine
 from labapp.files.bench_file import read_bench
 from labapp.files.writing import require_writable
 from labapp.patterns import designed

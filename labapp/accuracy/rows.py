@@ -51,6 +51,11 @@ class Candidate:
     plan: Callable[[], tuple[Callable[[], Any], float | None, int]]
 
 
+def refuse(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
+    """Plan what can't be had: a row whose failure is the error's words."""
+    raise error
+
+
 @dataclass
 class Measured:
     """Rows with the front marked, the calls behind them, and the calibration kernel's time."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from labapp.accuracy.writing import write_rows
+from labapp.accuracy.writing import machine, write_rows
 from labapp.console import out, table, watched
-from labapp.figures import machine
 from labapp.files.writing import require_writable
 from labapp.simulating.asked import AskedPicture, stage, stage_of
 from labapp.simulating.everything import Deviation, Rendered, by_plan, with_everything

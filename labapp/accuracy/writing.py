@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +14,6 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from labapp.console import out
-from labapp.figures import machine
 from labapp.files.writing import write_whole
 
 
@@ -33,3 +34,14 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
     draw().savefig(buffer, format=plot.suffix.lstrip(".") or "png")
     write_whole(plot, buffer.getvalue())
     out.print(f"wrote {plot}")
+
+
+def machine() -> str:
+    """The machine in a line, for the caption of figures."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
+    except (OSError, StopIteration):
+        pass
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"

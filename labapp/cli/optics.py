@@ -1,4 +1,4 @@
-"""Commands for the optics engine: a PSF, what accuracy costs, and the figures."""
+"""Commands for the optics engine: a PSF, and what accuracy costs."""
 
 from __future__ import annotations
 
@@ -328,17 +328,3 @@ def accuracy_deconvolve_(
 
     case = asked_photograph(picture, blur, psf, noise, border, size, seed)
     accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot, force=force)
-
-
-@app.command()
-def figures(
-    only: Annotated[
-        str | None, typer.Option(metavar="WORD", help="Only figures whose name has this word.")
-    ] = None,
-    json: JsonOption = False,
-) -> None:
-    """Measure every figure that the README claims, and print it beside its goal."""
-    one_thread()
-    from labapp.figures import print_figures
-
-    print_figures(only, as_json=json)

@@ -159,7 +159,7 @@ def _round(seen: Blurred) -> Work:
 
 
 # Gains are medians of 12 photographs, each through one of 6 blurs, with noise of .005 to .02:
-# `labapp figures --only budget` measures them.
+# `make figures ONLY=budget` measures them.
 METHODS: dict[str, Method] = {
     "wiener": Method(
         "linear filter, gradients' power known (Eq. 2.28)",

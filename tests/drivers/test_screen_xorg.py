@@ -10,6 +10,8 @@ import time
 
 import numpy as np
 import pytest
+from figures.presentations import watched_video
+from figures.screen import SCALES, Compared, compare, require_tools
 from xservers import edid, wait_for, xorg
 
 from drivers import ports
@@ -18,8 +20,6 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.screen import ScreenSLM, identify
 from drivers.x11 import ScreenReader, XConnection
-from labapp.figures.presentations import watched_video
-from labapp.figures.screen import SCALES, Compared, compare, require_tools
 from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
 pytestmark = pytest.mark.xorg

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 
 import pytest
-
-from labapp.figures.fuzz import fuzz
-from labapp.figures.serial_cases import SERIAL_CASES
-from labapp.figures.usb_cases import USB_CASES
-from labapp.figures.wire_faults import kinds, suffer
+from figures.fuzz import fuzz
+from figures.serial_cases import SERIAL_CASES
+from figures.usb_cases import USB_CASES
+from figures.wire_faults import kinds, suffer
 
 _MOMENTS = int(os.environ.get("LABAPP_FAULT_MOMENTS", "1"))
 _FUZZED = int(os.environ.get("LABAPP_FUZZED_DRIVERS", "3"))

@@ -1,9 +1,9 @@
 """USB wheels on a simulated bus, with all that goes over the wire written down."""
 
 import numpy as np
+from figures.usb_cases import USB_CASES
 
 from drivers.interfaces import Surroundings
-from labapp.figures.usb_cases import USB_CASES
 from simulator.clock import VirtualClock
 from simulator.wire.usb_backend import UsbBus, register, unregister
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges import Apart, by_chain, by_panel
+from judges.view import WAVELENGTH, View
 from numpy.typing import NDArray
 
-from hard_cases.judges import Apart, by_chain, by_panel
 from hard_cases.panels import camera, neutral, random, squares, stop_of
 from hard_cases.table import (
     DOUBLE,
@@ -25,7 +26,6 @@ from hard_cases.table import (
     Slope,
     require_close,
 )
-from hard_cases.view import WAVELENGTH, View
 from optics.accuracy import Budget
 from optics.camera import Camera
 from optics.plane import Plane

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges.view import WAVELENGTH
 
 from hard_cases.panels import CAMERA
 from hard_cases.table import DOUBLE, ONCE, SINGLE, Case, Holds
-from hard_cases.view import WAVELENGTH
 from optics.camera import Panel, Sensor
 from optics.hdr import CLIPPED, DARK, merge
 from optics.retrieval.gerchberg_saxton import gerchberg_saxton

@@ -11,15 +11,23 @@ from typing import Any
 
 import numpy as np
 import torch
-from judges import direct_transform
+from judges import (
+    Judge,
+    by_airy,
+    by_lines,
+    by_lommel,
+    by_panel,
+    by_rings,
+    direct_transform,
+    richardson,
+)
+from judges.view import WAVELENGTH, View
 from numpy.typing import NDArray
 
-from hard_cases.judges import Judge, by_airy, by_lines, by_lommel, by_panel, by_rings, richardson
 from hard_cases.lenses import HEXAGON, LENS, WIDE, behind, defocused, with_aberrations
 from hard_cases.panels import CAMERA, camera, random, stop_of, window
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Holds, Slope, require_close
 from hard_cases.transforms import ways
-from hard_cases.view import WAVELENGTH, View
 from optics.camera import Camera, Lens
 from optics.fourier import Geometry
 from optics.plane import Plane

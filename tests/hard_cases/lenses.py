@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-
-from hard_cases.judges import (
+from judges import (
     by_airy,
     by_edges,
     by_fresnel,
@@ -18,8 +16,10 @@ from hard_cases.judges import (
     by_lommel,
     by_rings,
 )
+from judges.view import WAVELENGTH, View
+from numpy.typing import NDArray
+
 from hard_cases.table import SINGLE, Case, Holds, Refused, Seen
-from hard_cases.view import WAVELENGTH, View
 from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.plane import Plane

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges.view import WAVELENGTH
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import j0
@@ -26,7 +27,6 @@ from hard_cases.table import (
     require_finite,
     require_finite_gradient,
 )
-from hard_cases.view import WAVELENGTH
 from optics.camera import Camera, Lens, Sensor
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import (

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges import by_panel
+from judges.view import WAVELENGTH, View
 from numpy.typing import NDArray
 
-from hard_cases.judges import by_panel
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Holds, Refused, Seen, require_close
-from hard_cases.view import WAVELENGTH, View
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator

@@ -9,9 +9,9 @@ from typing import Any
 import mpmath
 import numpy as np
 import torch
+from judges import explicit_zernike
 from numpy.typing import NDArray
 
-from hard_cases.judges import explicit_zernike
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused
 from optics import patterns, targets
 from optics.camera import Panel

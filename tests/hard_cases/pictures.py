@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from judges import gaussian_psf
+from judges import gauss, gaussian_psf
+from judges.view import WAVELENGTH
 from numpy.typing import NDArray
 
-from hard_cases.judges import gauss
 from hard_cases.lenses import LENS, defocused
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused, require_finite_gradient
-from hard_cases.view import WAVELENGTH
 from optics.formation import (
     form_coherent_image,
     form_image,

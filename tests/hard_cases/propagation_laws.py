@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges import Beam
+from judges.fields import Cells
+from judges.view import WAVELENGTH
 
-from hard_cases.judges import Beam
 from hard_cases.table import ONCE, SINGLE, Case, Holds, require_close
-from hard_cases.view import WAVELENGTH
 from hard_cases.ways import (
     BEAM,
     BEAMS,
@@ -38,7 +39,6 @@ from hard_cases.ways import (
     random,
     whole,
 )
-from labapp.figures.free_space_judge import Cells
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace
 from optics.propagation.transfer import transfer

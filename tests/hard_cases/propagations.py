@@ -8,11 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from figures.free_space import Form, soft_disc
+from judges import Beam
+from judges.fields import Cells, Gaussians, Pulse
+from judges.view import WAVELENGTH
 
 from hard_cases import propagation_laws
-from hard_cases.judges import Beam
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Refused
-from hard_cases.view import WAVELENGTH
 from hard_cases.ways import (
     BEAM,
     BEAMS,
@@ -34,8 +36,6 @@ from hard_cases.ways import (
     reshaped,
     whole,
 )
-from labapp.figures.free_space import Form, soft_disc
-from labapp.figures.free_space_judge import Cells, Gaussians, Pulse
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace

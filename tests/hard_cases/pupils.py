@@ -9,9 +9,9 @@ from typing import Any
 import mpmath
 import numpy as np
 import torch
+from judges import covered, explicit_zernike, open_area
 from numpy.typing import NDArray
 
-from hard_cases.judges import covered, explicit_zernike, open_area
 from hard_cases.lenses import SPIDER
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused
 from optics.camera import Lens
@@ -66,7 +66,7 @@ def moments(tol: float) -> NDArray[np.float64]:
 
 
 def moments_by_lines() -> NDArray[np.float64]:
-    from hard_cases.judges import scan_lines
+    from judges import scan_lines
 
     lines = scan_lines(SPIDER, 0.0)
     powers = [(a, b) for a in range(5) for b in range(5)]

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import torch
 from judges import positions, relative
+from judges.view import WAVELENGTH
 from numpy.typing import NDArray
 
 from hard_cases.table import ONCE, Case, Holds, Refused, require_close, require_finite
-from hard_cases.view import WAVELENGTH
 from optics.camera import Camera, Lens, Panel
 from optics.retrieval import METHODS, Retrieved, design_plane, retrieve, window_for
 from optics.retrieval.branches import short_ways

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from judges import relative
+from judges import Judge, relative, richardson
+from judges.view import View
 from numpy.typing import NDArray
 
-from hard_cases.judges import Judge, richardson
-from hard_cases.view import View
 from optics.accuracy import ToleranceError
 
 SINGLE, DOUBLE = 1e-3, 1e-8

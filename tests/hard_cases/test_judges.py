@@ -7,11 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judges import quadrature_psf, relative
-
-from hard_cases.chains import PIXELS as CHAIN_PIXELS
-from hard_cases.chains import apart, at
-from hard_cases.judges import (
+from judges import (
     Beam,
     Edges,
     Judge,
@@ -26,12 +22,17 @@ from hard_cases.judges import (
     covered,
     direct_field,
     open_area,
+    quadrature_psf,
+    relative,
     richardson,
 )
+from judges.fields import Cells, Points, Pulse, by_space, by_spectrum
+from judges.view import WAVELENGTH, View
+
+from hard_cases.chains import PIXELS as CHAIN_PIXELS
+from hard_cases.chains import apart, at
 from hard_cases.lenses import HEXAGON, LENS, SQUARE, behind, defocused
 from hard_cases.panels import CAMERA, camera, random, stop_of
-from hard_cases.view import WAVELENGTH, View
-from labapp.figures.free_space_judge import Cells, Points, Pulse, by_space, by_spectrum
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle
 

@@ -1,6 +1,6 @@
 """Scenes and benches by chance: every picture by a plan is within its tolerance of everything on.
 
-Twelve draws of the two hundred that `labapp figures --only effects` takes, from another seed.
+Twelve draws of the two hundred that `make figures ONLY=effects` takes, from another seed.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from itertools import islice
 import numpy as np
 import pytest
 import torch
+from figures.effects import TOLERANCES, audited, judged, swept
+from figures.random_pictures import Case, TooLong, cases, everything, random_situation
 
-from labapp.figures.effects import TOLERANCES, audited, judged, swept
-from labapp.figures.random_pictures import Case, TooLong, cases, everything, random_situation
 from labapp.simulating.everything import Deviation
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Picture

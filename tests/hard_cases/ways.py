@@ -10,12 +10,12 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from judges import Beam, Edges, richardson
+from judges.fields import Cells, Gaussians, Points, Pulse
+from judges.view import WAVELENGTH
 from numpy.typing import NDArray
 
-from hard_cases.judges import Beam, Edges, richardson
 from hard_cases.table import Case, require_close, require_finite_gradient
-from hard_cases.view import WAVELENGTH
-from labapp.figures.free_space_judge import Cells, Gaussians, Points, Pulse
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace
 

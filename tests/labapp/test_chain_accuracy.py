@@ -9,14 +9,14 @@ from dataclasses import fields, replace
 import cv2
 import numpy as np
 import pytest
+from figures.chains import ChainProblem
 
 from labapp.accuracy.chain import Reference, asked_chain
+from labapp.accuracy.references.chain import chain_density, chain_field
+from labapp.accuracy.references.panel import Chain
 from labapp.accuracy.rows import Row
 from labapp.asked import Case
 from labapp.errors import UserError
-from labapp.figures.chain_panel import Chain
-from labapp.figures.chain_quadrature import chain_density, chain_field
-from labapp.figures.chains import ChainProblem
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle
@@ -134,7 +134,7 @@ def test_lines_that_share_their_cells_give_what_every_node_gives(monkeypatch):
     modulations = [np.exp(1j * np.random.default_rng(1).uniform(0, 6, (20, 23))), np.ones((20, 23))]
     chain, places = Chain(camera, 0.4, 550e-9), np.linspace(-6e-5, 6e-5, 5)
     cells = chain_field(chain, modulations, places, places)
-    monkeypatch.setattr("labapp.figures.chain_quadrature._MOST_SUMS", 0)
+    monkeypatch.setattr("labapp.accuracy.references.chain._MOST_SUMS", 0)
     nodes = chain_field(chain, modulations, places, places)
     assert not np.array_equal(cells, nodes)
     assert np.linalg.norm(cells - nodes) <= 1e-12 * np.linalg.norm(nodes)

@@ -12,9 +12,9 @@ import time
 import cv2
 import numpy as np
 import pytest
+from figures.first_light import prediction_error
 
 from labapp.acquisition.state import State
-from labapp.figures.first_light import prediction_error
 from labapp.files.reading import bundled
 from labapp.record.reader import Record
 from labapp.report.tables import as_data

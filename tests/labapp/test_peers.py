@@ -9,9 +9,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from labapp_peers import psf as peers
+from labapp_peers.psf import candidates as peer_candidates
 
-from labapp.accuracy import peers
-from labapp.accuracy.peers import peer_candidates
 from labapp.accuracy.psf import exact
 from labapp.accuracy.rows import Row, measure
 from labapp.asked import Case

@@ -8,10 +8,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from figures.psf import psf_cost
+from judges import View, by_rings
 
-from labapp.figures.psf import psf_cost
-from labapp.figures.quadrature import round_lens_picture
 from optics.camera import Lens
+from optics.plane import Plane
 
 
 def change(path, old, new):
@@ -31,7 +32,8 @@ def test_a_psf_is_written_with_a_picture_and_keeps_its_tolerance(labapp, tmp_pat
     assert code == 0
     said = json.loads(printed)
     assert said["error_predicted"] <= said["tol"] == 1e-7
-    truth = round_lens_picture(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, 3.45e-6, 64)
+    pixels = Plane((64, 64), (3.45e-6, 3.45e-6))
+    truth = by_rings(View(Lens(0.1, 5.6, math.inf), pixels, 2.0, 520e-9, integrate=False))
     value = np.load(out)
     assert np.linalg.norm(value - truth) <= 1e-7 * np.linalg.norm(truth)
     picture = cv2.imread(str(tmp_path / "psf.png"), 0)

@@ -12,13 +12,8 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
-
-from labapp.accuracy import propagate_peers
-from labapp.accuracy.propagate import Reference, asked_field, candidates
-from labapp.accuracy.propagate_peers import peer_candidates
-from labapp.accuracy.rows import Row, measure
-from labapp.errors import UserError
-from labapp.figures.free_space_judge import (
+from figures.free_space_problems import Judge, outcome, problems
+from judges.fields import (
     Cells,
     Gaussians,
     Points,
@@ -27,7 +22,12 @@ from labapp.figures.free_space_judge import (
     by_spectrum,
     panels,
 )
-from labapp.figures.free_space_problems import Judge, outcome, problems
+from labapp_peers import free_space as propagate_peers
+from labapp_peers.free_space import candidates as peer_candidates
+
+from labapp.accuracy.propagate import Reference, asked_field, candidates
+from labapp.accuracy.rows import Row, measure
+from labapp.errors import UserError
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.progress import Progress
@@ -227,9 +227,7 @@ def no_peers(monkeypatch):
 def peer_rows(case, pattern: str = "") -> list[Row]:
     reference = Reference(case)
     found = [
-        one
-        for one in peer_candidates(case.problem, case.name, reference.of)
-        if re.match(pattern, one.row.method)
+        one for one in peer_candidates(case, reference.of) if re.match(pattern, one.row.method)
     ]
     return measure(found, reference.truth, Progress()).rows
 

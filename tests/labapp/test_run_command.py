@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from figures.durability import differing_arrays
 
 from labapp.acquisition.state import State
-from labapp.figures.durability import differing_arrays
 from labapp.files.reading import bundled
 from labapp.record.reader import Record
 

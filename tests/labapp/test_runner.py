@@ -10,6 +10,7 @@ import time
 import h5py
 import numpy as np
 import pytest
+from figures.durability import differing_arrays
 
 from drivers.errors import DeviceError
 from labapp.acquisition import checking, hooks, keeping
@@ -21,7 +22,6 @@ from labapp.acquisition.state import State
 from labapp.acquisition.steps import shots
 from labapp.bench import open_bench
 from labapp.errors import UserError
-from labapp.figures.durability import differing_arrays
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.record.reader import Record

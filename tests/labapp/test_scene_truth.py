@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from figures.durability import differing_arrays
 
 from labapp.acquisition.runner import resume_run, run_plan
 from labapp.acquisition.state import State
 from labapp.bench import open_bench, read_scene
 from labapp.errors import UserError
-from labapp.figures.durability import differing_arrays
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 
 import pytest
-
-from labapp.figures.presentations import presentations_figures
-from labapp.figures.screen import screen_figure
+from figures.presentations import presentations_figures
+from figures.screen import screen_figure
 
 
 @pytest.mark.parametrize("measure", [screen_figure, presentations_figures])

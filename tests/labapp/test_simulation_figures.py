@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from figures import edge_mtf, live, sensor_emva
+from figures.work_saved import simple_picture
 
 from labapp.errors import UserError
-from labapp.figures import edge_mtf, live, sensor_emva
-from labapp.figures.work_saved import simple_picture
 from labapp.simulating.asked import AskedPicture, stage_of
 from labapp.simulating.everything import by_plan, with_everything
 from labapp.simulating.quick import quick_setup, scene_files

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import get_args
 
 import pytest
+from figures.durability import kill_often
+from figures.full_disk import fill_often
+from figures.promptness import cancel_seconds
+from figures.small_bench import small_setup
+from figures.troubles import suffer
 
 from labapp.acquisition.state import State
-from labapp.figures.durability import kill_often
-from labapp.figures.full_disk import fill_often
-from labapp.figures.promptness import cancel_seconds
-from labapp.figures.small_bench import small_setup
-from labapp.figures.troubles import suffer
 from simulator.faults import Fault, Kind
 
 KILLS = 8

@@ -3,12 +3,12 @@
 import threading
 
 import pytest
+from figures import plugs
+from figures.unplug import plan_of, unplugged_run
 
 from labapp.acquisition.runner import run_plan
 from labapp.acquisition.state import State
 from labapp.bench import open_bench
-from labapp.figures import plugs
-from labapp.figures.unplug import plan_of, unplugged_run
 from optics.progress import Progress
 
 

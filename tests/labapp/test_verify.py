@@ -12,12 +12,12 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from figures.small_bench import small_setup
 
 from labapp.acquisition.runner import resume_run, run_plan
 from labapp.acquisition.state import State
 from labapp.bench import open_bench
 from labapp.errors import UserError
-from labapp.figures.small_bench import small_setup
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.record.checks import _rising_rows, check_record

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from figures.video_eye import Look, Seen, judge
 
 from drivers.screen import Presentations
 from drivers.screen.refreshes import Refresh
-from labapp.figures.video_eye import Look, Seen, judge
 
 PERIOD = 1 / 60
 FRAMES = 60

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from calibration_bench import NumpyBench, curve, mapped, turned
+from judges.calibration_bench import NumpyBench, curve, mapped, turned
 
 from optics.calibration.gratings import compass_vectors, ramp
 from optics.calibration.registration import register, taken_apart

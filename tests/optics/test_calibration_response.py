@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from calibration_bench import NumpyBench, curve, mapped, turned
+from judges.calibration_bench import NumpyBench, curve, mapped, turned
 from scipy import ndimage
 
 from optics.calibration.gratings import longest_vector, region_slices, region_vectors, striped

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from calibration_bench import NumpyBench, curve, mapped, turned
+from judges.calibration_bench import NumpyBench, curve, mapped, turned
 
 from optics.calibration.spots import frame_variance
 from optics.calibration.star import StarModel

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from figures import free_space
+from figures.free_space import FORMS, Form, gaussian_beam, relative, talbot, talbot_distance
+from judges.fields import slit
 from scipy.integrate import quad
-
-from labapp.figures import free_space
-from labapp.figures.free_space import FORMS, Form, gaussian_beam, relative, talbot, talbot_distance
-from labapp.figures.free_space_judge import slit
 
 QUICK = 0.3
 """Predicted seconds of a method that a test waits for; the figure waits longer."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from propagation_judges import cell_matrix, exact_gauss, gauss, mesh
+from judges.free_space_sums import cell_matrix, exact_gauss, gauss, mesh
 
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from propagation_judges import (
+from judges.free_space_sums import (
     cell_matrix,
     exact_gauss,
     fresnel_line,

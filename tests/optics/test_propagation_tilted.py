@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from propagation_judges import cell_matrix, gauss, turned
+from judges.free_space_sums import cell_matrix, gauss, turned
 
 from optics.accuracy import ToleranceError
 from optics.plane import Plane

@@ -12,8 +12,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from figures.chains import ChainProblem, chains, tally, unreal
 
-from labapp.figures.chains import ChainProblem, chains, tally, unreal
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from chain_judges import direct_chain
 from judges import positions, relative
+from judges.chain_sums import direct_chain
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel

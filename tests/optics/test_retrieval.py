@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from retrieval_judges import (
+from judges.retrieval import (
     WAVELENGTH,
     camera,
     embedded,

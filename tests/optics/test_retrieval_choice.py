@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from retrieval_judges import (
+from judges.retrieval import (
     WAVELENGTH,
     camera,
     dots,

@@ -5,7 +5,7 @@ import pytest
 import scipy.ndimage
 import torch
 from judges import positions, relative
-from retrieval_judges import (
+from judges.retrieval import (
     PITCH,
     REACH,
     WAVELENGTH,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from retrieval_judges import direct_sums, sums_back, whole_far_field, window_of
+from judges.retrieval import direct_sums, sums_back, whole_far_field, window_of
 
 from optics.retrieval import far_field as module
 from optics.retrieval.far_field import FarField, unit

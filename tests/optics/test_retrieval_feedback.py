@@ -7,7 +7,7 @@ import pytest
 import scipy.ndimage
 import torch
 from judges import positions
-from retrieval_judges import (
+from judges.retrieval import (
     WAVELENGTH,
     camera,
     light,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from retrieval_judges import WAVELENGTH, camera, light, merits, ring, seeded, spiral, tensor
+from judges.retrieval import WAVELENGTH, camera, light, merits, ring, seeded, spiral, tensor
 
 from optics.progress import Progress
 from optics.retrieval import design_plane

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from retrieval_judges import (
+from judges.retrieval import (
     WAVELENGTH,
     camera,
     dots,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import positions, relative
-from retrieval_judges import (
+from judges.retrieval import (
     REACH,
     WAVELENGTH,
     camera,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from retrieval_judges import (
+from judges.retrieval import (
     WAVELENGTH,
     camera,
     direct_sums,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.stats as st
 import torch
-from sensor_judges import judged
+from judges.sensor import judged
 
 from optics.camera import Sensor
 from optics.sensor import draw, fixed_pattern, moments

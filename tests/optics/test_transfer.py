@@ -9,9 +9,9 @@ import pytest
 import scipy.special
 import torch
 from judges import direct_transform, positions, relative
+from judges.transfer import clear_stop, hopkins_series
 from scipy.integrate import dblquad, quad
 
-from labapp.figures.closed_forms import clear_stop, hopkins_series
 from optics.accuracy import ToleranceError
 from optics.camera import Lens
 from optics.formation import frequencies

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from figures.depth import CAMERA, GEOMETRIC, PANEL, PLACES, ray_error
 
-from labapp.figures.depth import CAMERA, GEOMETRIC, PANEL, PLACES, ray_error
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from simulator.formation.rays import RayOperator

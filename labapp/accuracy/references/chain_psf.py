@@ -1,0 +1,108 @@
+"""A question about a camera whose panel may stand apart from its lens, and the exact answer on
+some of its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.accuracy.references.chain import NODES, chain_density, counts
+from labapp.accuracy.references.panel import Chain, Factors
+from labapp.accuracy.references.psf import Judge, Problem
+from optics.camera import Camera
+from optics.psf import PSFOperator
+from optics.psf.choice import CHAIN_METHODS
+
+Array = NDArray[np.float64]
+
+_FRESNEL, _EXPONENTIAL, _LINE = 1000, 500, 2e6
+"""Products in whose time a Fresnel integral, or an exponential, is computed, and what a line
+takes besides."""
+
+
+@dataclass(frozen=True)
+class ChainProblem(Problem):
+    """A question about a camera whose panel may stand apart from its lens.
+
+    off_axis: metres (y, x) on the sensor from the axis to the point's image. sphere: whether
+    its wave is an exact one.
+    """
+
+    off_axis: tuple[float, float] = (0.0, 0.0)
+    sphere: bool = False
+
+    @property
+    def camera(self) -> Camera:
+        assert isinstance(self.optics, Camera)
+        return self.optics
+
+    @property
+    def chain(self) -> Chain:
+        return Chain(self.camera, self.distance, self.wavelength, self.off_axis, self.sphere)
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return CHAIN_METHODS if self.camera.separation else super().methods
+
+    def operator(self, tol: float, **settings: Any) -> PSFOperator:
+        return super().operator(tol, field=self.off_axis, sphere=self.sphere, **settings)
+
+    def judge(self, light: Array) -> Judge:
+        return ChainJudge(self, light) if self.camera.separation else Judge(self, light)
+
+    @property
+    def words(self) -> str:
+        """What to copy into a report."""
+        camera, lens, pixels = self.camera, self.lens, self.pixels
+        rows, columns = camera.panel.shape
+        return (
+            f"{rows}x{columns} of {camera.panel.pitch * 1e6:.3g} µm, fill "
+            f"{camera.panel.fill_factor:.2f}, z1 {camera.separation * 1e3:.3g} mm, "
+            f"{lens.focal_length * 1e3:.3g} mm f/{lens.f_number:.3g} (stop "
+            f"{lens.stop_diameter * 1e3:.3g} mm, {lens.kind}), focus {lens.focus_distance:.3g} m, "
+            f"d {self.distance:.3g} m, {self.wavelength * 1e9:.0f} nm, field "
+            f"{self.off_axis[0] * 1e3:.3g}, {self.off_axis[1] * 1e3:.3g} mm, window "
+            f"{pixels.shape[0]}x{pixels.shape[1]} of {pixels.pitch[0] * 1e6:.3g} µm, integrate "
+            f"{self.integrate}, sphere {self.sphere}, aberrations {len(lens.aberrations)}, "
+            f"tol {self.tol:.1e}"
+        )
+
+
+class ChainJudge(Judge):
+    """The exact light on some rows and columns, by the chain's own quadrature."""
+
+    _problem: ChainProblem
+
+    @property
+    def terms(self) -> float:
+        """About how many products its sums take."""
+        (y, x), problem = self._places(), self._problem
+        lines, nodes = counts(problem.chain, y, x)
+        rows, columns = problem.camera.panel.shape
+        ranks = Factors(self._modulations()).left.shape[1]
+        if problem.sphere:
+            inside = problem.chain.pixel_nodes
+            rows, columns, ranks = rows * inside, columns * inside, ranks * inside
+            place = _EXPONENTIAL
+        else:
+            place = 2 * _FRESNEL
+        line = rows * (ranks + place) + _LINE
+        if problem.lens.quadratic:
+            line += ranks * (2 * NODES + x.size)
+        else:
+            line += nodes * (ranks + x.size + _EXPONENTIAL)
+        return lines * line + nodes * columns * place
+
+    def _modulations(self) -> list[NDArray[np.complex128]]:
+        """The pattern's, and that of light that it doesn't turn."""
+        assert self._problem.phase is not None
+        shown = np.exp(1j * self._problem.phase)
+        return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
+
+    def density(self, y: Array, x: Array) -> Array:
+        share = self._problem.camera.panel.unmodulated
+        found = chain_density(self._problem.chain, self._modulations(), y, x)
+        return np.asarray((1 - share) * found[0] + share * found[-1])

@@ -1,0 +1,146 @@
+"""Random scenes and benches: whether plans keep within their tolerance, and bounds hold."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import torch
+
+from figures import Figure
+from figures.random_pictures import Case, TooLong, cases, deviation, everything
+from labapp.console import say
+from optics.threads import single_threaded
+from simulator.effects.on_pixels import deep
+from simulator.imaging import Imaging, Picture
+from simulator.planning import Audited, EffectPlan, audit
+from simulator.recipe import Recipe
+
+T = TypeVar("T")
+
+TOLERANCES = (1e-1, 1e-2, 1e-3)
+
+_COUNT, _AUDITED, _PAIRS = 200, 60, 6
+_SEED = 20261121
+_MOST_WORK, _AUDITED_WORK = 1e9, 5e8
+_AUDITED_TOL = 1e-1
+"""At which most is left out, and so most can be put back."""
+
+_PATIENCE = 120.0
+"""Seconds of processor time for everything of one picture; those that take longer are told, and
+others are drawn for them."""
+
+
+@dataclass
+class Tally:
+    """What became of random pictures.
+
+    worst: largest error over tolerance. wrong: in words, those beyond it. left_out: effects
+    below their finest, of all that were caused, over all plans. work: of plans over that of
+    everything.
+    """
+
+    count: int = 0
+    worst: float = 0.0
+    wrong: list[str] = field(default_factory=list)
+    left_out: int = 0
+    caused: int = 0
+    work: list[float] = field(default_factory=list)
+
+
+def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, Picture]]:
+    """With the picture with everything on, where that doesn't take too long."""
+    for case in drawn:
+        try:
+            yield case, everything(case, _PATIENCE)
+        except TooLong:
+            say(f"left out, for everything takes over {_PATIENCE:g} s: {case.words}")
+
+
+def swept(
+    drawn: Iterable[tuple[Case, Picture]], tolerances: tuple[float, ...] = TOLERANCES
+) -> Tally:
+    """Every case's picture by the plan for each tolerance, against the one with everything on."""
+    found = Tally()
+    for case, truth in drawn:
+        found.count += 1
+        for tol in tolerances:
+            error, plan = deviation(case, tol, truth)
+            found.worst = max(found.worst, error.worst / tol)
+            if not error.worst <= tol:
+                found.wrong.append(
+                    f"tol {tol:g}: mean {error.mean:.1e}, variance {error.variance:.1e}, "
+                    f"sigma {error.sigma:.1e}; {case.words}"
+                )
+            below = sum(plan.level(name) < level for name, level in case.finest.items())
+            found.left_out += below
+            found.caused += len(case.finest)
+            found.work.append(plan.work / plan.most_work if plan.most_work else 1.0)
+    return found
+
+
+def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[Audited, ...]:
+    """Everything that a plan leaves out put back, singly and in some pairs drawn by chance."""
+    s, imaging = case.at(tol), Imaging(tol, case.forced)
+    plan = imaging.plan(s)
+
+    def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
+        picture = imaging.picture(s, deep(s, recipe))
+        return picture.mean, picture.variance
+
+    return audit(case.effects, s, plan, render, pairs=_drawn_pairs(case, plan, pairs, seed))
+
+
+def _drawn_pairs(case: Case, plan: EffectPlan, count: int, seed: int) -> list[tuple[str, str]]:
+    below = [name for name, level in case.finest.items() if plan.level(name) < level]
+    every = list(itertools.combinations(below, 2))
+    chosen = np.random.default_rng([seed, case.number]).permutation(len(every))[:count]
+    return [every[k] for k in chosen]
+
+
+def _told(drawn: Iterable[T], count: int) -> Iterator[T]:
+    """They take long: every twentieth says so."""
+    for number, one in enumerate(itertools.islice(drawn, count)):
+        if number and not number % 20:
+            say(f"{number} of {count} pictures")
+        yield one
+
+
+@single_threaded
+def effects_figures(folder: Path) -> list[Figure]:
+    """Two hundred pictures; sixty of them, the quickest, are audited."""
+    found = swept(_told(judged(cases(_SEED, _MOST_WORK)), _COUNT))
+    for line in found.wrong:
+        say(line)
+    singles, doubles, broken = 0, 0, []
+    for case in _told(cases(_SEED + 1, _AUDITED_WORK), _AUDITED):
+        for one in audited(case, _AUDITED_TOL, _PAIRS, _SEED):
+            singles += len(one.effects) == 1
+            doubles += len(one.effects) == 2
+            if one.broken:
+                broken.append(
+                    f"{' + '.join(one.effects)}: {one.share:.2f} of the bound; {case.words}"
+                )
+    for line in broken:
+        say(line)
+    return [
+        Figure(
+            "200 random scenes and benches, tol 1e-1 / 1e-2 / 1e-3: picture and noise, planned",
+            "within tol in all",
+            f"of {found.count} {len(found.wrong)} beyond, worst {found.worst:.2f} tol; "
+            f"{found.left_out} of {found.caused} effects left out or made coarser, median work "
+            f"{statistics.median(found.work):.0%} of everything's",
+            not found.wrong,
+        ),
+        Figure(
+            "bounds of effects that were left out of 60 such pictures, put back",
+            "0 broken",
+            f"{len(broken)} broken of {singles} single and {doubles} pairs",
+            None if singles == 0 else not broken,
+        ),
+    ]

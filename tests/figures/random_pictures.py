@@ -1,0 +1,162 @@
+"""Pictures of random scenes by random benches, and how near a plan's is to everything on."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from figures.problems import log_uniform
+from figures.random_benches import random_bench
+from figures.random_targets import Chance
+from labapp.simulating.everything import FINE, Deviation
+from optics.accuracy import ToleranceError
+from optics.pupil import pupil_amplitude
+from simulator.effects.on_pixels import deep
+from simulator.effects.registry import EFFECTS
+from simulator.imaging import Imaging, Picture
+from simulator.planning import Effect, EffectPlan
+from simulator.planning.plan import EFFECTS_SHARE, recipe_of
+from simulator.recipe import Recipe
+from simulator.scene import Target
+from simulator.situation import Situation
+
+_ORDERS = "panel orders"
+
+_COARSER = 3e-5
+
+_SPOT = 10.0
+"""Pixels that a point's light lies on, about."""
+
+
+class TooLong(Exception):
+    """The finest picture of a case takes longer than somebody waits."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A situation drawn by chance. number: of the draw, by which it can be found again.
+
+    orders: whether the panel's orders are in it; they are left out of both sides where they alone
+    would take too long.
+    """
+
+    number: int
+    situation: Situation
+    orders: bool = True
+
+    @property
+    def effects(self) -> list[Effect]:
+        return [
+            one
+            for one in EFFECTS
+            if one.caused(self.situation) and (self.orders or one.name != _ORDERS)
+        ]
+
+    @property
+    def forced(self) -> dict[str, str | bool]:
+        return {} if self.orders else {_ORDERS: False}
+
+    @property
+    def finest(self) -> dict[str, int]:
+        """Level of every effect."""
+        return {one.name: one.finest(self.situation) for one in self.effects}
+
+    @property
+    def finest_work(self) -> float:
+        """Operations of a picture with every effect at its finest."""
+        levels = {_ORDERS: 0} | self.finest
+        return sum(one.work(self.situation, levels) for one in self.effects)
+
+    @property
+    def finest_recipe(self) -> Recipe:
+        return recipe_of(self.effects, self.situation, self.finest)
+
+    def at(self, tol: float) -> Situation:
+        """With the arithmetic that goes with a tolerance."""
+        return replace(self.situation, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
+
+    @property
+    def words(self) -> str:
+        """What to copy into a report."""
+        s = self.situation
+        caused = ", ".join(one.name for one in self.effects)
+        rows, columns = s.camera.sensor.shape
+        return (
+            f"draw {self.number}: {type(s.target).__name__} at {s.target.distance:.2f} m, "
+            f"{s.camera.panel.shape[0]}x{s.camera.panel.shape[1]} panel, {rows}x{columns} pixels, "
+            f"{s.wavelength * 1e9:.0f} nm, {s.exposure * 1e3:.3g} ms, {caused}"
+        )
+
+
+def cases(seed: int, most_work: float = 2e10) -> Iterator[Case]:
+    """Without end; those that would take more than so many operations at their finest are tried
+    without the panel's orders, or left out."""
+    for number in range(1 << 31):
+        s = random_situation(np.random.default_rng([seed, number]))
+        if not pupil_amplitude(s.camera).any():
+            continue
+        whole = Case(number, s)
+        for case in (whole, replace(whole, orders=False)):
+            if case.finest_work <= most_work:
+                yield case
+                break
+
+
+def random_situation(rng: np.random.Generator) -> Situation:
+    """A target of any kind before a bench with any effects, from dim to burnt."""
+    bench = random_bench(rng)
+    chance = Chance(rng, bench.camera, bench.distance)
+    target = chance.target(bench.band.centre)
+    exposure = log_uniform(rng, 1e-3, 0.1)
+    s = Situation(
+        bench.camera,
+        bench.mount,
+        target,
+        bench.band,
+        bench.shown,
+        float(rng.uniform(0, 0.1)),
+        exposure,
+        bench.path,
+    )
+    wanted = bench.camera.sensor.full_well * log_uniform(rng, 0.02, 3.0)
+    unit = replace(s, target=lit(target, 1.0)).picture
+    brightest = min(unit.brightest, unit.total / _SPOT) * exposure
+    return replace(s, target=lit(target, wanted / brightest)) if brightest else s
+
+
+def lit(target: Target, radiance: float) -> Target:
+    """The same at another radiance, which every kind has as a field of its own."""
+    changes: dict[str, Any] = {"radiance": radiance}
+    return replace(target, **changes)
+
+
+def everything(case: Case, patience: float = math.inf) -> Picture:
+    """With every effect at its finest, and the finest arithmetic that can be kept: where hardly
+    any light meets the sensor, a stop's edge takes some of it.
+
+    patience: seconds of processor time, beyond which it is given up with TooLong.
+    """
+    begun = time.process_time()
+
+    def check() -> None:
+        if time.process_time() - begun > patience:
+            raise TooLong(case.words)
+
+    for numerics in (FINE, _COARSER, 10 * _COARSER):
+        s = replace(case.situation, numerics=numerics)
+        with contextlib.suppress(ToleranceError):
+            return Imaging(0.0).picture(s, deep(s, case.finest_recipe), check)
+    raise ToleranceError(f"no tolerance can be kept of {case.words}")
+
+
+def deviation(case: Case, tol: float, truth: Picture) -> tuple[Deviation, EffectPlan]:
+    """Of the picture by the plan for a tolerance from one with everything on."""
+    s, imaging = case.at(tol), Imaging(tol, case.forced)
+    plan = imaging.plan(s)
+    return Deviation.of(imaging.picture(s, deep(s, plan.recipe)), truth), plan

@@ -1,0 +1,81 @@
+"""The page of results: a part that is measured leaves the rest as it was."""
+
+from __future__ import annotations
+
+import importlib
+
+import pytest
+
+from figures import Figure
+from figures.measurements import MEASUREMENTS, measurement
+from figures.results import RESULTS, Section, Stamp, read_sections, seen_rows, update
+
+EARLIER = Stamp("2024-02-01", "commit 0123456789", "a slow machine")
+LATER = Stamp("2024-03-01", "commit 9876543210", "a fast machine")
+
+
+def section(name: str, stamp: Stamp, seen: str, met: bool | None = True) -> Section:
+    return Section(name, stamp, (Figure(f"what {name} measures", "≤ 1 s", seen, met),))
+
+
+@pytest.fixture
+def page(tmp_path):
+    path = tmp_path / "RESULTS.md"
+    update(section("psf", EARLIER, "0.5 s"), path)
+    update(section("help", EARLIER, "0.2 s | in all"), path)
+    return path
+
+
+def test_a_part_that_is_measured_again_leaves_the_rest(page):
+    before = read_sections(page)
+    update(section("psf", LATER, "2 s", met=False), page)
+    after = read_sections(page)
+    assert after["help"] == before["help"]
+    assert "0.5 s" not in page.read_text()
+    assert "| **2 s** | **missed** |" in after["psf"]
+    assert str(LATER) in after["psf"]
+
+
+def test_sections_stand_in_the_order_of_the_measurements(page):
+    assert list(read_sections(page)) == ["help", "psf"]
+    assert list(MEASUREMENTS).index("help") < list(MEASUREMENTS).index("psf")
+
+
+def test_what_was_never_measured_is_named(page):
+    last = page.read_text().splitlines()[-1]
+    assert last.startswith("Not measured yet: ")
+    assert "demo" in last
+    assert "psf" not in last.replace("psf,", "").split()
+
+
+def test_a_bar_in_words_makes_no_column(page):
+    assert seen_rows(page) == {
+        "what help measures": "0.2 s / in all",
+        "what psf measures": "0.5 s",
+    }
+
+
+def test_a_measurement_that_is_gone_leaves_the_page(page):
+    text = page.read_text().replace("## help", "## of old")
+    page.write_text(text)
+    update(section("psf", LATER, "2 s"), page)
+    assert list(read_sections(page)) == ["psf"]
+
+
+def test_the_page_of_this_checkout_has_rows_of_known_measurements():
+    sections = read_sections()
+    assert sections
+    assert set(sections) <= set(MEASUREMENTS)
+    assert len(seen_rows(RESULTS)) >= len(sections)
+
+
+@pytest.mark.parametrize("name", MEASUREMENTS)
+def test_every_measurement_is_a_function(name):
+    module, _, function = MEASUREMENTS[name].partition(".")
+    assert importlib.util.find_spec(f"figures.{module}")
+    assert f"def {function}(folder: Path)" in RESULTS.with_name(f"{module}.py").read_text()
+
+
+def test_a_measurement_gives_figures(tmp_path):
+    found = list(measurement("closed-forms")(tmp_path))
+    assert all(isinstance(figure, Figure) and figure.met for figure in found)

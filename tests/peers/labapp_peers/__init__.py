@@ -1,0 +1,1 @@
+"""Adapters to other libraries, which `labapp accuracy --peers` measures beside labapp."""
