@@ -12,11 +12,6 @@ APT    := xvfb libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libx
           xserver-xorg-core xserver-xorg-video-dummy x11-xserver-utils x11-apps x11-utils openbox \
           gir1.2-aravis-0.8 python3-gi
 
-# One thread for each process of the tests: as many as there are cores compute already.
-test test-all: export OMP_NUM_THREADS := 1
-test test-all: export MKL_NUM_THREADS := 1
-test test-all: export OPENBLAS_NUM_THREADS := 1
-
 .PHONY: run test test-all gui figures check style types system clean
 
 run: $(VENV)/run
@@ -26,13 +21,13 @@ run: $(VENV)/run
 test: $(VENV)/dev system style
 	@$(BIN)/mypy >$(VENV)/types 2>&1 & types=$$!; \
 	trap 'kill $$types 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
-	$(BIN)/python -m pytest -n 2 --dist loadfile; tests=$$?; \
+	$(BIN)/python -m pytest -n 2; tests=$$?; \
 	wait $$types; types=$$?; \
 	cat $(VENV)/types; \
 	exit $$((tests ? tests : types))
 
 test-all: test
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m sweep
+	$(BIN)/python -m pytest -n 2 -m sweep
 
 gui: $(VENV)/run
 	$(BIN)/labapp gui
