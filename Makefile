@@ -1,4 +1,5 @@
-# Two commands do all the set-up: `make run` (the demo, headless) and `make test`.
+# Two commands do all the set-up: `make run` (the demo, headless) and `make test`; `make test-all`
+# adds the sweeps.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -11,13 +12,22 @@ APT    := xvfb libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libx
           xserver-xorg-core xserver-xorg-video-dummy x11-xserver-utils x11-apps x11-utils openbox \
           gir1.2-aravis-0.8 python3-gi
 
-.PHONY: run test gui figures check system clean
+.PHONY: run test test-all gui figures check style types system clean
 
 run: $(VENV)/run
 	$(BIN)/labapp demo --out $(OUT) --force
 
-test: $(VENV)/dev system check
-	$(BIN)/python -m pytest
+# mypy computes while tests wait; what it says comes at the end, and its failure fails the command.
+test: $(VENV)/dev system style
+	@$(BIN)/mypy >$(VENV)/types 2>&1 & types=$$!; \
+	trap 'kill $$types 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
+	$(BIN)/python -m pytest -n 2; tests=$$?; \
+	wait $$types; types=$$?; \
+	cat $(VENV)/types; \
+	exit $$((tests ? tests : types))
+
+test-all: test
+	$(BIN)/python -m pytest -n 2 -m sweep
 
 gui: $(VENV)/run
 	$(BIN)/labapp gui
@@ -27,11 +37,15 @@ figures: $(VENV)/dev
 	cd tests && ../$(BIN)/python -m figures $(ONLY) $(if $(JSON),--json)
 
 # Style, types and the imports that the rooms allow each other.
-check: $(VENV)/dev
+check: style types
+
+style: $(VENV)/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+types: $(VENV)/dev
+	$(BIN)/mypy
 
 # What Qt and a virtual display need from the system; the headless main job needs none of it.
 system:

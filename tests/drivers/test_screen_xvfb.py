@@ -21,6 +21,8 @@ from drivers.x11 import ScreenReader, XConnection, XError
 from drivers.x11.shared import SharedMemory
 from simulator.screens import started
 
+pytestmark = pytest.mark.xvfb
+
 SHAPE = (120, 160)
 
 

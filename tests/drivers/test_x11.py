@@ -15,6 +15,8 @@ from drivers.screen.identify import identify
 from drivers.x11 import ScreenReader, XConnection, XError
 from simulator.screens import started
 
+pytestmark = pytest.mark.xvfb
+
 
 @pytest.fixture(scope="module")
 def server():

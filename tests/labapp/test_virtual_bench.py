@@ -24,6 +24,8 @@ from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
 from labapp.record.reader import Record
 
+pytestmark = pytest.mark.xvfb
+
 PATIENCE = 60.0
 
 SCENE = """

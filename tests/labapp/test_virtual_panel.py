@@ -14,6 +14,8 @@ from labapp.virtual_bench import panels
 from labapp.virtual_bench.panels import WatchedPanel
 from simulator.screens import server
 
+pytestmark = pytest.mark.xvfb
+
 
 class World:
     """What is watched of a shared world: the grey levels that it was given."""

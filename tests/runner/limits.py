@@ -1,0 +1,79 @@
+"""No test goes on for ever.
+
+pytest-timeout raises an error in a test that is late. Where that is of no avail, in a library or
+an event loop that doesn't return, or when what hangs is the clean-up, this process is ended after
+some grace; it says before which test it was at, and where.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from typing import IO
+
+import pytest
+
+from runner.processes import end_descendants
+
+_SWEEP = 900.0
+"""Seconds that a sweep may take, where it doesn't say how long."""
+
+_LAST_WORD = 5.0
+"""Seconds after which a process is ended that can't even say that it hangs."""
+
+
+class Limits:
+    """A plugin for where tests run. grace: seconds after a test's timeout. words: where to."""
+
+    def __init__(self, config: pytest.Config, words: IO[str]) -> None:
+        self._config, self._words = config, words
+        self._grace = float(config.getini("grace"))
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        for item in items:
+            if item.get_closest_marker("sweep") and not item.get_closest_marker("timeout"):
+                item.add_marker(pytest.mark.timeout(_SWEEP))
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_collection(self) -> Generator[None, object, object]:
+        with self._within(self._default(), "the collection of tests"):
+            return (yield)
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
+        marker = item.get_closest_marker("timeout")
+        seconds = marker.args[0] if marker else self._default()
+        with self._within(seconds, item.nodeid):
+            return (yield)
+
+    def _default(self) -> float:
+        return float(self._config.getoption("timeout") or self._config.getini("timeout") or 0)
+
+    @contextmanager
+    def _within(self, seconds: float, name: str) -> Iterator[None]:
+        if not seconds or self._config.getoption("usepdb"):
+            yield
+            return
+        seconds += self._grace
+        timer = threading.Timer(seconds, self._end, [name, seconds])
+        timer.daemon = True
+        timer.start()
+        faulthandler.dump_traceback_later(seconds + _LAST_WORD, exit=True, file=self._words)
+        try:
+            yield
+        finally:
+            timer.cancel()
+            faulthandler.cancel_dump_traceback_later()
+
+    def _end(self, name: str, seconds: float) -> None:
+        print(f"{name} has not ended after {seconds:g} s.", file=self._words)
+        capture = self._config.pluginmanager.getplugin("capturemanager")
+        printed = "".join(capture.read_global_capture()) if capture else ""
+        print(printed, file=self._words, flush=True)
+        faulthandler.dump_traceback(self._words)
+        end_descendants(os.getpid())
+        os._exit(1)
