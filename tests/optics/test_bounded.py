@@ -83,8 +83,8 @@ def test_the_minimum_is_that_of_a_dense_bounded_solver(name):
 
 def test_a_shorter_smoothing_leads_to_the_unrounded_minimum():
     """Found by splitting; and no further from it than the rounding may be."""
-    psf, scene, weight = comet(), natural_image(18, 20, 4), 2e-3
-    blur = np.fft.fft2(np.roll(np.pad(psf, ((0, 13), (0, 15))), (-2, -2), (0, 1)))
+    psf, scene, weight = comet(), natural_image(12, 13, 4), 2e-3
+    blur = np.fft.fft2(np.roll(np.pad(psf, ((0, 7), (0, 8))), (-2, -2), (0, 1)))
     frame = np.fft.ifft2(np.fft.fft2(scene) * blur).real
     frame += np.random.default_rng(5).normal(0, 0.01, frame.shape)
     problem = seen(frame, psf, 0.01, "periodic")

@@ -40,7 +40,12 @@ def seen(bench, reach, seconds=4e-3):
 
 
 @pytest.mark.parametrize(
-    ("degrees", "flip_x", "flip_y"), [(3, True, False), (-5, False, True), (170, False, False)]
+    ("degrees", "flip_x", "flip_y"),
+    [
+        (-5, False, True),
+        pytest.param(3, True, False, marks=pytest.mark.sweep),
+        pytest.param(170, False, False, marks=pytest.mark.sweep),
+    ],
 )
 def test_a_turned_and_mirrored_panel_with_an_unknown_response_is_found(degrees, flip_x, flip_y):
     """Distorted by ten percent and differently in four regions, with noise and hot pixels: the

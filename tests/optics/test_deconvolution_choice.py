@@ -18,10 +18,10 @@ from optics.deconvolution.measured import measured
 def blurred():
     """Disks on a ramp, seen through a box of 7 x 7: the sharp frame, and the problem."""
     rng = np.random.default_rng(5)
-    y, x = np.mgrid[:110, :120].astype(float)
-    scene = 0.2 + 0.2 * x / 120
+    y, x = np.mgrid[:70, :76].astype(float)
+    scene = 0.2 + 0.2 * x / 76
     for _ in range(12):
-        cy, cx, r = rng.uniform(0, 110), rng.uniform(0, 120), rng.uniform(5, 25)
+        cy, cx, r = rng.uniform(0, 70), rng.uniform(0, 76), rng.uniform(4, 18)
         scene[np.hypot(y - cy, x - cx) < r] = rng.uniform(0.1, 1)
     psf = np.full((7, 7), 1 / 49)
     frame = fftconvolve(scene, psf, "valid")

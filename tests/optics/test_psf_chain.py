@@ -52,7 +52,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+SLOW_CASES = ("far away", "very near", "focused at infinity", "far from its lens")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(one, marks=pytest.mark.sweep if one in SLOW_CASES else ()) for one in CASES],
+)
 def test_every_method_keeps_its_tolerance_against_a_sum_over_nodes(case, phase):
     optics, distance, field = CASES[case]
     truth = direct_chain(optics, np.exp(1j * phase), distance, WAVELENGTH, Y, X, field=field)
@@ -64,7 +70,12 @@ def test_every_method_keeps_its_tolerance_against_a_sum_over_nodes(case, phase):
 
 
 @pytest.mark.parametrize(
-    ("distance", "field"), [(0.02, (0.0, 0.0)), (0.1, (1e-3, -1.5e-3)), (math.inf, (0.0, 2e-3))]
+    ("distance", "field"),
+    [
+        (0.02, (0.0, 0.0)),
+        pytest.param(0.1, (1e-3, -1.5e-3), marks=pytest.mark.sweep),
+        (math.inf, (0.0, 2e-3)),
+    ],
 )
 def test_an_exact_sphere_is_that_of_the_thesis(distance, field, phase):
     """Eq. 5.1 and 5.2. Off the axis it isn't its parabola, and tilted by another angle."""
@@ -298,9 +309,9 @@ def test_a_modulators_light_goes_through_the_chain(phase):
 
 def test_colours_add_behind_a_chain(phase):
     waves, weights = (500e-9, 600e-9), (0.25, 0.75)
-    psf = PolychromaticPSF(camera(), 0.5, waves, weights, PIXELS, tol=1e-3, field=(1e-4, 0.0))
+    psf = PolychromaticPSF(camera(), 0.5, waves, weights, PIXELS, tol=1e-2, field=(1e-4, 0.0))
     parts = [
-        w * PSFOperator(camera(), 0.5, c, PIXELS, tol=1e-3, field=(1e-4, 0.0))(phase)
+        w * PSFOperator(camera(), 0.5, c, PIXELS, tol=1e-2, field=(1e-4, 0.0))(phase)
         for c, w in zip(waves, weights, strict=True)
     ]
     assert relative(psf(np.stack([phase, phase])), sum(parts)) <= 1e-6
@@ -393,11 +404,11 @@ def test_a_stack_gives_what_its_operators_give(phase, rng):
     phases, strength = np.stack([phase, 0.5 * phase]), rng.uniform(0, 2, SHAPE)
     value = stack(phases, strength)
     assert value.shape == (2, 2, 2, 9, 10)
-    for i, d in enumerate(distances):
-        for k, wave in enumerate(waves):
-            for j, field in enumerate(fields):
-                one = PSFOperator(optics, d, wave, PIXELS, field=field, tol=1e-2, method="chain")
-                assert relative(value[i, k, j], one(phases[k], strength)) <= 1e-2
+    # Three of the eight tell all axes apart.
+    for i, k, j in ((0, 0, 1), (1, 0, 0), (0, 1, 0)):
+        question = optics, distances[i], waves[k], PIXELS
+        one = PSFOperator(*question, field=fields[j], tol=1e-2, method="chain")
+        assert relative(value[i, k, j], one(phases[k], strength)) <= 1e-2
 
 
 @pytest.mark.parametrize("memory", [4 << 30, 1 << 22])

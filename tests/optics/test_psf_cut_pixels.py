@@ -73,7 +73,7 @@ def test_a_collapsed_camera_knows_what_its_cut_pixels_cost(fill, rng):
         PSFOperator(optics, 1.5, WAVELENGTH, window, **{**settings, "tol": 0.02})
 
 
-@pytest.mark.parametrize("tol", [1e-3, 1e-4])
+@pytest.mark.parametrize("tol", [1e-3, pytest.param(1e-4, marks=pytest.mark.sweep)])
 def test_a_handful_of_samples_in_a_small_stop_keep_their_tolerance(tol, rng):
     optics = camera(10e-6, (8, 9), separation=0.05)
     window = Plane((3, 4), (2e-5, 3e-5))
@@ -124,8 +124,8 @@ def test_a_small_hole_before_the_panel_is_none_of_them(rng):
     assert relative(*answers) <= 2e-3
 
 
-@pytest.mark.parametrize("integrate", [True, False])
-@pytest.mark.parametrize("sphere", [True, False])
+@pytest.mark.parametrize("integrate", [True, pytest.param(False, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("sphere", [True, pytest.param(False, marks=pytest.mark.sweep)])
 def test_the_tolerance_that_a_refusal_names_is_kept(integrate, sphere, rng):
     optics = camera(0.9e-3, (8, 9), separation=0.05)
     settings = {"integrate": integrate, "sphere": sphere}

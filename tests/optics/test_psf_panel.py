@@ -1,5 +1,6 @@
 """The PSF against closed forms, and against quadrature that shares nothing with it."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -279,8 +280,19 @@ def test_the_achieved_error_keeps_the_tolerance(small_camera, tol, seed):
     assert relative(operator(phase).numpy(), truth) <= tol
 
 
-@pytest.mark.parametrize("vergence", [0.02, 0.11, 0.3])
-@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize(
+    ("share", "vergence"),
+    [
+        (0.9, 0.02),
+        (0.9, 0.3),
+        (0.5, 0.11),
+        *(
+            pytest.param(*pair, marks=pytest.mark.sweep)
+            for pair in itertools.product((0.0, 0.5, 0.9), (0.02, 0.11, 0.3))
+            if pair not in [(0.9, 0.02), (0.9, 0.3), (0.5, 0.11)]
+        ),
+    ],
+)
 def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
     small_camera, vergence, share
 ):

@@ -1,5 +1,6 @@
 """The MTF that is found in an exact picture of an edge is the one that it was made with."""
 
+import functools
 import math
 
 import numpy as np
@@ -11,13 +12,19 @@ from optics.slanted_edge import slanted_edge
 from optics.system_mtf import optical_transfer, system_mtf
 
 
+@functools.cache
+def nodes_and_weights(count):
+    """They are an eigenvalue problem of that many unknowns: solved once."""
+    return np.polynomial.legendre.leggauss(count)
+
+
 def edge(transfer, cutoff, angle, shape=(120, 100), offset=0.37):
     """Pixels of an edge behind any transfer function of cycles per pixel across it.
 
     A step's picture is 1/2 + ∫ OTF(f) sin(2π f d) / (π f) df at a distance d; a square pixel
     multiplies the OTF by the sinc of each of its sides.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(1200)
+    nodes, weights = nodes_and_weights(1200)
     f = cutoff * (nodes + 1) / 2
     sides = np.sinc(f * math.cos(angle)) * np.sinc(f * math.sin(angle))
     amount = transfer(f) * sides / (math.pi * f) * weights * cutoff / 2

@@ -31,8 +31,17 @@ def ramp_with_wraps(levels, waves=1):
     return np.tile((np.arange(18) * 0.7) % (2 * np.pi * waves), (3, 1)) + levels
 
 
-@pytest.mark.parametrize("fill", [0.87, 1.0])
-@pytest.mark.parametrize("sigma", [0.1, 0.25, 1.0])
+@pytest.mark.parametrize(
+    ("sigma", "fill"),
+    [
+        (0.25, 0.87),
+        (0.1, 1.0),
+        *(
+            pytest.param(*pair, marks=pytest.mark.sweep)
+            for pair in [(0.1, 0.87), (1.0, 0.87), (0.25, 1.0), (1.0, 1.0)]
+        ),
+    ],
+)
 @pytest.mark.parametrize(
     "phase",
     [random(0.1), random(1), random(3), ramp_with_wraps(0.0), ramp_with_wraps(1.0, 3)],
