@@ -31,6 +31,7 @@ from labapp.calibration.in_force import doubts, summary, wavelength_doubts
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
+from labapp.files.finding import find_scene
 from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
 from labapp.locking import lock_devices
@@ -145,7 +146,9 @@ class BenchFiles:
         image: Path | None = None,
         faults: Path | None = None,
     ) -> BenchFiles:
-        bench, scene = bench or bundled("bench.toml"), scene or bundled("scene.toml")
+        """Those that are bundled where none is named; a bundled scene goes by its name, too."""
+        bench = bench or bundled("bench.toml")
+        scene = find_scene(scene) if scene else bundled("scene.toml")
         return BenchFiles(bench, scene, image, faults)
 
     def read(self) -> BenchSetup:

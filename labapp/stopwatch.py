@@ -1,12 +1,10 @@
-"""Seconds that each stage of a longer work took, or each of several jobs."""
+"""Seconds that each stage of a longer work took."""
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 
 class Stopwatch:
@@ -23,15 +21,3 @@ class Stopwatch:
         finally:
             elapsed = time.perf_counter() - started
             self.seconds[name] = self.seconds.get(name, 0.0) + elapsed
-
-
-def processor_seconds(jobs: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Median processor seconds of each job. They are done in turns, so that a busy moment of the
-    machine hits all of them alike."""
-    spent: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(repeats):
-        for name, job in jobs.items():
-            started = time.process_time()
-            job()
-            spent[name].append(time.process_time() - started)
-    return {name: statistics.median(times) for name, times in spent.items()}

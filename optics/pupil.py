@@ -190,15 +190,6 @@ def panel_reach(camera: Camera) -> float:
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
-def blur_radius(camera: Camera, distance: float) -> float:
-    """Radius in metres on the sensor of a defocused point, by geometric optics."""
-    lens, away = camera.lens, lens_distance(camera, distance)
-    # The panel's shadow at the lens is wider than the panel.
-    spread = 1 + camera.separation / distance
-    reach = min(lens.stop_diameter / 2, spread * panel_reach(camera))
-    return reach * abs(vergence_error(lens, away)) * lens.image_distance
-
-
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of the lens' wave across one open panel pixel, in radians."""
     lens, panel = numeric_lens(camera.lens), camera.panel

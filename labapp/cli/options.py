@@ -13,7 +13,10 @@ BenchOption = Annotated[
 ]
 SceneOption = Annotated[
     Path | None,
-    typer.Option("--scene", help="Scene file (TOML) for simulated devices. Default: bundled."),
+    typer.Option(
+        "--scene",
+        help="Scene for simulated devices: a file (TOML), or the name of a bundled one, as bricks.",
+    ),
 ]
 ImageOption = Annotated[
     Path | None,

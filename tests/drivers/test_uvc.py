@@ -7,6 +7,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from uvc_camera_machine import UvcCameraMachine
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
@@ -15,7 +16,6 @@ from drivers.interfaces import Camera, Device, Surroundings
 from drivers.uvc import UVCCamera
 from drivers.uvc.latency import latency_of
 from drivers.uvc.pixels import to_numbers
-from simulator.machines.uvc_camera import UvcCameraMachine
 
 UNIT = 1e-4
 
@@ -265,7 +265,7 @@ def test_every_command_under_every_fault_is_right_or_a_device_error(monkeypatch,
         ("connection._ENDING", 0.3),
     ):
         monkeypatch.setattr(f"drivers.uvc.{place}", value)
-    monkeypatch.setattr("simulator.machines.uvc_camera._SELECT", 0.2)
+    monkeypatch.setattr("uvc_camera_machine._SELECT", 0.2)
     behind = machine()
     with camera(behind) as one:
         one.set_exposure(2e-3)

@@ -1,8 +1,7 @@
 """A webcam for a process of its own: it is made where the driver lives."""
 
 import numpy as np
-
-from simulator.machines.uvc_camera import UvcCameraMachine
+from uvc_camera_machine import UvcCameraMachine
 
 
 def source(device):

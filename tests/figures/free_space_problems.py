@@ -26,8 +26,8 @@ from judges.fields import (
 )
 
 from figures import Figure
+from figures.stopwatch import processor_seconds
 from labapp.speed import machine_speed
-from labapp.stopwatch import processor_seconds
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation.operator import METHODS, FreeSpace

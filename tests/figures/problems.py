@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from figures import Figure
+from figures.stopwatch import processor_seconds
 from labapp.accuracy.references.lens import terms
 from labapp.accuracy.references.psf import Judge, Problem, farthest
 from labapp.speed import machine_speed
-from labapp.stopwatch import processor_seconds
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from figures import Figure
+from figures.stopwatch import processor_seconds
 from labapp.accuracy.blurs import Array, taken
 from labapp.files.reading import bundled
-from labapp.stopwatch import processor_seconds
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.depths import depths, pasted
 from optics.deconvolution.layered import layered

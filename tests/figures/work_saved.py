@@ -10,9 +10,11 @@ from pathlib import Path
 
 from figures import Figure
 from labapp.console import say
+from labapp.files.finding import ready_scenes
+from labapp.files.reading import bundled
 from labapp.simulating.asked import AskedPicture, stage_of
 from labapp.simulating.everything import by_plan, finest_levels, with_everything
-from labapp.simulating.quick import part_setup, scene_files
+from labapp.simulating.quick import changed_setup
 from optics.light import Band
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -23,6 +25,9 @@ from simulator.scene import Photograph
 from simulator.situation import Situation
 
 _TOL = 1e-2
+_PART = {"sensor": {"width": 256, "height": 256}}
+"""What is rendered of the bundled bench: a part of its sensor."""
+
 _SIMPLE_GOAL, _BUNDLED_GOAL = 10.0, 5.0
 
 _CHOSEN = (BAND, SAMPLING)
@@ -86,8 +91,8 @@ def work_figures(folder: Path) -> list[Figure]:
 
 
 def _targets() -> Iterator[tuple[Path, str]]:
-    for path in scene_files():
-        scene = part_setup(path).scene
+    for path in (bundled("scene.toml"), *ready_scenes().values()):
+        scene = changed_setup(path, _PART).scene
         assert scene is not None
         yield from ((path, name) for name in scene.targets)
 
@@ -110,7 +115,7 @@ def _work(s: Situation, levels: Mapping[str, int]) -> float:
 
 @contextmanager
 def _staged(scene: Path | None, target: str) -> Iterator[Situation]:
-    with stage_of(part_setup(scene), AskedPicture(target=target), Progress()) as staged:
+    with stage_of(changed_setup(scene, _PART), AskedPicture(target=target), Progress()) as staged:
         yield staged.situation
 
 

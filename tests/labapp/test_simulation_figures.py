@@ -7,9 +7,11 @@ from figures import edge_mtf, live, sensor_emva
 from figures.work_saved import simple_picture
 
 from labapp.errors import UserError
+from labapp.files.finding import ready_scenes
+from labapp.files.reading import bundled
 from labapp.simulating.asked import AskedPicture, stage_of
 from labapp.simulating.everything import by_plan, with_everything
-from labapp.simulating.quick import quick_setup, scene_files
+from labapp.simulating.quick import quick_setup
 from optics.progress import Progress
 from simulator.world import World
 
@@ -21,7 +23,7 @@ def star():
 
 
 def test_every_bundled_scene_stands_before_the_small_bench():
-    files = scene_files()
+    files = [bundled("scene.toml"), *ready_scenes().values()]
     assert len(files) > 5
     for path in files:
         setup = quick_setup(path)
