@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
-from figures.results import RESULTS, Section, Stamp, update
+from figures.results import README, RESULTS, Section, Stamp, quote, update
 from labapp.cli.optics import one_thread
 from labapp.console import out, print_json, say, table
 
@@ -62,6 +62,7 @@ def _measured(names: list[str], *, keep: bool) -> Iterator[Section]:
             section = Section(name, stamp, tuple(measurement(name)(Path(folder))))
         if keep:
             update(section)
+            quote(README)
         yield section
 
 

@@ -19,6 +19,8 @@ from labapp.accuracy.writing import machine
 from labapp.files.writing import write_whole
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
+README = Path(__file__).parents[2] / "README.md"
+"""It quotes some rows of the results."""
 
 _HEAD = """# What was seen of every figure
 
@@ -27,6 +29,9 @@ Written by `make figures`, which measures each figure on the machine at hand bes
 typed. Misses are in bold.
 """
 _TABLE = ("| figure | goal | seen | |", "| --- | --- | --- | --- |")
+_QUOTED = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
+"""A row of a page that quotes some: figure, goal, seen."""
+
 _UNKNOWN = "Not measured yet: "
 _MARKS = {True: "met", False: "**missed**", None: "not measured"}
 
@@ -77,6 +82,26 @@ def read_sections(path: Path = RESULTS) -> dict[str, str]:
     parts = re.split(r"^(?=## )", path.read_text(), flags=re.MULTILINE)[1:]
     parts = [part.split(_UNKNOWN)[0].rstrip() + "\n" for part in parts]
     return {part.splitlines()[0].removeprefix("## "): part for part in parts}
+
+
+def quote(path: Path, results: Path = RESULTS) -> None:
+    """Bring the rows that another page quotes up to what was seen; their names choose them."""
+    seen = seen_rows(results)
+
+    def newer(row: re.Match[str]) -> str:
+        name, goal, before = (cell.strip() for cell in row.groups())
+        return f"| {name} | {goal} | {seen.get(name, before)} |"
+
+    text = path.read_text()
+    changed = _QUOTED.sub(newer, text)
+    if changed != text:
+        write_whole(path, changed.encode())
+
+
+def quoted_rows(path: Path) -> dict[str, str]:
+    """What another page says was seen of each figure, by the figure's name."""
+    rows = (row.groups() for row in _QUOTED.finditer(path.read_text()))
+    return {name: seen for name, _, seen in rows if name != "figure" and set(name) != {"-"}}
 
 
 def seen_rows(path: Path = RESULTS) -> dict[str, str]:

@@ -8,7 +8,17 @@ import pytest
 
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
-from figures.results import RESULTS, Section, Stamp, read_sections, seen_rows, update
+from figures.results import (
+    README,
+    RESULTS,
+    Section,
+    Stamp,
+    quote,
+    quoted_rows,
+    read_sections,
+    seen_rows,
+    update,
+)
 
 EARLIER = Stamp("2024-02-01", "commit 0123456789", "a slow machine")
 LATER = Stamp("2024-03-01", "commit 9876543210", "a fast machine")
@@ -60,6 +70,25 @@ def test_a_measurement_that_is_gone_leaves_the_page(page):
     page.write_text(text)
     update(section("psf", LATER, "2 s"), page)
     assert list(read_sections(page)) == ["psf"]
+
+
+def test_a_page_that_quotes_rows_is_brought_up_to_what_was_seen(page, tmp_path):
+    other = tmp_path / "README.md"
+    head = "# Ours\n| figure | goal | seen |\n| --- | --- | --- |\n"
+    rows = ["| what psf measures | ≤ 1 s | 9 s |", "| a driver | of a table | unlike these |"]
+    other.write_text(head + "\n".join(rows))
+    quote(other, page)
+    assert quoted_rows(other) == {"what psf measures": "0.5 s", "a driver": "unlike these"}
+    assert other.read_text().startswith(head)
+
+
+def test_the_figures_of_the_readme_are_those_that_were_seen():
+    section = README.read_text().split("## Figures")[1]
+    names = [row.split("|")[1].strip() for row in section.splitlines() if row.startswith("| ")][2:]
+    assert len(names) >= 7
+    seen, quoted = seen_rows(), quoted_rows(README)
+    for name in names:
+        assert quoted[name] == seen[name]
 
 
 def test_the_page_of_this_checkout_has_rows_of_known_measurements():
