@@ -33,7 +33,8 @@ class Reporter:
         if report.failed:
             terminal = self._config.pluginmanager.getplugin("terminalreporter")
             terminal.ensure_newline()
-            terminal.write_line(f"FAILED {report.nodeid} ({report.when}): {_reason(report)}")
+            when = f" at {report.when}" if report.when in ("setup", "teardown") else ""
+            terminal.write_line(f"FAILED{when} {report.nodeid}: {_reason(report)}", red=True)
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
