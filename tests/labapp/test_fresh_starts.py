@@ -17,7 +17,7 @@ from labapp.record.reader import Record
 )
 def test_the_command_and_the_module_start(start):
     done = subprocess.run([*start, "plan", "list"], capture_output=True, text=True, check=True)
-    assert "first-light" in done.stdout
+    assert "coded-snapshot" in done.stdout
 
 
 def test_a_run_loads_what_it_needs_and_warns_of_nothing(small, tmp_path):
