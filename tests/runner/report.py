@@ -43,11 +43,12 @@ class Reporter:
         Durations(self._config).keep(self._costs.seconds())
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        terminalreporter.section("costs")
-        for line in self._costs.table(_ROWS):
-            terminalreporter.write_line(line)
-        peak = self._peak / 2**30
-        terminalreporter.write_line(f"{peak:.1f} GB of memory at most, all processes together")
+        if self._costs:
+            terminalreporter.section("costs")
+            for line in self._costs.table(_ROWS):
+                terminalreporter.write_line(line)
+            peak = self._peak / 2**30
+            terminalreporter.write_line(f"{peak:.1f} GB of memory at most, all processes together")
 
 
 def _reason(report: pytest.TestReport) -> str:
