@@ -124,6 +124,7 @@ class Popen(subprocess.Popen):
             "folder": os.fspath(cwd or os.getcwd()),
             "session": start_new_session,
             "group": process_group,
+            "parent": os.getpid(),
             "files": [0, 1, 2, *pass_fds],
         }
         given = enumerate((p2cread, c2pwrite, errwrite))

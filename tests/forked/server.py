@@ -10,6 +10,7 @@ Python program does.
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import gc
 import importlib
@@ -26,6 +27,9 @@ from typing import Any
 
 LIMIT = 1 << 20
 """Bytes of the longest request."""
+
+_SET_PDEATHSIG = 1
+"""Of prctl(2); from linux/prctl.h."""
 
 _FIRST = 1000
 """File descriptors from here on are free while others are given their numbers."""
@@ -59,6 +63,10 @@ def serve(line: socket.socket) -> tuple[dict[str, Any], list[int]]:
 
 def become(request: dict[str, Any], files: list[int]) -> None:
     """Make this process the one that was asked for, but for its program."""
+    # Nobody else would end it where those who run the tests are killed.
+    ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != request["parent"]:
+        os._exit(1)
     _take_files(request["files"], files)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if request["session"]:

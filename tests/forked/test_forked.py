@@ -174,17 +174,24 @@ def test_who_forks_has_loaded_torch_and_has_one_thread():
     assert "Threads:\t1\n" in status
 
 
-def test_who_forks_ends_with_those_it_forks_for():
-    code = "import forked, sys; print(forked._Server()._process.pid, flush=True); sys.stdin.read()"
+def test_all_end_with_those_who_asked_for_them():
+    code = """
+import forked, sys
+forked.LOADED = ()
+process = forked.Popen([sys.executable, "-c", "import time; time.sleep(1000)"])
+print(forked._server()._process.pid, process.pid, flush=True)
+sys.stdin.read()
+"""
     places = {"PYTHONPATH": str(Path(__file__).parents[1])}
     with subprocess.Popen(
         python(code), stdin=-1, stdout=-1, env={**os.environ, **places}
     ) as process:
-        server = os.pidfd_open(int(process.stdout.readline()))
+        started = [os.pidfd_open(int(number)) for number in process.stdout.readline().split()]
         process.kill()
-    ended, _, _ = select.select([server], [], [], PATIENCE)
-    os.close(server)
-    assert ended
+    for one in started:
+        ended, _, _ = select.select([one], [], [], PATIENCE)
+        os.close(one)
+        assert ended
 
 
 @pytest.mark.parametrize(
