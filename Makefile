@@ -5,6 +5,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= first-light
+WORKERS ?= 2
 
 APT    := xvfb libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libxcb-cursor0 \
           libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 \
@@ -21,13 +22,13 @@ run: $(VENV)/run
 test: $(VENV)/dev system style
 	@$(BIN)/mypy >$(VENV)/types 2>&1 & types=$$!; \
 	trap 'kill $$types 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
-	$(BIN)/python -m pytest -n 2; tests=$$?; \
+	$(BIN)/python -m pytest -n $(WORKERS); tests=$$?; \
 	wait $$types; types=$$?; \
 	cat $(VENV)/types; \
 	exit $$((tests ? tests : types))
 
 test-all: test
-	$(BIN)/python -m pytest -n 2 -m sweep
+	$(BIN)/python -m pytest -n $(WORKERS) -m sweep
 
 gui: $(VENV)/run
 	$(BIN)/labapp gui

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
 import sys
 import time
 
 import cv2
+import forked
 import numpy as np
 import pytest
 from figures.first_light import prediction_error
@@ -162,8 +162,8 @@ def test_ctrl_c_leaves_a_readable_record_marked_cancelled(small, tmp_path, numbe
     small.plan.write_text(text)
     out = tmp_path / "run.h5"
     command = [sys.executable, "-m", "labapp", "run", str(small.plan), "--out", str(out)]
-    with subprocess.Popen(
-        command + small.arguments(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    with forked.Popen(
+        command + small.arguments(), stdout=forked.PIPE, stderr=forked.PIPE, text=True
     ) as process:
         deadline = time.monotonic() + 60
         while not (out.exists() and _some_stored(out)) and time.monotonic() < deadline:

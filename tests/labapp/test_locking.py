@@ -2,13 +2,13 @@ import fcntl
 import os
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
 from datetime import date
 from pathlib import Path
 
+import forked
 import pytest
 
 import labapp.bench
@@ -22,7 +22,8 @@ PATIENCE = 60
 """Seconds after which a test that should have ended long ago is given up."""
 
 OWNER = """
-import sys; sys.path[:] = {path!r}
+import sys, warnings; sys.argv[:] = ["/usr/bin/labapp", "run", "plan.toml", "--fast"]
+warnings.simplefilter("error")
 from pathlib import Path
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_file
@@ -85,13 +86,11 @@ def is_free(path):
 class Owner:
     """Another process, `labapp run plan.toml --fast`, that has the devices of a bench."""
 
-    def __init__(self, folder, locks, bench, then="pass"):
-        command = folder / "labapp"
-        command.write_text(OWNER.format(path=sys.path, bench=str(bench), then=then))
-        self.process = subprocess.Popen(
-            [sys.executable, "-W", "error", str(command), "run", "plan.toml", "--fast"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+    def __init__(self, locks, bench, then="pass"):
+        self.process = forked.Popen(
+            [sys.executable, "-c", OWNER.format(bench=str(bench), then=then)],
+            stdin=forked.PIPE,
+            stdout=forked.PIPE,
             env={**os.environ, "TMPDIR": str(locks)},
             text=True,
         )
@@ -106,11 +105,11 @@ class Owner:
 
 
 @pytest.fixture
-def owner(tmp_path, locks):
+def owner(locks):
     owners = []
 
     def begin(bench, then="pass"):
-        owners.append(Owner(tmp_path, locks, bench, then))
+        owners.append(Owner(locks, bench, then))
         return owners[-1]
 
     yield begin

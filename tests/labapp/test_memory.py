@@ -1,9 +1,9 @@
 """Freed memory serves again, where the C library can be told so."""
 
 import ctypes
-import subprocess
 import sys
 
+import forked
 import pytest
 
 _FAULTS = """
@@ -25,7 +25,7 @@ def faults(how):
 
     Twenty before them aren't counted: small things that stay may lie in the way of the first few.
     """
-    done = subprocess.run(
+    done = forked.run(
         [sys.executable, "-c", _FAULTS, how], capture_output=True, text=True, check=True
     )
     return int(done.stdout)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import errno
 import json
 import os
-import subprocess
 import sys
 import zlib
 from dataclasses import replace
 
+import forked
 import h5py
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
             "import sys; from pathlib import Path; from labapp.record.reader import Record\n"
             "with Record(Path(sys.argv[1])) as r: print(r.state, r.missing(), r.image(1).sum())"
         )
-        done = subprocess.run(
+        done = forked.run(
             [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
         )
     assert done.stdout.split() == ["RUNNING", "[0,", "2]", str(35 * 34 // 2 + 35)]
@@ -138,7 +138,7 @@ def test_a_writer_that_is_gone_without_a_word_reads_as_interrupted(path):
 def test_this_process_is_alive_and_a_finished_one_is_not():
     assert process.is_alive(process.me())
     code = "from labapp.record import process; print(process.me())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = forked.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not process.is_alive(done.stdout)
 
 

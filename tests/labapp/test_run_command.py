@@ -12,6 +12,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import forked
 import pytest
 from figures.durability import differing_arrays
 
@@ -65,7 +66,7 @@ def stored(path: Path) -> int:
 def test_a_killed_run_is_resumed_by_one_command(labapp, small, tmp_path):
     labapp("run", small.plan, *small.arguments(), "--out", tmp_path / "whole.h5")
     path = tmp_path / "run.h5"
-    with subprocess.Popen(run(small, path, "--speed", "0.2")) as process:
+    with forked.Popen(run(small, path, "--speed", "0.2")) as process:
         wait_until(lambda: stored(path) >= 2)
         process.send_signal(signal.SIGKILL)
     assert state_of(path) is State.INTERRUPTED
@@ -143,8 +144,8 @@ def test_another_bench_is_refused_by_name(labapp, small, tmp_path):
 def test_prompts_are_answered_with_enter(small, tmp_path):
     small.plan.write_text(small.plan.read_text() + PROMPT)
     path = tmp_path / "run.h5"
-    with subprocess.Popen(
-        run(small, path), stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    with forked.Popen(
+        run(small, path), stdin=forked.PIPE, stderr=forked.PIPE, text=True
     ) as process:
         wait_until(lambda: state_of(path) is State.PAUSED)
         assert stored(path) == 8
@@ -157,27 +158,32 @@ def test_prompts_are_answered_with_enter(small, tmp_path):
 def test_prompts_with_nobody_there_fail_the_run_in_words(small, tmp_path):
     small.plan.write_text(small.plan.read_text() + PROMPT)
     path = tmp_path / "run.h5"
-    done = subprocess.run(
-        run(small, path), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    done = forked.run(
+        run(small, path), stdin=forked.DEVNULL, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 1
     assert "asks a person, and standard input has ended" in done.stderr
     assert state_of(path) is State.FAILED
-    again = subprocess.run(command("resume", path, "--yes"), stdin=subprocess.DEVNULL, timeout=60)
+    again = forked.run(command("resume", path, "--yes"), stdin=forked.DEVNULL, timeout=60)
     assert again.returncode == 0
 
 
 @contextmanager
 def terminal(arguments, then="pass"):
-    """A process on a terminal of its own, and what writes its keys. then: what it does first."""
+    """labapp on a terminal of its own, and what writes its keys. then: what it does first."""
     master, slave = pty.openpty()
     # The terminal becomes the process' own, with it in the foreground, as a shell would do.
     own = (
-        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-        f"{then}; os.execv(sys.argv[1], sys.argv[1:])"
+        "import fcntl, os, termios; from labapp.cli import main; "
+        f"fcntl.ioctl(0, termios.TIOCSCTTY, 0); {then}; main()"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", own, *arguments], stdin=slave, stdout=slave, stderr=slave
+    python, _, _, *words = arguments
+    with forked.Popen(
+        [python, "-c", own, *words],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
     ) as process:
         os.close(slave)
         drained = subprocess.Popen(["cat"], stdin=master, stdout=subprocess.DEVNULL)
@@ -221,10 +227,14 @@ def test_a_run_in_the_background_leaves_the_terminal_alone(small, tmp_path):
 
 def test_a_run_does_not_eat_what_others_want_to_read(small, tmp_path):
     """As in a shell's `while read plan; do labapp run ...; done`."""
-    arguments = run(small, tmp_path / "run.h5")
-    script = f"import subprocess, sys; subprocess.run({arguments!r}); print(sys.stdin.read())"
-    done = subprocess.run(
-        [sys.executable, "-c", script], input="stop\nplan\n", capture_output=True, text=True
+    python, _, _, *words = run(small, tmp_path / "run.h5")
+    script = (
+        "import os, sys; from labapp.cli import main\n"
+        "if not os.fork(): main(); sys.exit()\n"
+        "os.wait(); print(sys.stdin.read())"
+    )
+    done = forked.run(
+        [python, "-c", script, *words], input="stop\nplan\n", capture_output=True, text=True
     )
     assert done.stdout.endswith("stop\nplan\n\n")
     assert state_of(tmp_path / "run.h5") is State.COMPLETE
@@ -234,14 +244,14 @@ def test_a_run_does_not_eat_what_others_want_to_read(small, tmp_path):
 def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_path, wish):
     change(small.plan, SHORT, LONG)
     path = tmp_path / "run.h5"
-    with subprocess.Popen(
-        run(small, path, "--speed", "1"), stdin=subprocess.DEVNULL, stderr=subprocess.PIPE
+    with forked.Popen(
+        run(small, path, "--speed", "1"), stdin=forked.DEVNULL, stderr=forked.PIPE
     ) as process:
         wait_until(lambda: stored(path) >= 1)
         process.send_signal(wish)
         assert process.wait(60) == 130
     assert state_of(path) is State.CANCELLED
-    done = subprocess.run(command("resume", path), stdin=subprocess.DEVNULL, timeout=60)
+    done = forked.run(command("resume", path), stdin=forked.DEVNULL, timeout=60)
     assert done.returncode == 0
     assert state_of(path) is State.COMPLETE
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import cv2
+import forked
 import numpy as np
 import pytest
 
@@ -286,7 +286,7 @@ def test_ctrl_c_leaves_a_record_that_can_be_finished(labapp, tmp_path):
     many = ", ".join(["1"] * 1500)
     words = ["study", "psf-shapes", 'shapes=["heart"]', "iterations=2", f"exposures_ms=[{many}]"]
     command = [sys.executable, "-m", "labapp", *words, "--bench", str(bench), "--out", str(out)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with forked.Popen(command, stderr=forked.PIPE, text=True) as process:
         deadline = time.monotonic() + 120
         while not _some_stored(out / "run.h5") and time.monotonic() < deadline:
             time.sleep(0.05)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import pytest
 
 from labapp.files.reading import bundled
@@ -31,7 +32,7 @@ def environment(tmp_path_factory):
 
 def labapp(environment, *words):
     command = [sys.executable, "-m", "labapp", *map(str, words)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    return forked.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
 def bench_with(tmp_path, driver, options):

@@ -9,11 +9,13 @@ import sys
 import time
 from dataclasses import replace
 
+import forked
 import h5py
 import numpy as np
 import pytest
 from figures.small_bench import small_setup
 
+from labapp import verifying
 from labapp.acquisition.runner import resume_run, run_plan
 from labapp.acquisition.state import State
 from labapp.bench import open_bench
@@ -56,6 +58,12 @@ def good(tmp_path_factory) -> bytes:
     with open_bench(SETUP) as bench:
         assert run_plan(bench, PLAN, path).state is State.COMPLETE
     return path.read_bytes()
+
+
+@pytest.fixture(autouse=True)
+def checks_with_their_libraries_loaded(monkeypatch):
+    """The process that checks a file is forked; `subprocess` would start it the same way."""
+    monkeypatch.setattr(verifying, "subprocess", forked)
 
 
 @pytest.fixture
@@ -405,6 +413,7 @@ def test_whoever_cancels_need_not_wait_for_hdf5(tmp_path):
 
 
 def test_a_verification_that_fails_by_itself_is_no_damage(run, monkeypatch):
+    monkeypatch.setattr(verifying, "subprocess", subprocess)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match=r"checks of .* failed"):
         verify(run)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -13,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 
@@ -62,7 +61,7 @@ PLAN = {
 class Served:
     """A process of `labapp virtual-bench serve`, what it has said, and a line to it."""
 
-    def __init__(self, process: subprocess.Popen[str], bench: Path) -> None:
+    def __init__(self, process: forked.Popen, bench: Path) -> None:
         self.process, self.bench = process, bench
         self.said: list[str] = []
         self._more = threading.Condition()
@@ -105,13 +104,12 @@ def serving(small, *options: str) -> Iterator[Served]:
     small.scene.write_text(SCENE)
     out = small.folder / "served.toml"
     command = [sys.executable, "-m", "labapp", "virtual-bench", "serve", *small.arguments()]
-    process = subprocess.Popen(
+    process = forked.Popen(
         [*command, "--out", str(out), *options],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
+        stdin=forked.PIPE,
+        stdout=forked.DEVNULL,
+        stderr=forked.PIPE,
         text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     served = Served(process, out)
     try:

@@ -46,6 +46,9 @@ class Costs:
     def __init__(self) -> None:
         self._costs: dict[str, Cost] = defaultdict(Cost)
 
+    def __len__(self) -> int:
+        return len(self._costs)
+
     def add(self, report: pytest.TestReport) -> None:
         cost = self._costs[report.nodeid]
         cost.wall += report.duration

@@ -32,6 +32,9 @@ class Limits:
         self._config, self._words = config, words
         self._grace = float(config.getini("grace"))
 
+    def pytest_sessionstart(self) -> None:
+        faulthandler.enable(self._words)
+
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         for item in items:

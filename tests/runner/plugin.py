@@ -33,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
         words = os.fdopen(os.dup(2), "w")
         plugins.register(Reporter(config))
     config.add_cleanup(words.close)
-    if config.getoption("dist") != "no":
+    if config.getoption("dist", "no") != "no":
         _distribute(config)
     else:
         plugins.register(Limits(config, words))

@@ -33,7 +33,8 @@ class Reporter:
         if report.failed:
             terminal = self._config.pluginmanager.getplugin("terminalreporter")
             terminal.ensure_newline()
-            terminal.write_line(f"FAILED {report.nodeid} ({report.when}): {_reason(report)}")
+            when = f" at {report.when}" if report.when in ("setup", "teardown") else ""
+            terminal.write_line(f"FAILED{when} {report.nodeid}: {_reason(report)}", red=True)
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
@@ -42,11 +43,12 @@ class Reporter:
         Durations(self._config).keep(self._costs.seconds())
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        terminalreporter.section("costs")
-        for line in self._costs.table(_ROWS):
-            terminalreporter.write_line(line)
-        peak = self._peak / 2**30
-        terminalreporter.write_line(f"{peak:.1f} GB of memory at most, all processes together")
+        if self._costs:
+            terminalreporter.section("costs")
+            for line in self._costs.table(_ROWS):
+                terminalreporter.write_line(line)
+            peak = self._peak / 2**30
+            terminalreporter.write_line(f"{peak:.1f} GB of memory at most, all processes together")
 
 
 def _reason(report: pytest.TestReport) -> str:

@@ -75,25 +75,21 @@ def test_asleep():
 
 
 SHARING = """
-import os
 import pytest
 
 @pytest.mark.parametrize("number", range(5))
-def test_who_runs_it(number, {fixture}, tmp_path_factory):
-    with open("{fixture}", "a") as file:
-        print(os.environ["PYTEST_XDIST_WORKER"], file=file)
+def test_with_it(number, demo):
+    pass
 """
 
-FIXTURES = """
+DEMO = """
+import os
 import pytest
 
 @pytest.fixture(scope="session")
 def demo():
-    return object()
-
-@pytest.fixture
-def other():
-    return object()
+    with open("made", "a") as file:
+        file.write("once ")
 """
 
 
@@ -166,12 +162,12 @@ def working_in(folder: Path) -> list[Path]:
 def test_what_hangs_has_a_name_and_the_other_tests_go_on(project):
     project.add({"test_hanging": HANGING, "test_others": OTHERS})
     said = project.run("-n", "2")
-    assert "FAILED test_hanging.py::test_that_hangs (???): test_hanging.py::test_that_hangs" in said
-    assert "has not ended after 2 s" in said
+    name = "test_hanging.py::test_that_hangs"
+    assert f"FAILED {name}: {name} has not ended after 2 s" in said
     assert "this was printed" in said
     assert "in test_that_hangs" in said
     # Said when it was seen, not at the end.
-    assert said.index("(call): AssertionError: a sum") < said.index("[100%]")
+    assert said.index("test_that_fails: AssertionError: a sum") < said.index("[100%]")
     assert "2 failed, 41 passed" in said
     assert (project.folder / "began").read_text() == "once "
     assert working_in(project.folder) == []
@@ -188,21 +184,15 @@ def test_what_hangs_has_a_name_without_workers(project):
 def test_what_is_late_fails_and_the_process_lives(project):
     project.add({"test_late": LATE})
     said = project.run()
-    assert "FAILED test_late.py::test_that_is_late (call): Failed: Timeout (>1.0s)" in said
+    assert "FAILED test_late.py::test_that_is_late: Failed: Timeout (>1.0s)" in said
     assert "1 failed, 1 passed" in said
 
 
-def test_tests_that_share_a_fixture_run_in_one_worker(project):
-    """Which is made once then, and by one of them while the other has something else to do."""
-    files = {
-        f"tests/test_{fixture}_{number}": SHARING.format(fixture=fixture)
-        for fixture in ("demo", "other")
-        for number in range(3)
-    }
-    project.add(files | {"tests/conftest": FIXTURES})
-    assert "30 passed" in project.run("-n", "2")
-    shared, others = ((project.folder / name).read_text().split() for name in ("demo", "other"))
-    assert (len(set(shared)), len(set(others))) == (1, 2)
+def test_what_tests_of_several_files_share_is_made_by_one_worker(project):
+    files = {f"tests/test_{number}": SHARING for number in range(3)}
+    project.add(files | {"tests/conftest": DEMO})
+    assert "15 passed" in project.run("-n", "2")
+    assert (project.folder / "made").read_text() == "once "
 
 
 @pytest.mark.parametrize(
