@@ -15,13 +15,13 @@ from typing import Any
 
 import dialogues
 import pytest
+import watchdog
 from person import Person
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication, QFileDialog
 from shared_window import OPENING, SharedWindow
 from small_bench import write_bench
 from waits import wait_until
-from watchdog import Watchdog
 from window_bench import Bench
 
 from labapp.bench import BenchFiles
@@ -30,31 +30,28 @@ from simulator.screens import NoXServer, xvfb
 
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
 
-_LONGEST, _LONGEST_TEARDOWN = 80.0, 15.0
-"""Seconds of a test with its setup, and of its teardown: together less than pytest-timeout's."""
-
 _began = pytest.StashKey[float]()
 _failed = pytest.StashKey[bool]()
-_watchdog = Watchdog()
+_watchdog = watchdog.Watchdog()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
     item.stash[_began] = time.monotonic()
     dialogues.forget()
-    return (yield from _watched(_LONGEST))
+    return (yield from _watched(_longest(item)))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
-    left = item.stash[_began] + _LONGEST - time.monotonic()
+    left = item.stash[_began] + _longest(item) - time.monotonic()
     return (yield from _watched(max(left, 1.0)))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown() -> Generator[None]:
     dialogues.forget()
-    return (yield from _watched(_LONGEST_TEARDOWN))
+    return (yield from _watched(watchdog.LONGEST_TEARDOWN))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -65,6 +62,12 @@ def pytest_runtest_makereport(
     if report.failed:
         item.stash[_failed] = True
     return report
+
+
+def _longest(item: pytest.Item) -> float:
+    """Seconds of a test with its setup: somewhat less than pytest-timeout gives it."""
+    marker = item.get_closest_marker("timeout")
+    return 0.8 * marker.args[0] if marker else watchdog.LONGEST
 
 
 def _watched(seconds: float) -> Generator[None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from calls import innermost_call
 from PySide6.QtWidgets import QApplication, QDialog, QLabel, QMessageBox, QWidget
 
 _unexpected: list[str] = []
@@ -17,7 +18,8 @@ def close_any() -> None:
     widget = QApplication.activeModalWidget()
     if widget is None:
         return
-    _unexpected.append(_words(widget))
+    opening = innermost_call("dialogues.py", "watchdog.py")
+    _unexpected.append(f"{_words(widget)}, opened by {opening}")
     if isinstance(widget, QDialog):
         # A class's own reject() may ask once more.
         QDialog.done(widget, QDialog.DialogCode.Rejected)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Callable
-from pathlib import Path
 
+from calls import innermost_call
 from dialogues import require_none
 from PySide6.QtTest import QTest
 
@@ -15,8 +14,6 @@ PATIENCE = 30.0
 
 _LOOK = 10
 """Milliseconds between looks."""
-
-_OWN_FILES = (Path(__file__).name, "person.py")
 
 
 class NeverSeen(AssertionError):
@@ -39,13 +36,7 @@ def wait_until(
     while not seen():
         require_none()
         if time.monotonic() > late:
+            asked = innermost_call("waits.py", "person.py")
             last = f"\nat last: {standing()}" if standing else ""
-            raise NeverSeen(f"not seen in {patience:g} s: {_asked()}{last}")
+            raise NeverSeen(f"not seen in {patience:g} s: {asked}{last}")
         QTest.qWait(_LOOK)
-
-
-def _asked() -> str:
-    """The statement of the test that waits, with its place."""
-    calls = traceback.extract_stack()
-    call = next(call for call in reversed(calls) if Path(call.filename).name not in _OWN_FILES)
-    return f"{call.line} ({Path(call.filename).name}:{call.lineno})"

@@ -14,9 +14,15 @@ from types import FrameType
 import dialogues
 from PySide6.QtCore import QEventLoop, QTimer
 
+LONGEST, LONGEST_TEARDOWN = 80.0, 15.0
+"""Seconds of a test with its setup, and of its teardown: together less than pytest-timeout's."""
+
 _SIGNAL = signal.SIGUSR2
 _AGAIN = 2.0
 """Seconds after which an exception that ended nothing is raised once more."""
+
+_CALLS = 4
+"""Innermost calls that tell where a test hangs."""
 
 _TICK = 50
 """Milliseconds between looks from within Qt's loops."""
@@ -81,8 +87,8 @@ class Watchdog:
     def _tick(self) -> None:
         dialogues.close_any()
         if self._is_late(by=_AGAIN / 2):
-            stack = "".join(traceback.format_stack()[:-1])
-            self._held = f"the test hangs in a loop of Qt's, which was ended:\n{stack}"
+            calls = "".join(traceback.format_stack()[-_CALLS - 1 : -1])
+            self._held = self._held or f"the test hangs in a loop of Qt's, here:\n{calls}"
             _end_loops()
 
 
