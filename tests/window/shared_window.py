@@ -28,7 +28,7 @@ class SharedWindow:
 
     def ready(self, qtbot: Any) -> Bench:
         """Live, on the photograph with the neutral pattern."""
-        if self._bench is not None and not self._bench.in_use:
+        if self._bench is not None and self._bench.connection.running:
             try:
                 return self._settled(self._bench, qtbot, _SETTLING)
             except AssertionError:
@@ -56,6 +56,7 @@ class SharedWindow:
     def _settled(self, bench: Bench, qtbot: Any, patience: float) -> Bench:
         person, window = Person(bench, qtbot), bench.window
         bench.reports.clear()
+        person.waits(lambda: bench.idle, patience=patience)
         person.waits(window.actions_["live"].isEnabled, patience=patience)
         window.message.acknowledge()
         window.tabs.setCurrentWidget(window.live_view)

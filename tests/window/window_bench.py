@@ -71,16 +71,11 @@ class Bench:
         return run.stored if run else 0
 
     @property
-    def in_use(self) -> str:
-        """Why another test can't begin here; empty if it can."""
+    def idle(self) -> bool:
+        """Whether nothing is under way that an earlier test may have left."""
         session = self.window.session
-        if not self.connection.running:
-            return "its engine has ended"
-        if session.queue.busy or session.queue.held:
-            return "its queue isn't empty"
-        if session.job:
-            return f"a {session.job} is under way"
-        return "a dialogue is open" if QApplication.activeModalWidget() else ""
+        runs = session.queue.busy or bool(session.queue.held)
+        return not (runs or session.job or QApplication.activeModalWidget())
 
     def describe(self) -> str:
         """How everything stands that a test may wait for."""
