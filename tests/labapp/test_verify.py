@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import forked
@@ -398,9 +397,9 @@ def test_a_file_in_which_hdf5_is_lost_ends_in_a_verdict(tmp_path):
 
 
 def test_whoever_cancels_need_not_wait_for_hdf5(tmp_path):
+    """It would be waited for longer than any test may take."""
     path = tmp_path / "run.h5"
     lost(path)
-    began = time.monotonic()
 
     def listener(share, text):
         if text == "check contents":
@@ -408,8 +407,7 @@ def test_whoever_cancels_need_not_wait_for_hdf5(tmp_path):
 
     progress = Progress(listener)
     with pytest.raises(Cancelled):
-        verify(path, progress, patience=100)
-    assert time.monotonic() - began < 50
+        verify(path, progress, patience=1000)
 
 
 def test_a_verification_that_fails_by_itself_is_no_damage(run, monkeypatch):

@@ -1,6 +1,8 @@
 import math
 import threading
 import time
+from collections import Counter
+from functools import partial
 
 import pytest
 
@@ -37,13 +39,26 @@ def test_a_clock_never_goes_back(speed):
         assert clock.now() == 0.002
 
 
+class Wall:
+    """The wall's clock, which stands still but for those who sleep, each a little too long."""
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds + 1e-6
+
+
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
-def test_a_finite_speed_takes_its_time(speed):
-    clock = VirtualClock(speed)
+def test_a_finite_speed_takes_its_time(monkeypatch, speed):
+    clock, wall = VirtualClock(speed), Wall()
+    monkeypatch.setattr("simulator.clock.time", wall)
     for lap in (1, 2):
-        began = time.monotonic()
         clock.wait_until(lap * 0.05 * speed, never)
-        assert time.monotonic() - began >= 0.05
+        assert wall.now - 1000.0 == pytest.approx(lap * 0.05, abs=1e-4)
         assert clock.now() == lap * 0.05 * speed
 
 
@@ -73,19 +88,30 @@ def test_cancelling_ends_a_wait_early():
     assert 0 < clock.now() < 3600
 
 
-def test_two_who_wait_at_once_wait_through_the_same_time():
-    """The clock would be twice as fast if each moved it by what it has waited."""
-    speed, stop = 100.0, threading.Event()
-    clock = VirtualClock(speed)
-    began = time.monotonic()
-    threads = [waiting(clock, 1e6, stop.is_set) for _ in range(2)]
-    clock.wait_until(20.0, never)
-    for _ in range(50):
-        shown = clock.now()
-        assert shown <= (time.monotonic() - began) * speed
+class StandingWall(Wall):
+    """One that nobody moves by sleeping."""
+
+    def sleep(self, seconds):
         time.sleep(0.001)
+
+
+def test_two_who_wait_at_once_wait_through_the_same_time(monkeypatch):
+    """The clock would be twice as fast if each moved it by what it has waited."""
+    clock, wall, stop, looks = VirtualClock(100.0), StandingWall(), threading.Event(), Counter()
+    monkeypatch.setattr("simulator.clock.time", wall)
+
+    def looking(who):
+        looks[who] += 1
+        return stop.is_set()
+
+    threads = [waiting(clock, 1e6, partial(looking, who)) for who in "ab"]
+    for passed in (0.0, 0.1, 0.2, 0.3):
+        wall.now = 1000.0 + passed
+        before = dict(looks)
+        while any(looks[who] < before.get(who, 0) + 3 for who in "ab"):
+            time.sleep(0.001)
+        assert clock.now() == pytest.approx(100 * passed)
     assert all(thread.is_alive() for thread in threads)
-    assert clock.now() >= 20.0
     stop.set()
     for thread in threads:
         thread.join(PATIENCE)

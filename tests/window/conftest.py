@@ -1,37 +1,85 @@
-"""A real window on a virtual X display, and a person who clicks and looks."""
+"""A real window on a virtual X display, and a person who clicks and looks.
+
+Most tests share one window. What a failed test leaves behind is thrown away, so that the next
+one begins with a fresh window.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import dialogues
 import pytest
-from eyes import pixels
-from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QCursor
-from PySide6.QtWidgets import (
-    QAbstractSpinBox,
-    QApplication,
-    QComboBox,
-    QFileDialog,
-    QLineEdit,
-    QTableView,
-    QWidget,
-)
+import watchdog
+from person import Person
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtWidgets import QApplication, QFileDialog
+from shared_window import OPENING, SharedWindow
+from small_bench import write_bench
+from waits import wait_until
+from window_bench import Bench
 
+from labapp.bench import BenchFiles
 from labapp.window import theme
-from labapp.window.connection import Connection
-from labapp.window.main_window import MainWindow
-from labapp.window.messages import LiveFrame, QueueState, RunInfo
-from labapp.window.remembered import Remembered
 from simulator.screens import NoXServer, xvfb
 
-_PATIENCE = 40_000
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
+
+_began = pytest.StashKey[float]()
+_failed = pytest.StashKey[bool]()
+_watchdog = watchdog.Watchdog()
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
+    item.stash[_began] = time.monotonic()
+    dialogues.forget()
+    return (yield from _watched(_longest(item)))
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
+    left = item.stash[_began] + _longest(item) - time.monotonic()
+    return (yield from _watched(max(left, 1.0)))
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown() -> Generator[None]:
+    dialogues.forget()
+    return (yield from _watched(watchdog.LONGEST_TEARDOWN))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed:
+        item.stash[_failed] = True
+    return report
+
+
+def _longest(item: pytest.Item) -> float:
+    """Seconds of a test with its setup: somewhat less than pytest-timeout gives it."""
+    marker = item.get_closest_marker("timeout")
+    return 0.8 * marker.args[0] if marker else watchdog.LONGEST
+
+
+def _watched(seconds: float) -> Generator[None]:
+    """A phase of a test that ends, and in which no dialogue comes that nobody expects."""
+    try:
+        with _watchdog.limit(seconds):
+            result = yield
+    except BaseException as error:
+        dialogues.note_on(error)
+        raise
+    dialogues.require_none()
+    return result
 
 
 @pytest.fixture(scope="session")
@@ -56,96 +104,17 @@ def display() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def qapp_args(display: None) -> list[str]:
     """The display must be there before Qt looks for it."""
+    # A desktop's own dialogues can be neither read nor closed.
+    QCoreApplication.setAttribute(Qt.ApplicationAttribute.AA_DontUseNativeDialogs)
     return ["labapp-tests"]
 
 
-class Person:
-    """Clicks, types and looks at one window; nothing is done behind the window's back."""
-
-    def __init__(self, window: MainWindow, qtbot: Any) -> None:
-        self.window, self._qtbot = window, qtbot
-
-    def waits(self, seen: Callable[[], bool]) -> None:
-        self._qtbot.waitUntil(seen, timeout=_PATIENCE)
-
-    def clicks(self, widget: QWidget) -> None:
-        assert widget.isVisible()
-        assert widget.isEnabled()
-        self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
-
-    def presses(self, key: Qt.Key) -> None:
-        self.window.activateWindow()
-        self.waits(self.window.isActiveWindow)
-        self._qtbot.keyClick(self.window, key)
-
-    def types(self, field: QAbstractSpinBox | QLineEdit, text: str) -> None:
-        field.selectAll()
-        self._qtbot.keyClicks(field, text)
-        self._qtbot.keyClick(field, Qt.Key.Key_Return)
-
-    def chooses(self, box: QComboBox, text: str) -> None:
-        for _ in range(box.count()):
-            self._qtbot.keyClick(box, Qt.Key.Key_Up)
-        while box.currentText() != text:
-            before = box.currentIndex()
-            self._qtbot.keyClick(box, Qt.Key.Key_Down)
-            assert box.currentIndex() != before, f"{text} is not in the list"
-
-    def selects(self, table: QTableView, row: int) -> None:
-        place = table.visualRect(table.model().index(row, 0)).center()
-        self._qtbot.mouseClick(table.viewport(), Qt.MouseButton.LeftButton, pos=place)
-
-    def moves_mouse(self, widget: QWidget, place: QPoint) -> None:
-        QCursor.setPos(widget.mapToGlobal(place))
-
-    def looks_at(self, widget: QWidget) -> np.ndarray:
-        """The pixels that are really on the screen there, (rows, columns, 3)."""
-        return pixels(widget)
-
-    def shows(self, kind: str) -> None:
-        """Choose a kind of pattern and put it on the SLM."""
-        self.chooses(self.window.pattern.form.kind, kind)
-        self.clicks(self.window.pattern.show_button)
-
-
-class Bench:
-    """A window with its engine, the last frame that came, and how the queue stands."""
-
-    def __init__(self, folder: Path, **files: Path | None) -> None:
-        self.folder = folder
-        self.connection = Connection(**files)
-        self.window = MainWindow(self.connection, Remembered(folder / "window.ini"))
-        self.window.run.folder.setText(str(folder / "runs"))
-        self.frames = 0
-        self.frame: LiveFrame | None = None
-        self.reports: list[Any] = []
-        self.connection.received.connect(self._hear)
-        self.window.show()
-        self.connection.start()
-
-    def _hear(self, report: Any) -> None:
-        if isinstance(report, LiveFrame):
-            self.frames, self.frame = self.frames + 1, report
-        else:
-            self.reports.append(report)
-
-    def last(self, kind: type) -> Any:
-        return next((r for r in reversed(self.reports) if isinstance(r, kind)), None)
-
-    @property
-    def runs(self) -> list[RunInfo]:
-        """As the table in the window has them."""
-        return self.window.queue.table.runs.runs
-
-    @property
-    def states(self) -> list[str]:
-        return [run.state.value for run in self.runs]
-
-    @property
-    def stored(self) -> int:
-        """Frames of the run under way."""
-        run = self.window.session.queue.under_way
-        return run.stored if run else 0
+@pytest.fixture(scope="session")
+def qapp(qapp: QApplication) -> Iterator[QApplication]:
+    """pytest-qt's application, with somebody who closes dialogues and ends endless loops."""
+    _watchdog.look_from_qt()
+    yield qapp
+    _watchdog.stop()
 
 
 @pytest.fixture(scope="session")
@@ -154,61 +123,56 @@ def dark_theme(qapp: QApplication) -> None:
 
 
 @pytest.fixture(scope="session")
-def shared_bench(dark_theme: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("window"))
-    yield bench
-    bench.window.close()
+def shared_window(
+    dark_theme: None, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[SharedWindow]:
+    shared = SharedWindow(tmp_path_factory)
+    yield shared
+    shared.close()
 
 
 @pytest.fixture
-def bench(shared_bench: Bench, qtbot: Any) -> Bench:
+def bench(
+    request: pytest.FixtureRequest, shared_window: SharedWindow, qtbot: Any
+) -> Iterator[Bench]:
     """The shared window, live, on the photograph with the neutral pattern."""
-    window = shared_bench.window
-    person = Person(window, qtbot)
-    if window.message.restart.isVisible():
-        person.clicks(window.message.restart)
-    person.waits(window.actions_["live"].isEnabled)
-    window.message.acknowledge()
-    window.tabs.setCurrentWidget(window.live_view)
-    person.chooses(window.settings.target, "photograph")
-    person.types(window.settings.wavelength, "550")
-    person.types(window.settings.exposure, "400")
-    person.shows("Neutral")
-    if not window.actions_["live"].isChecked():
-        person.clicks(window.bar.buttons["live"])
-    person.waits(lambda: _as_set(shared_bench.frame))
-    return shared_bench
-
-
-def _as_set(frame: LiveFrame | None) -> bool:
-    if frame is None:
-        return False
-    found = (frame.target, frame.pattern, round(frame.wavelength * 1e9), frame.exposure)
-    return found == ("photograph", "neutral", 550, 0.4)
+    yield shared_window.ready(qtbot)
+    if request.node.stash.get(_failed, False):
+        shared_window.discard()
 
 
 @pytest.fixture
-def own_bench(dark_theme: None, tmp_path: Path, qtbot: Any) -> Iterator[Callable[..., Bench]]:
-    """Open a window of one's own, on a virtual bench with faults (a fault file's text).
-
-    Of other files if they are given: bench, scene.
-    """
+def new_bench(
+    request: pytest.FixtureRequest, dark_theme: None, tmp_path: Path, qtbot: Any
+) -> Iterator[Callable[..., Bench]]:
+    """A window of one's own, whose engine begins to start; of the files that are given."""
     opened: list[Bench] = []
 
-    def open_(faults: str = "", **files: Path) -> Bench:
-        file = tmp_path / "faults.toml"
-        file.write_text(f"version = 1\n{faults}")
-        opened.append(Bench(tmp_path, faults=file if faults else None, **files))
-        bench = opened[0]
-        qtbot.waitUntil(bench.window.actions_["acquire"].isEnabled, timeout=60_000)
-        return bench
+    def open_(**files: Path | None) -> Bench:
+        opened.append(Bench(tmp_path, **files))
+        return opened[-1]
 
     yield open_
     for bench in opened:
-        # Nobody is there to answer a question.
-        bench.connection.close()
-        bench.window.session.show_queue(QueueState(()))
-        bench.window.close()
+        bench.close(kill=request.node.stash.get(_failed, False))
+
+
+@pytest.fixture
+def own_bench(new_bench: Callable[..., Bench], tmp_path: Path) -> Callable[..., Bench]:
+    """Open a window of one's own, with faults (a fault file's text).
+
+    On the small bench if no other is given.
+    """
+
+    def open_(faults: str = "", files: BenchFiles | None = None) -> Bench:
+        files = files or write_bench(tmp_path)
+        file = tmp_path / "faults.toml"
+        file.write_text(f"version = 1\n{faults}")
+        bench = new_bench(bench=files.bench, scene=files.scene, faults=file if faults else None)
+        wait_until(bench.window.actions_["acquire"].isEnabled, bench.describe, patience=OPENING)
+        return bench
+
+    return open_
 
 
 @pytest.fixture
@@ -224,4 +188,4 @@ def chosen_file(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
 
 @pytest.fixture
 def person(bench: Bench, qtbot: Any) -> Person:
-    return Person(bench.window, qtbot)
+    return Person(bench, qtbot)

@@ -19,6 +19,19 @@ exposures_ms = [1, 8]
 repeats = {repeats}
 """
 
+ASKS = """
+[targets.near]
+place = "star"
+prompt = "Place the star at 1.5 m, then press Enter."
+[targets.far]
+place = "star"
+prompt = "Place the star at 3 m, then press Enter."
+"""
+"""Two targets that a person places. The run waits, however quick the machine is."""
+
+LONG = 2000
+"""Repeats of a plan that isn't over before somebody has looked at it: some 4 seconds and more."""
+
 
 def write_plan(
     folder: Path,

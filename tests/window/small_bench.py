@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from labapp.bench import BenchFiles
+from labapp.files.reading import bundled
 
 _BENCH = """
 version = 1
@@ -13,9 +14,9 @@ transmission = 0.5
 
 [panel]
 model = "small"
-width = 96
-height = 54
-pitch_um = 160.0
+width = 192
+height = 108
+pitch_um = 80.0
 fill_factor = 0.9
 unmodulated = 0.05
 reflectivity = 0.6
@@ -24,13 +25,13 @@ max_phase_pi = { 452 = 9.0, 532 = 6.7, 633 = 5.4 }
 
 [lens]
 focal_length_mm = 125.0
-f_number = 10.0
+f_number = 5.0
 focus_distance_m = 2.0
 
 [sensor]
 model = "small"
-width = 48
-height = 32
+width = 96
+height = 64
 pitch_um = 3.45
 bits = 12
 full_well_electrons = 10500.0
@@ -68,12 +69,25 @@ kind = "dark"
 kind = "flat"
 distance_m = 2.0
 radiance = 0.5
+
+[targets.star]
+kind = "star"
+diameter_um = 70.0
+distance_m = 2.0
+radiance = 20.0
+
+[targets.photograph]
+kind = "photograph"
+file = "{photograph}"
+distance_m = 2.0
+radiance = 0.1
+cover = 1.05
 """
 
 
 def write_bench(folder: Path) -> BenchFiles:
-    """A bench and a scene of a dark and a flat target, two effects of it forced off."""
+    """A bench and a scene of four targets, two effects of it forced off."""
     files = BenchFiles(folder / "bench.toml", folder / "scene.toml")
     files.bench.write_text(_BENCH)
-    files.scene.write_text(_SCENE)
+    files.scene.write_text(_SCENE.format(photograph=bundled("photograph.jpg")))
     return files

@@ -1,12 +1,12 @@
 """Devices that fail: shown, opened again, waited for; and a bench that is left safe."""
 
 import pytest
-from conftest import Person
+from person import Person
 from plan_files import write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QMessageBox
 from small_bench import write_bench
-from test_window_trouble import alive
+from window_bench import alive
 
 from labapp.acquisition.state import State
 from labapp.record.reader import Record
@@ -24,7 +24,7 @@ def hangs(device, frame=0, times=1):
 def test_a_dead_device_is_shown_and_opened_again(own_bench, qtbot):
     """The filter hangs when it is first set, and is killed."""
     bench = own_bench(hangs("filter"))
-    window, person = bench.window, Person(bench.window, qtbot)
+    window, person = bench.window, Person(bench, qtbot)
     person.waits(lambda: window.message.is_error)
     person.waits(lambda: "failed" in window.devices.text("filter"))
     # With its model and its last value, though it answers no question any more.
@@ -55,7 +55,7 @@ def test_a_dead_device_is_shown_and_opened_again(own_bench, qtbot):
 def paused_by_the_filter(own_bench, chosen_file, qtbot, tmp_path):
     """A run that pauses when its filter has hung as often as the plan allows."""
     bench = own_bench(hangs("filter", frame=2, times=2))
-    person = Person(bench.window, qtbot)
+    person = Person(bench, qtbot)
     top = '[retry]\nattempts = 2\nthen = "pause"\n'
     chosen_file(write_plan(tmp_path, "Two colours", top=top, wavelengths="[500, 600]"))
     person.waits(lambda: bench.frames > 0)
@@ -107,8 +107,8 @@ def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
     text = files.bench.read_text()
     files.bench.write_text(text.replace('driver = "simulated-filter"', table))
     with ServedLine(line, port) as served:
-        bench = own_bench(bench=files.bench, scene=files.scene)
-        window, person = bench.window, Person(bench.window, qtbot)
+        bench = own_bench(files=files)
+        window, person = bench.window, Person(bench, qtbot)
         chosen_file(write_plan(tmp_path, "Darks", wavelengths="[500, 600]", repeats=5))
         window.actions_["plan"].trigger()
         person.waits(lambda: bench.stored > 2)

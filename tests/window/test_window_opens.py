@@ -29,9 +29,8 @@ def test_badge_says_simulated_and_is_painted(bench, person):
     badge = bench.window.bar.badge
     assert badge.text() == "SIMULATED: slm, filter, camera, targets"
     colour = QColor(theme.SIMULATED)
-    seen = person.looks_at(badge)
-    painted = (seen == (colour.red(), colour.green(), colour.blue())).all(axis=2)
-    assert painted.mean() > 0.4
+    wanted = (colour.red(), colour.green(), colour.blue())
+    person.waits(lambda: (person.looks_at(badge) == wanted).all(axis=2).mean() > 0.4)
 
 
 def test_every_device_is_listed_as_simulated(bench):
@@ -46,8 +45,8 @@ def test_everything_fits_a_small_screen(bench):
 
 
 def test_a_picture_is_on_the_screen(bench, person):
-    seen = person.looks_at(bench.window.live_view.picture)
-    assert len(np.unique(seen[..., 0])) > 50
+    view = bench.window.live_view.picture
+    person.waits(lambda: len(np.unique(person.looks_at(view)[..., 0])) > 50)
 
 
 def test_the_window_process_loads_nothing_heavy(display, tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from eyes import pixels
+from waits import wait_until
 
 from labapp.window.live_view import LiveView
 from labapp.window.messages import LiveFrame
@@ -35,20 +36,23 @@ def view(dark_theme, qtbot):
 
 
 @pytest.mark.parametrize("levels", [None, (1000.0, 2000.0), (0.0, 65535.0)])
-def test_marks_are_exactly_where_raw_data_is_clipped(view, raw, levels, qtbot):
+def test_marks_are_exactly_where_raw_data_is_clipped(view, raw, levels):
     view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
     if levels is not None:
         view.take_levels(*levels)
     view.caption.hide()
-    qtbot.wait(50)
-    seen = pixels(view.picture)
-    places = [[view.picture.place_of(r, c).toPoint() for c in range(60)] for r in range(40)]
-    colours = np.array([[seen[p.y(), p.x()] for p in row] for row in places])
-    np.testing.assert_array_equal((colours == SATURATED).all(axis=2), raw >= _FULL)
-    np.testing.assert_array_equal((colours == BLACK).all(axis=2), raw == 0)
-    between = (raw > 0) & (raw < _FULL)
-    grey = colours[between]
-    assert (grey == grey[:, :1]).all()
+
+    def marks_are_right():
+        places = [[view.picture.place_of(r, c).toPoint() for c in range(60)] for r in range(40)]
+        y, x = (np.array([[getattr(p, axis)() for p in row] for row in places]) for axis in "yx")
+        colours = pixels(view.picture)[y, x]
+        red, blue = ((colours == colour).all(axis=2) for colour in (SATURATED, BLACK))
+        grey = (colours == colours[..., :1]).all(axis=2)
+        between = (raw > 0) & (raw < _FULL)
+        wanted = ((red, raw >= _FULL), (blue, raw == 0), (grey, between))
+        return all(np.array_equal(seen, there) for seen, there in wanted)
+
+    wait_until(marks_are_right)
 
 
 def test_the_share_of_saturated_pixels_counts_every_one(view, raw):
@@ -56,15 +60,19 @@ def test_the_share_of_saturated_pixels_counts_every_one(view, raw):
     assert f"({int((raw >= _FULL).sum())} px)" in view.frame_reading.text()
 
 
-def test_marks_can_be_taken_off(view, raw, qtbot):
+def test_marks_can_be_taken_off(view, raw):
     view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
-    view.set_marked(False)
-    qtbot.wait(50)
-    seen = pixels(view.picture)
-    assert not (seen == SATURATED).all(axis=2).any()
+    for marked in (True, False):
+        view.set_marked(marked)
+        wait_until(lambda on=marked: is_red(view).any() == on)
 
 
-def test_no_saturated_pixel_is_lost_in_a_large_picture(view, qtbot):
+def is_red(view):
+    """Where the screen shows the colour of saturated pixels."""
+    return (pixels(view.picture) == SATURATED).all(axis=2)
+
+
+def test_no_saturated_pixel_is_lost_in_a_large_picture(view):
     random = np.random.default_rng(5)
     image = np.full((2000, 3000), 500, np.uint16)
     places = random.integers(20, 1980, (30, 2))
@@ -72,8 +80,10 @@ def test_no_saturated_pixel_is_lost_in_a_large_picture(view, qtbot):
     for _ in range(2):  # the first picture of a size sets the zoom
         view.show_frame(LiveFrame(image, "star", "neutral", 550e-9, 0.1, 1))
     view.caption.hide()
-    qtbot.wait(50)
-    red = (pixels(view.picture) == SATURATED).all(axis=2)
-    for row, column in places:
-        point = view.picture.place_of(int(row), int(column)).toPoint()
-        assert red[point.y() - 1 : point.y() + 2, point.x() - 1 : point.x() + 2].any()
+
+    def all_are_red():
+        red = is_red(view)
+        points = [view.picture.place_of(int(row), int(column)).toPoint() for row, column in places]
+        return all(red[p.y() - 1 : p.y() + 2, p.x() - 1 : p.x() + 2].any() for p in points)
+
+    wait_until(all_are_red)

@@ -1,6 +1,7 @@
 """Settings last from one session to the next, and never keep the window from opening."""
 
 import pytest
+from waits import wait_until
 
 from labapp.window.connection import Connection
 from labapp.window.main_window import MainWindow
@@ -34,15 +35,15 @@ def test_fields_come_back(opened, tmp_path):
     assert second.size() == first.size()
 
 
-def test_what_was_in_front_is_in_front_again(opened, tmp_path, qtbot):
+def test_what_was_in_front_is_in_front_again(opened, tmp_path):
     first = opened(tmp_path / "window.ini")
     first.actions_["why"].trigger()
-    qtbot.waitUntil(lambda: not first.effects.visibleRegion().isEmpty())
+    wait_until(lambda: not first.effects.visibleRegion().isEmpty())
     first.close()
     second = opened(tmp_path / "window.ini")
-    qtbot.waitUntil(lambda: not second.effects.visibleRegion().isEmpty())
-    assert second.queue.visibleRegion().isEmpty()
-    qtbot.waitUntil(second.actions_["why"].isChecked)
+    wait_until(lambda: not second.effects.visibleRegion().isEmpty())
+    wait_until(second.queue.visibleRegion().isEmpty)
+    wait_until(second.actions_["why"].isChecked)
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-from labapp.window.connection import Connection
-from labapp.window.main_window import MainWindow
-from labapp.window.remembered import Remembered
-
-
-def alive(process_id):
-    status = Path(f"/proc/{process_id}/stat")
-    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
+from waits import wait_until
+from window_bench import alive, state_of
 
 
 def test_a_killed_engine_is_noticed_and_restarted(bench, person):
     window = bench.window
+    person.clicks(window.bar.buttons["why"])
+    effects = window.effects.table.effects
+    person.waits(lambda: effects.rowCount() > 0)
     os.kill(bench.connection.process_id, signal.SIGKILL)
     person.waits(lambda: window.message.is_error)
     assert "engine was killed or crashed" in window.message.text
@@ -25,17 +22,23 @@ def test_a_killed_engine_is_noticed_and_restarted(bench, person):
     assert not window.actions_["acquire"].isEnabled()
     assert "STOPPED" in window.live_view.caption.text()
     assert "unknown" in window.pattern.shown.text()
+    assert effects.rowCount() == 0
+    assert window.effects.summary.text() == "The engine is not running."
     count = bench.frames
     person.clicks(window.message.restart)
     person.waits(lambda: bench.frames > count)
     assert window.bar.badge.text().startswith("SIMULATED")
     assert not window.message.is_error
     assert not window.message.restart.isVisible()
+    person.waits(lambda: effects.rowCount() > 0)
 
 
 def test_an_engine_that_hangs_does_not_hang_the_window(bench, person, qtbot):
-    os.kill(bench.connection.process_id, signal.SIGSTOP)
+    engine = bench.connection.process_id
+    os.kill(engine, signal.SIGSTOP)
     try:
+        person.waits(lambda: state_of(engine) == "T")
+        # What it had sent is taken in.
         qtbot.wait(200)
         count = bench.frames
         person.types(bench.window.settings.exposure, "50")
@@ -45,7 +48,7 @@ def test_an_engine_that_hangs_does_not_hang_the_window(bench, person, qtbot):
         assert "400.000 ms" in bench.window.live_view.caption.text()
         assert bench.window.settings.exposure_read.property("differs") is not None
     finally:
-        os.kill(bench.connection.process_id, signal.SIGCONT)
+        os.kill(engine, signal.SIGCONT)
     person.waits(lambda: bench.frame.exposure == 0.05)
 
 
@@ -59,42 +62,35 @@ def test_an_error_stays_until_it_is_clicked(bench, person):
     assert message.text == "more news"
 
 
-def test_closing_the_window_ends_the_engine(dark_theme, qtbot, tmp_path):
-    connection = Connection()
-    window = MainWindow(connection, Remembered(tmp_path / "window.ini"))
-    qtbot.addWidget(window)
-    window.show()
-    connection.start()
-    qtbot.waitUntil(lambda: window.actions_["live"].isEnabled(), timeout=60_000)
-    engine = connection.process_id
+def test_closing_the_window_ends_the_engine(own_bench):
+    bench = own_bench()
+    engine = bench.connection.process_id
     assert alive(engine)
-    window.close()
+    bench.window.close()
     assert not alive(engine)
 
 
-def test_a_killed_window_leaves_no_engine(display, tmp_path, qtbot):
+def test_a_killed_window_leaves_no_engine(display, tmp_path):
     child = subprocess.Popen(
         [sys.executable, "-c", "from labapp.window.app import main; main()"],
         env={**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
     )
     children = Path(f"/proc/{child.pid}/task/{child.pid}/children")
-    qtbot.waitUntil(lambda: children.read_text() != "", timeout=60_000)
-    engine = int(children.read_text().split()[0])
-    child.kill()
-    child.wait()
-    qtbot.waitUntil(lambda: not alive(engine), timeout=60_000)
+    try:
+        wait_until(lambda: children.read_text() != "")
+        engine = int(children.read_text().split()[0])
+    finally:
+        child.kill()
+        child.wait()
+    wait_until(lambda: not alive(engine))
 
 
-def test_a_bench_that_does_not_open_says_why(dark_theme, qtbot, tmp_path):
+def test_a_bench_that_does_not_open_says_why(new_bench, tmp_path):
     bad = tmp_path / "bench.toml"
     bad.write_text("version = 1\nname = 3\n")
-    connection = Connection(bench=bad)
-    window = MainWindow(connection, Remembered(tmp_path / "window.ini"))
-    qtbot.addWidget(window)
-    window.show()
-    connection.start()
-    qtbot.waitUntil(lambda: window.message.is_error, timeout=60_000)
-    assert "The bench didn't open" in window.message.text
-    assert str(bad) in window.message.text
-    assert window.message.restart.isVisible()
-    window.close()
+    bench = new_bench(bench=bad)
+    message = bench.window.message
+    wait_until(lambda: message.is_error, bench.describe)
+    assert "The bench didn't open" in message.text
+    assert str(bad) in message.text
+    assert message.restart.isVisible()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -44,11 +43,22 @@ def camera(**options: Any) -> AravisCamera:
     return AravisCamera(Surroundings(RealClock()), **{"address": "127.0.0.1", **options})
 
 
-def outcome(work: Callable[[], Any]) -> tuple[Any, float]:
-    """What a call gives, or the DeviceError that it raises, and its seconds."""
-    began = time.monotonic()
+def outcome(work: Callable[[], Any]) -> Any:
+    """What a call gives, or the DeviceError that it raises."""
     try:
-        result = work()
+        return work()
     except DeviceError as error:
-        result = error
-    return result, time.monotonic() - began
+        return error
+
+
+class AtThirdLook:
+    """Turns true when it is asked for the third time. looks: how often it was."""
+
+    def __init__(self, do: Callable[[], object] = lambda: None) -> None:
+        self._do, self.looks = do, 0
+
+    def __call__(self) -> bool:
+        self.looks += 1
+        if self.looks == 3:
+            self._do()
+        return self.looks >= 3

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from coded_pictures import SHAPE, camera, exposure_of, fake_camera, never, outcome, picture
+from coded_pictures import (
+    SHAPE,
+    AtThirdLook,
+    camera,
+    exposure_of,
+    fake_camera,
+    never,
+    outcome,
+    picture,
+)
 
 from drivers.aravis import AravisCamera, found_cameras
 from drivers.aravis.pixels import FORMATS
@@ -87,14 +95,15 @@ def test_an_exposure_out_of_range_is_refused(opened: AravisCamera, exposure: flo
         opened.set_exposure(exposure)
 
 
+@pytest.mark.timeout(40)
 def test_a_long_exposure_is_cancelled_at_once_and_the_next_one_is_good(
     opened: AravisCamera,
 ) -> None:
-    opened.set_exposure(30.0)
-    end = time.monotonic() + 0.3
-    error, seconds = outcome(lambda: opened.capture(lambda: time.monotonic() > end))
-    assert "it was cancelled" in str(error)
-    assert seconds < 1.3
+    """It would last longer than this test may."""
+    opened.set_exposure(60.0)
+    cancelled = AtThirdLook()
+    assert "it was cancelled" in str(outcome(lambda: opened.capture(cancelled)))
+    assert cancelled.looks == 3
     opened.set_exposure(2e-3)
     assert exposure_of(opened.capture(never).image) == pytest.approx(2e-3)
 
@@ -102,9 +111,9 @@ def test_a_long_exposure_is_cancelled_at_once_and_the_next_one_is_good(
 def test_a_killed_library_is_named_and_started_again(opened: AravisCamera) -> None:
     opened.set_exposure(3e-3)
     opened.kill()
-    error, seconds = outcome(lambda: opened.capture(never))
-    assert isinstance(error, DeviceError)
-    assert seconds < 1.0
+    error = outcome(lambda: opened.capture(never))
+    # Nobody has waited for an answer.
+    assert "its process ended" in str(error)
     frame = opened.capture(never)
     assert exposure_of(frame.image) == pytest.approx(3e-3)
 
@@ -133,7 +142,4 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigE, name: str) -> 
 
 
 def test_a_camera_that_somebody_has_is_named(fake: FakeGigE, opened: AravisCamera) -> None:
-    error, seconds = outcome(camera().__enter__)
-    assert isinstance(error, DeviceError)
-    assert "somebody else has it open" in str(error)
-    assert seconds < opened.reply_time + 1
+    assert "somebody else has it open" in str(outcome(camera().__enter__))

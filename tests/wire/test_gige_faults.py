@@ -7,7 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from coded_pictures import SHAPE, camera, exposure_of, fake_camera, never, outcome, picture
+from coded_pictures import (
+    SHAPE,
+    AtThirdLook,
+    camera,
+    exposure_of,
+    fake_camera,
+    never,
+    outcome,
+    picture,
+)
 
 from drivers.aravis import AravisCamera
 from drivers.clock import RealClock
@@ -19,7 +28,10 @@ from simulator.wire.fake_gige import FakeGigE
 
 pytestmark = pytest.mark.aravis
 
-MARGIN = 1.0
+PATIENCE = 60.0
+"""Seconds after which what should have come long ago is given up."""
+
+LOST = "no word from it for 0.8 s|control was lost"
 
 
 @pytest.fixture(scope="module")
@@ -29,21 +41,31 @@ def fake() -> Iterator[FakeGigE]:
 
 
 @pytest.fixture
-def opened(fake: FakeGigE) -> Iterator[AravisCamera]:
-    with camera(frame_timeout_ms=300, packet_size=576) as device:
+def driver() -> AravisCamera:
+    return camera(frame_timeout_ms=300, packet_size=576)
+
+
+@pytest.fixture
+def opened(fake: FakeGigE, driver: AravisCamera) -> Iterator[SupervisedCamera]:
+    """Under watch: a call that takes longer than its documented time says that it hangs."""
+    with SupervisedCamera("camera", lambda: driver) as device:
         device.set_exposure(2e-3)
         yield device
         fake.mend()
 
 
+def bad_frames(driver: AravisCamera) -> int:
+    return sum(driver.counts[name] for name in ("missing", "corrupt", "incomplete"))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_capture_gives_the_right_frame_or_names_what_is_wrong(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
     fake.inject(CameraFault(kind))
-    result, seconds = outcome(lambda: opened.capture(never))
-    assert seconds < 2e-3 + opened.frame_time + opened.reply_time + MARGIN
+    result = outcome(lambda: opened.capture(never))
+    assert not opened.dead
     if isinstance(result, DeviceError):
         assert "Aravis Fake" in str(result)
     else:
@@ -55,11 +77,11 @@ def test_capture_gives_the_right_frame_or_names_what_is_wrong(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exposure_is_set_or_the_fault_is_named(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     fake.inject(CameraFault(kind))
-    result, seconds = outcome(lambda: opened.set_exposure(4e-3))
-    assert seconds < opened.reply_time + MARGIN
+    result = outcome(lambda: opened.set_exposure(4e-3))
+    assert not opened.dead
     if not isinstance(result, DeviceError):
         assert result.actual == pytest.approx(4e-3)
     fake.mend()
@@ -82,7 +104,7 @@ def test_an_exposure_is_set_or_the_fault_is_named(
     ],
 )
 def test_a_lasting_fault_has_a_name(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind, named: str
+    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind, named: str
 ) -> None:
     opened.capture(never)
     fake.inject(CameraFault(kind))
@@ -92,25 +114,30 @@ def test_a_lasting_fault_has_a_name(
 
 @pytest.mark.parametrize("kind", ["missing frame", "corrupt frame", "lost packets"])
 def test_a_passing_fault_costs_time_only(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+    fake: FakeGigE, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
-    before = sum(opened.counts[name] for name in ("missing", "corrupt", "incomplete"))
-    fake.inject(CameraFault(kind, at=0.0, seconds=time.monotonic() + 0.2))
-    np.testing.assert_array_equal(opened.capture(never).image, picture(2e-3))
-    assert sum(opened.counts[name] for name in ("missing", "corrupt", "incomplete")) > before
+    before = bad_frames(driver)
+    fake.inject(CameraFault(kind))
+
+    def mends_what_was_seen() -> bool:
+        if bad_frames(driver) > before:
+            fake.mend()
+        return False
+
+    np.testing.assert_array_equal(driver.capture(mends_what_was_seen).image, picture(2e-3))
+    assert bad_frames(driver) > before
 
 
 @pytest.mark.parametrize("kind", ["disconnect", "silence", "heartbeat loss"])
-def test_a_lost_camera_is_noticed_within_a_second_of_an_exposure(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+def test_a_lost_camera_is_noticed_within_an_exposure(
+    fake: FakeGigE, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
 ) -> None:
+    """After it, a frame would be missing."""
     opened.set_exposure(20.0)
-    at = time.monotonic() + 0.3
-    fake.inject(CameraFault(kind, at))
-    result, _ = outcome(lambda: opened.capture(never))
-    assert isinstance(result, DeviceError)
-    assert time.monotonic() < at + 1.2
+    struck = AtThirdLook(lambda: fake.inject(CameraFault(kind)))
+    with pytest.raises(DeviceError, match=LOST):
+        driver.capture(lambda: struck() and False)
     fake.mend()
     opened.set_exposure(1e-3)
     np.testing.assert_array_equal(opened.capture(never).image, picture(1e-3))
@@ -199,17 +226,17 @@ def test_a_running_camera_without_a_good_frame_is_named_and_cancelled(
     fake: FakeGigE, kind: CameraFaultKind
 ) -> None:
     options = {"packet_size": 576, "frame_timeout_ms": 300, "latency_frames": 0}
-    with camera(trigger="free", frame_rate=50.0, **options) as device:
+    driver = camera(trigger="free", frame_rate=50.0, **options)
+    with SupervisedCamera("camera", lambda: driver) as device:
         device.set_exposure(1e-3)
         device.capture(never)
         fake.inject(CameraFault(kind))
-        error, seconds = outcome(lambda: device.capture(never))
-        assert "missing frame: no " in str(error)
-        assert seconds < device.frame_time + device.reply_time + MARGIN
-        end = time.monotonic() + 0.1
-        error, seconds = outcome(lambda: device.capture(lambda: time.monotonic() > end))
-        assert "it was cancelled" in str(error)
-        assert seconds < 1.0
+        with pytest.raises(DeviceError, match="missing frame: no "):
+            device.capture(never)
+        cancelled = AtThirdLook()
+        with pytest.raises(DeviceError, match="it was cancelled"):
+            driver.capture(cancelled)
+        assert cancelled.looks == 3
         fake.mend()
         np.testing.assert_array_equal(device.capture(never).image, picture(1e-3))
 
@@ -223,19 +250,19 @@ def test_binning_is_set_and_seen(fake: FakeGigE) -> None:
 
 
 @pytest.mark.parametrize("kind", ["disconnect", "silence", "heartbeat loss"])
-def test_a_camera_that_nobody_asks_is_gone_within_a_second(
-    fake: FakeGigE, opened: AravisCamera, kind: CameraFaultKind
+def test_a_camera_that_nobody_asks_is_gone_by_itself(
+    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
     assert opened.gone() == ""
-    at = time.monotonic()
     fake.inject(CameraFault(kind))
+    late = time.monotonic() + PATIENCE
     while not opened.gone():
-        assert time.monotonic() < at + 1.2
+        assert time.monotonic() < late
         time.sleep(0.02)
     fake.mend()
-    result, _ = outcome(lambda: opened.set_exposure(3e-3))
-    assert isinstance(result, DeviceError)
+    with pytest.raises(DeviceError, match=LOST):
+        opened.set_exposure(3e-3)
     assert opened.gone() is None
     opened.set_exposure(3e-3)
     np.testing.assert_array_equal(opened.capture(never).image, picture(3e-3))

@@ -1,0 +1,106 @@
+"""A window with an engine of its own, on a bench from files."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QApplication
+
+from labapp.window.connection import Connection
+from labapp.window.main_window import MainWindow
+from labapp.window.messages import LiveFrame, QueueState, RunInfo
+from labapp.window.remembered import Remembered
+
+
+def state_of(process: int) -> str:
+    """As in /proc: R, S, T for one that was stopped; Z, or empty, for one that has ended."""
+    try:
+        status = Path(f"/proc/{process}/stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+    return status.rpartition(")")[2].split()[0]
+
+
+def alive(process: int) -> bool:
+    return state_of(process) not in ("", "Z")
+
+
+class Bench:
+    """The window, its engine, the last frame that came, and how the queue stands.
+
+    files: of the bench, as Connection takes them.
+    """
+
+    def __init__(self, folder: Path, **files: Path | None) -> None:
+        self.folder = folder
+        self.connection = Connection(**files)
+        self.window = MainWindow(self.connection, Remembered(folder / "window.ini"))
+        self.window.run.folder.setText(str(folder / "runs"))
+        self.frames = 0
+        self.frame: LiveFrame | None = None
+        self.reports: list[Any] = []
+        self.connection.received.connect(self._hear)
+        self.window.show()
+        self.connection.start()
+
+    def _hear(self, report: Any) -> None:
+        if isinstance(report, LiveFrame):
+            self.frames, self.frame = self.frames + 1, report
+        else:
+            self.reports.append(report)
+
+    def last(self, kind: type) -> Any:
+        return next((r for r in reversed(self.reports) if isinstance(r, kind)), None)
+
+    @property
+    def runs(self) -> list[RunInfo]:
+        """As the table in the window has them."""
+        return self.window.queue.table.runs.runs
+
+    @property
+    def states(self) -> list[str]:
+        return [run.state.value for run in self.runs]
+
+    @property
+    def stored(self) -> int:
+        """Frames of the run under way."""
+        run = self.window.session.queue.under_way
+        return run.stored if run else 0
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is under way that an earlier test may have left."""
+        session = self.window.session
+        runs = session.queue.busy or bool(session.queue.held)
+        return not (runs or session.job or QApplication.activeModalWidget())
+
+    def describe(self) -> str:
+        """How everything stands that a test may wait for."""
+        frame, window = self.frame, self.window
+        shown = "no frame"
+        if frame is not None:
+            shown = (
+                f"frame {self.frames}: {frame.target}, {frame.pattern}, "
+                f"{frame.wavelength * 1e9:.2f} nm, {frame.exposure * 1e3:g} ms"
+            )
+        queue = window.session.queue
+        return "\n".join(
+            [
+                shown,
+                f"runs: {self.states}, {self.stored} frames stored, held: {queue.held!r}",
+                f"call: {window.call.text!r}",
+                f"message: {window.message.text!r}",
+                f"engine: {self.connection.process_id or 'none'}",
+            ]
+        )
+
+    def close(self, *, kill: bool = False) -> None:
+        """Without a question, whatever is under way. kill: without waiting for the engine."""
+        if kill and (engine := self.connection.process_id):
+            os.kill(engine, signal.SIGKILL)
+        self.connection.close()
+        self.window.session.show_queue(QueueState(()))
+        self.window.close()
