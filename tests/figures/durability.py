@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from small_bench.setups import random_plan, small_setup
 
 from figures import Figure
-from figures.small_bench import random_plan, small_setup
 from figures.victim import Victims
 from labapp.acquisition.runner import Outcome, resume_run, run_plan
 from labapp.acquisition.state import State

@@ -15,11 +15,11 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
+from small_bench.setups import random_plan, small_setup
 
 from drivers.interfaces import Frame
 from figures import Figure
 from figures.durability import differing_arrays, run_small
-from figures.small_bench import random_plan, small_setup
 from labapp.acquisition import keeping
 from labapp.acquisition.runner import Outcome, run_plan
 from labapp.acquisition.state import State

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from small_bench.setups import small_setup
 
 from drivers.clock import RealClock
 from drivers.interfaces import Frame
 from drivers.x11 import ScreenReader, XError
-from figures.small_bench import small_setup
 from labapp.acquisition.steps import Shot
 from labapp.bench import BenchSetup
 from labapp.files.bench_file import DeviceTable

@@ -13,10 +13,10 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+from small_bench.setups import small_setup
 
 from drivers.interfaces import Frame
 from figures import Figure
-from figures.small_bench import small_setup
 from labapp.acquisition.runner import run_plan
 from labapp.acquisition.state import ENDED, State
 from labapp.acquisition.steps import Shot

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from small_bench.setups import random_plan, small_setup
 
 from figures import Figure
 from figures.durability import differing_arrays, run_small
-from figures.small_bench import random_plan, small_setup
 from labapp.acquisition.runner import Outcome, resume_run, run_plan
 from labapp.acquisition.state import State
 from labapp.bench import open_bench

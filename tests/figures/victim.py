@@ -11,7 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from figures.small_bench import small_setup
+from small_bench.setups import small_setup
+
 from labapp.acquisition.runner import resume_run, run_plan
 from labapp.bench import open_bench
 from labapp.files.plan_file import PlanFile

@@ -5,17 +5,15 @@ import json
 import cv2
 import numpy as np
 import pytest
-from tiny_bench import FULL_WELL, PANEL_SHAPE, make_tiny
+from small_bench.files import FULL_WELL, TINY
 
 OVER = ["--exposure-ms", "20"]
 
 
 @pytest.fixture
-def ask(small, labapp):
-    make_tiny(small)
-
+def ask(tiny, labapp):
     def asked(*options, scene=None):
-        return labapp("explain", scene or small.scene, "--bench", small.bench, *options)
+        return labapp("explain", scene or tiny.scene, "--bench", tiny.bench, *options)
 
     return asked
 
@@ -48,13 +46,13 @@ def test_the_sum_of_all_bounds_keeps_within_the_tolerance(ask):
         assert all(one["why"] and one["physics"] and one["source"] for one in data["decisions"])
 
 
-def test_without_an_exposure_the_brightest_pixel_is_half_full(ask, labapp, small):
+def test_without_an_exposure_the_brightest_pixel_is_half_full(ask, labapp, tiny):
     import h5py
 
     data = plan_of(ask, "--target", "star")
-    out = small.folder / "one.h5"
+    out = tiny.folder / "one.h5"
     asked = ["--target", "star", "--exposure-ms", str(data["exposure_ms"]), "--out", out]
-    code, _, complaint = labapp("simulate", small.scene, "--bench", small.bench, *asked)
+    code, _, complaint = labapp("simulate", tiny.scene, "--bench", tiny.bench, *asked)
     assert code == 0, complaint
     with h5py.File(out) as file:
         assert file["electrons"][...].max() == pytest.approx(0.5 * FULL_WELL, rel=0.15)
@@ -84,9 +82,9 @@ def test_an_effect_may_be_forced_to_a_level(ask):
     assert line["level"] == "Gaussian"
 
 
-def test_a_pattern_is_what_the_panel_shows(ask, small):
-    path = small.folder / "pattern.png"
-    steep = np.random.default_rng(0).integers(0, 200, PANEL_SHAPE, dtype=np.uint8)
+def test_a_pattern_is_what_the_panel_shows(ask, tiny):
+    path = tiny.folder / "pattern.png"
+    steep = np.random.default_rng(0).integers(0, 200, TINY.panel, dtype=np.uint8)
     cv2.imwrite(str(path), steep)
     neutral = plan_of(ask, "--target", "star", *OVER)
     shown = plan_of(ask, "--target", "star", "--pattern", path, *OVER)
@@ -132,18 +130,18 @@ def test_what_cannot_be_asked_is_said_in_words(ask, options, words):
         assert word in complaint
 
 
-def test_a_pattern_of_another_panel_is_refused(ask, small):
-    path = small.folder / "pattern.png"
+def test_a_pattern_of_another_panel_is_refused(ask, tiny):
+    path = tiny.folder / "pattern.png"
     cv2.imwrite(str(path), np.zeros((10, 12), np.uint8))
     code, _, complaint = ask("--pattern", path)
     assert code == 1
     assert "12 x 10" in complaint
-    assert "48 x 36" in complaint
+    assert "64 x 48" in complaint
 
 
-def test_a_bench_of_real_devices_has_nothing_to_explain(ask, small):
-    text = small.bench.read_text()
-    small.bench.write_text(text.replace('"simulated-slm"', '"holoeye-slm"'))
+def test_a_bench_of_real_devices_has_nothing_to_explain(ask, tiny):
+    text = tiny.bench.read_text()
+    tiny.bench.write_text(text.replace('"simulated-slm"', '"holoeye-slm"'))
     code, _, complaint = ask()
     assert code == 1
     assert "real devices" in complaint

@@ -3,16 +3,13 @@
 import json
 from itertools import pairwise
 
-from tiny_bench import make_tiny
-
 from labapp.accuracy.simulate import TOLERANCES
 
 
-def test_each_tolerance_is_kept_and_the_last_row_is_everything(small, labapp):
-    make_tiny(small)
-    data = small.folder / "rows.json"
+def test_each_tolerance_is_kept_and_the_last_row_is_everything(tiny, labapp):
+    data = tiny.folder / "rows.json"
     code, printed, complaint = labapp(
-        "accuracy", "simulate", small.scene, "--bench", small.bench, "--target", "star",
+        "accuracy", "simulate", tiny.scene, "--bench", tiny.bench, "--target", "star",
         "--exposure-ms", "20", "--json", data,
     )  # fmt: skip
     assert code == 0, complaint
@@ -37,17 +34,16 @@ def test_without_a_bench_a_small_one_is_taken(labapp):
     assert "64 x 43 pixels" in " ".join(printed.split())
 
 
-def test_what_cannot_be_asked_is_said_in_words(small, labapp):
-    make_tiny(small)
-    ask = ("accuracy", "simulate", small.scene, "--bench", small.bench)
+def test_what_cannot_be_asked_is_said_in_words(tiny, labapp):
+    ask = ("accuracy", "simulate", tiny.scene, "--bench", tiny.bench)
     code, _, complaint = labapp(*ask, "--target", "moon")
     assert code == 1
     assert "moon" in complaint
-    taken = small.folder / "rows.json"
+    taken = tiny.folder / "rows.json"
     taken.write_text("{}")
     code, _, complaint = labapp(*ask, "--json", taken)
     assert code == 1
     assert "--force" in complaint
-    code, _, complaint = labapp("accuracy", "simulate", small.folder / "none.toml")
+    code, _, complaint = labapp("accuracy", "simulate", tiny.folder / "none.toml")
     assert code == 1
     assert "none.toml" in complaint

@@ -7,21 +7,19 @@ import h5py
 import numpy as np
 import pytest
 import tifffile
-from tiny_bench import SHAPE, make_tiny
+from small_bench.files import TINY
 
 GAIN, BLACK = 2.6, 64.0
 
 
 @pytest.fixture
-def take(small, labapp):
-    make_tiny(small)
-
+def take(tiny, labapp):
     def taken(name, *options):
-        out = small.folder / name
+        out = tiny.folder / name
         exposed = () if "--exposure-ms" in options else ("--exposure-ms", "20")
         bare = () if "--everything" in options else ("--set", "panel orders=off")
-        arguments = ("--bench", small.bench, "--out", out, *exposed, *bare, *options)
-        code, printed, complaint = labapp("simulate", small.scene, *arguments)
+        arguments = ("--bench", tiny.bench, "--out", out, *exposed, *bare, *options)
+        code, printed, complaint = labapp("simulate", tiny.scene, *arguments)
         return out, code, printed, complaint
 
     return taken
@@ -38,8 +36,8 @@ def test_hdf5_holds_frames_their_mean_and_variance_and_what_was_decided(take):
         plan = json.loads(file["effect_plan"].asstr()[()])
         bench, scene = (json.loads(file[name].asstr()[()]) for name in ("bench", "scene"))
     assert frames.dtype == np.uint16
-    assert frames.shape == (60, *SHAPE)
-    assert electrons.shape == SHAPE
+    assert frames.shape == (60, *TINY.sensor)
+    assert electrons.shape == TINY.sensor
     assert plan["target"] == "photograph"
     assert plan["decisions"]
     assert bench["name"] == "Small bench"
@@ -71,7 +69,7 @@ def test_tiff_holds_all_frames_and_says_what_was_decided(take):
     assert plan["exposure_ms"] == 20
     frames = tifffile.imread(out)
     assert frames.dtype == np.uint16
-    assert frames.shape == (3, *SHAPE)
+    assert frames.shape == (3, *TINY.sensor)
     assert (frames[0] != frames[1]).any()
 
 

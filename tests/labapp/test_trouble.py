@@ -8,8 +8,8 @@ import pytest
 from figures.durability import kill_often
 from figures.full_disk import fill_often
 from figures.promptness import cancel_seconds
-from figures.small_bench import small_setup
 from figures.troubles import suffer
+from small_bench.setups import small_setup
 
 from labapp.acquisition.state import State
 from simulator.faults import Fault, Kind

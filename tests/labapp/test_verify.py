@@ -12,7 +12,7 @@ import forked
 import h5py
 import numpy as np
 import pytest
-from figures.small_bench import small_setup
+from small_bench.setups import small_setup
 
 from labapp import verifying
 from labapp.acquisition.runner import resume_run, run_plan

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from virtual_bench import CAMERA, NEUTRAL, ring_pattern, world
+from small_bench.world import CAMERA, NEUTRAL, ring_pattern, world
 
 from drivers.errors import DeviceError
 from drivers.interfaces import (

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from virtual_bench import CAMERA, NEUTRAL, ring_pattern, world
+from small_bench.world import CAMERA, NEUTRAL, ring_pattern, world
 
 from drivers import supervised
 from drivers.errors import DeviceError

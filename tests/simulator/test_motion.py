@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import positions, relative
-from virtual_bench import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
+from small_bench.world import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
 
 import optics.slm.modulator
 import simulator.motion

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
-from virtual_bench import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
+from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
 
 import simulator.mount
 from optics.camera import Lens

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judges import relative
-from virtual_bench import light_of, ring_pattern, world
+from small_bench.world import light_of, ring_pattern, world
 
 import optics.slm.modulator
 from optics.slm import Map, Response

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from virtual_bench import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
+from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.plane import Plane
 from simulator.clock import VirtualClock

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.ndimage
 from judges import positions, relative
-from virtual_bench import NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
+from small_bench.world import NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.camera import Panel
 from optics.slm import Map, Response, max_phase

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from judges import line_share, quadrature_psf, relative
-from virtual_bench import (
+from small_bench.world import (
     CAMERA,
     GREY_CARD,
     NEUTRAL,

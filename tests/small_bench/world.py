@@ -1,4 +1,4 @@
-"""A bench small enough to photograph in milliseconds."""
+"""The tiny bench as the simulator sees it: a camera, a scene, and the world of both."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera import Camera
 from optics.patterns import axicon, fresnel_lens
 from optics.slm import phase_to_grey
 from simulator.scene import Dark, Photograph, Scene, Star
 from simulator.world import World
+from small_bench.files import TINY
+from small_bench.setups import bench_file
 
-CAMERA = Camera(
-    Panel(shape=(48, 64), pitch=40e-6, fill_factor=0.81, unmodulated=0.05),
-    Lens(focal_length=0.125, f_number=40.0, focus_distance=2.0),
-    Sensor(shape=(40, 45), pitch=14e-6),
-)
+CAMERA = bench_file(TINY).build_camera()
 WIDE_OPEN = replace(CAMERA, lens=replace(CAMERA.lens, f_number=5.0))
 GREY_CARD = torch.full((50, 50, 3), 0.5)
 SCENE = Scene(

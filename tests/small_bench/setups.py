@@ -1,8 +1,10 @@
-"""A bench that photographs in a millisecond, and random plans for it."""
+"""The small bench as read, before a star, and random plans for it."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,22 +12,24 @@ import numpy as np
 from labapp.bench import BenchSetup
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
 from simulator.faults import Fault
+from small_bench.files import SMALL, Size, bench_text
 
 _REPLY_S = 0.5
 """Seconds that a small picture may take: a camera that hangs is found out soon."""
 
 
+def bench_file(size: Size = SMALL, **options: str) -> BenchFile:
+    return BenchFile.model_validate(tomllib.loads(bench_text(size, **options)))
+
+
 def small_setup(
-    shape: tuple[int, int] = (64, 96), faults: Sequence[Fault] = (), reply_s: float = _REPLY_S
+    shape: tuple[int, int] = SMALL.sensor, faults: Sequence[Fault] = (), reply_s: float = _REPLY_S
 ) -> BenchSetup:
-    """The bundled bench with a coarser panel and a sensor of (rows, columns) before a star."""
-    data = read_file(bundled("bench.toml"), BenchFile).model_dump(mode="json")
-    data["panel"] |= {"width": 192, "height": 108, "pitch_um": 80.0}
-    data["sensor"] |= {"height": shape[0], "width": shape[1]}
-    data["devices"]["camera"]["options"] = {"readout_ms": 8.0, "reply_s": reply_s}
+    """The small bench with a sensor of (rows, columns) before a star."""
+    camera = f"readout_ms = 8.0, reply_s = {reply_s}"
+    bench = bench_file(replace(SMALL, sensor=shape), camera_options=camera)
     scene = {
         "version": 1,
         "title": "A star",
@@ -34,13 +38,7 @@ def small_setup(
             "star": {"kind": "star", "diameter_um": 70.0, "distance_m": 2.0, "radiance": 5.0},
         },
     }
-    return BenchSetup(
-        BenchFile.model_validate(data),
-        SceneFile.model_validate(scene),
-        "bench",
-        "scene",
-        (*faults,),
-    )
+    return BenchSetup(bench, SceneFile.model_validate(scene), "bench", "scene", (*faults,))
 
 
 def random_plan(rng: np.random.Generator) -> PlanFile:
