@@ -1,0 +1,162 @@
+"""Runs the related tests, first without a mutant and then with each."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from mutants.changes import Mutant
+from mutants.forks import OVERLAY, in_a_fork, load
+from mutants.overlay import sitecustomize
+
+SLOWEST = 300.0
+"""Seconds for a file's tests without a mutant."""
+
+
+@dataclass
+class TestFile:
+    """One file's tests without a mutant."""
+
+    path: Path
+    seconds: float
+    reached: set[int] = field(default_factory=set)
+    """Lines of the module, reached by its tests or by processes that they start."""
+    by_test: dict[str, set[int]] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+    """Tests that fail even so; they are left out."""
+
+    def nearest(self, lines: range) -> list[str]:
+        return [test for test, reached in self.by_test.items() if reached & set(lines)]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    mutant: Mutant
+    killed_by: str | None
+    """The first test that failed, or what else happened; None: it survived."""
+    tests: int
+    """Files of tests that come to its lines."""
+
+
+class Bench:
+    """The tests of one module, in forks of this process."""
+
+    def __init__(self, root: Path, module: Path):
+        self.root, self.module = root, module
+        self.name = ".".join(module.relative_to(root).with_suffix("").parts)
+        self.name = self.name.removesuffix(".__init__")
+
+    def without_a_mutant(self, test: Path) -> TestFile:
+        """Which lines a file's tests come to, and how long they take."""
+        with tempfile.TemporaryDirectory() as folder:
+            log, kept = Path(folder, "lines"), Path(folder, "kept")
+            environment = {sitecustomize.REACHED: _joined(self.module, log)}
+
+            def work(place: Path) -> int:
+                seen = _Seen(sitecustomize.watch())
+                code = _pytest(self.root, place, [test], seen)
+                sys.settrace(None)
+                seen.keep(kept, self.root)
+                return code
+
+            ended = in_a_fork(work, environment, SLOWEST)
+            if not kept.exists():
+                raise RuntimeError(f"{test} didn't end:\n{ended.output[-2000:]}")
+            notes = json.loads(kept.read_text())
+            load(notes["libraries"])
+            file = TestFile(test, ended.seconds, failed=notes["failed"])
+            for line in log.read_text().splitlines() if log.exists() else []:
+                number, _, name = line.partition(" ")
+                file.reached.add(int(number))
+                file.by_test.setdefault(name, set()).add(int(number))
+        return file
+
+    def verdict(self, mutant: Mutant, files: list[TestFile]) -> Verdict:
+        """Whether a test of these files fails with a mutant."""
+        files = [one for one in files if one.reached & set(mutant.lines)]
+        if not files:
+            return Verdict(mutant, None, 0)
+        with tempfile.TemporaryDirectory() as folder:
+            text, kept = Path(folder, "mutant.py"), Path(folder, "kept")
+            text.write_text(mutant.text)
+            environment = {sitecustomize.MODULE: _joined(self.name, self.module, text)}
+
+            def work(place: Path) -> int:
+                sitecustomize.replace()
+                first = _First(files, mutant.lines, kept)
+                return _pytest(self.root, place, [one.path for one in files], first, "-x")
+
+            ended = in_a_fork(work, environment, 15 + 4 * sum(one.seconds for one in files))
+            name = kept.read_text() if kept.exists() else "at import"
+        if ended.code is None:
+            name = "time-out"
+        elif ended.code < 0 or ended.code > 5:
+            name = f"ended with {ended.code}"
+        return Verdict(mutant, None if ended.code == 0 else name, len(files))
+
+
+def _joined(*parts: object) -> str:
+    return os.pathsep.join(map(str, parts))
+
+
+def _pytest(root: Path, place: Path, tests: list[Path], plugin: object, *more: str) -> int:
+    os.chdir(root)
+    options = ["-q", "-p", "no:cacheprovider", f"--rootdir={root}", f"--basetemp={place}/tmp"]
+    # Plugins are among the libraries that stay loaded; what they assert needs no explanation.
+    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning", *more]
+    return int(pytest.main([*map(str, tests), *options], plugins=[plugin]))
+
+
+class _Seen:
+    """Says whose lines are noted, and keeps which tests failed and which libraries were loaded."""
+
+    def __init__(self, watch: sitecustomize.Watch):
+        self._watch, self._failed, self._before = watch, set(), set(sys.modules)
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._watch.of(nodeid)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self._failed.add(report.nodeid)
+
+    def keep(self, file: Path, root: Path) -> None:
+        libraries = [
+            name
+            for name, module in list(sys.modules.items())
+            if name not in self._before and _of_a_library(getattr(module, "__file__", None), root)
+        ]
+        file.write_text(json.dumps({"failed": sorted(self._failed), "libraries": libraries}))
+
+
+def _of_a_library(file: str | None, root: Path) -> bool:
+    if file is None:
+        return False
+    inside = Path(file).is_relative_to(root) and "site-packages" not in file
+    return not inside and not Path(file).is_relative_to(OVERLAY)
+
+
+class _First:
+    """Runs those tests first that come to a mutant's lines, file by file, and keeps who failed."""
+
+    def __init__(self, files: list[TestFile], lines: range, kept: Path):
+        self._order = {one.path: at for at, one in enumerate(files)}
+        self._near = {name for one in files for name in one.nearest(lines)}
+        self._failed = {name for one in files for name in one.failed}
+        self._kept = kept
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = sorted(
+            (one for one in items if one.nodeid not in self._failed),
+            key=lambda one: (self._order[one.path], one.nodeid not in self._near),
+        )
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed and not self._kept.exists():
+            self._kept.write_text(report.nodeid)
