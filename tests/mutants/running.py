@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import tempfile
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,8 +17,12 @@ from mutants.changes import Mutant
 from mutants.forks import OVERLAY, in_a_fork, load
 from mutants.overlay import sitecustomize
 
-SLOWEST = 300.0
-"""Seconds for a file's tests without a mutant."""
+SLOWEST = 600.0
+"""Seconds after which a file's tests count as hanging, without a mutant."""
+
+ELSEWHERE = 10.0
+"""Seconds for tests that don't come to a mutant's lines, but stand beside tests that do: what those
+worked out and kept, they may look at."""
 
 
 @dataclass
@@ -30,6 +36,11 @@ class TestFile:
     by_test: dict[str, set[int]] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
     """Tests that fail even so; they are left out."""
+
+    @property
+    def useful(self) -> bool:
+        """Whether a test comes to the module, rather than an import alone."""
+        return any(self.by_test)
 
     def nearest(self, lines: range) -> list[str]:
         return [test for test, reached in self.by_test.items() if reached & set(lines)]
@@ -52,14 +63,15 @@ class Bench:
         self.name = ".".join(module.relative_to(root).with_suffix("").parts)
         self.name = self.name.removesuffix(".__init__")
 
-    def without_a_mutant(self, test: Path) -> TestFile:
-        """Which lines a file's tests come to, and how long they take."""
+    def without_a_mutant(self, test: Path, seconds: float) -> TestFile:
+        """Which lines a file's tests come to, and how long they take; of a long file, the tests
+        that begin in so many seconds."""
         with tempfile.TemporaryDirectory() as folder:
             log, kept = Path(folder, "lines"), Path(folder, "kept")
             environment = {sitecustomize.REACHED: _joined(self.module, log)}
 
             def work(place: Path) -> int:
-                seen = _Seen(sitecustomize.watch())
+                seen = _Seen(sitecustomize.watch(), seconds)
                 code = _pytest(self.root, place, [test], seen)
                 sys.settrace(None)
                 seen.keep(kept, self.root)
@@ -113,11 +125,26 @@ def _pytest(root: Path, place: Path, tests: list[Path], plugin: object, *more: s
     return int(pytest.main([*map(str, tests), *options], plugins=[plugin]))
 
 
-class _Seen:
+class _Limited:
+    """Leaves out the tests that would begin after a time."""
+
+    latest = math.inf
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
+        return True if time.monotonic() > self.latest else None
+
+
+class _Seen(_Limited):
     """Says whose lines are noted, and keeps which tests failed and which libraries were loaded."""
 
-    def __init__(self, watch: sitecustomize.Watch):
-        self._watch, self._failed, self._before = watch, set(), set(sys.modules)
+    def __init__(self, watch: sitecustomize.Watch, seconds: float):
+        self._watch, self._before = watch, set(sys.modules)
+        self._failed: set[str] = set()
+        self._seconds = seconds
+
+    def pytest_runtestloop(self) -> None:
+        self.latest = time.monotonic() + self._seconds
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._watch.of(nodeid)
@@ -142,7 +169,7 @@ def _of_a_library(file: str | None, root: Path) -> bool:
     return not inside and not Path(file).is_relative_to(OVERLAY)
 
 
-class _First:
+class _First(_Limited):
     """Runs those tests first that come to a mutant's lines, file by file, and keeps who failed."""
 
     def __init__(self, files: list[TestFile], lines: range, kept: Path):
@@ -154,8 +181,12 @@ class _First:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         items[:] = sorted(
             (one for one in items if one.nodeid not in self._failed),
-            key=lambda one: (self._order[one.path], one.nodeid not in self._near),
+            key=lambda one: (one.nodeid not in self._near, self._order[one.path]),
         )
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        if nodeid not in self._near and self.latest == math.inf:
+            self.latest = time.monotonic() + ELSEWHERE
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed and not self._kept.exists():
