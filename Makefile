@@ -37,6 +37,11 @@ gui: $(VENV)/run
 figures: $(VENV)/dev
 	cd tests && ../$(BIN)/python -m figures $(ONLY) $(if $(JSON),--json)
 
+# Small bugs in one module, and which of them its tests notice: make mutants MODULE=optics/plane.py
+.PHONY: mutants
+mutants: $(VENV)/dev
+	PYTHONPATH=tests $(BIN)/python -m mutants $(or $(MODULE),--help)
+
 # Style, types and the imports that the rooms allow each other.
 check: style types
 
