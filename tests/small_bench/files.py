@@ -73,13 +73,17 @@ longest_exposure_s = 30.0
 driver = "simulated-slm"
 [devices.filter]
 driver = "simulated-filter"
-options = {{ {filter_options} }}
+{_options(filter_options)}
 [devices.camera]
 driver = "simulated-camera"
-options = {{ {camera_options} }}
+{_options(camera_options)}
 [devices.targets]
 driver = "simulated-targets"
 """
+
+
+def _options(entries: str) -> str:
+    return f"options = {{ {entries} }}" if entries else ""
 
 
 def scene_text(star: float = 5.0, settings: str = "") -> str:

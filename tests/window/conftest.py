@@ -20,9 +20,9 @@ from person import Person
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication, QFileDialog
 from shared_window import OPENING, SharedWindow
-from small_bench import write_bench
 from waits import wait_until
 from window_bench import Bench
+from window_scene import write_bench
 
 from labapp.bench import BenchFiles
 from labapp.window import theme

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 from person import Person
-from small_bench import write_bench
 from waits import PATIENCE, wait_until
 from window_bench import Bench
+from window_scene import write_bench
 
 from labapp.window.messages import LiveFrame
 

@@ -5,8 +5,8 @@ from person import Person
 from plan_files import write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QMessageBox
-from small_bench import write_bench
 from window_bench import alive
+from window_scene import write_bench
 
 from labapp.acquisition.state import State
 from labapp.record.reader import Record

@@ -10,8 +10,8 @@ import pytest
 from eyes import pixels
 from plan_files import LONG, write_plan
 from PySide6.QtCore import Qt
-from small_bench import write_bench
 from waits import wait_until
+from window_scene import write_bench
 
 from labapp.bench import open_bench
 from labapp.window import theme
