@@ -21,6 +21,9 @@ from runner.processes import end_descendants
 _SWEEP = 900.0
 """Seconds that a sweep may take, where it doesn't say how long."""
 
+_COLLECTION = 600.0
+"""Seconds that the collection of all tests may take."""
+
 _LAST_WORD = 5.0
 """Seconds after which a process is ended that can't even say that it hangs."""
 
@@ -43,7 +46,7 @@ class Limits:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_collection(self) -> Generator[None, object, object]:
-        with self._within(self._default(), "the collection of tests"):
+        with self._within(_COLLECTION, "the collection of tests"):
             return (yield)
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -62,15 +65,22 @@ class Limits:
             yield
             return
         seconds += self._grace
-        timer = threading.Timer(seconds, self._end, [name, seconds])
-        timer.daemon = True
-        timer.start()
+        self._timer = threading.Timer(seconds, self._end, [name, seconds])
+        self._timer.daemon = True
+        self._timer.start()
         faulthandler.dump_traceback_later(seconds + _LAST_WORD, exit=True, file=self._words)
         try:
             yield
         finally:
-            timer.cancel()
-            faulthandler.cancel_dump_traceback_later()
+            self._cancel()
+
+    def _cancel(self) -> None:
+        self._timer.cancel()
+        faulthandler.cancel_dump_traceback_later()
+
+    def pytest_enter_pdb(self) -> None:
+        """Give a person all the time at a breakpoint."""
+        self._cancel()
 
     def _end(self, name: str, seconds: float) -> None:
         print(f"{name} has not ended after {seconds:g} s.", file=self._words)
