@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,22 +36,23 @@ _watchdog = watchdog.Watchdog()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     item.stash[_began] = time.monotonic()
-    dialogues.forget()
-    return (yield from _watched(_longest(item)))
+    with _phase(_longest(item)):
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     left = item.stash[_began] + _longest(item) - time.monotonic()
-    return (yield from _watched(max(left, 1.0)))
+    with _phase(max(left, 1.0)):
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_teardown() -> Generator[None]:
-    dialogues.forget()
-    return (yield from _watched(watchdog.LONGEST_TEARDOWN))
+def pytest_runtest_teardown() -> Generator[None, object, object]:
+    with _phase(watchdog.LONGEST_TEARDOWN):
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -70,16 +71,17 @@ def _longest(item: pytest.Item) -> float:
     return 0.8 * marker.args[0] if marker else watchdog.LONGEST
 
 
-def _watched(seconds: float) -> Generator[None]:
-    """A phase of a test that ends, and in which no dialogue comes that nobody expects."""
+@contextmanager
+def _phase(seconds: float) -> Iterator[None]:
+    """A part of a test: it ends, and no dialogue comes in it that nobody expects."""
+    dialogues.forget()
     try:
         with _watchdog.limit(seconds):
-            result = yield
+            yield
     except BaseException as error:
         dialogues.note_on(error)
         raise
     dialogues.require_none()
-    return result
 
 
 @pytest.fixture(scope="session")

@@ -25,8 +25,7 @@ class Person:
         wait_until(seen, self._bench.describe, patience=patience)
 
     def clicks(self, widget: QWidget) -> None:
-        assert widget.isVisible()
-        assert widget.isEnabled()
+        self.waits(lambda: widget.isVisible() and widget.isEnabled())
         self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
 
     def presses(self, key: Qt.Key) -> None:

@@ -40,7 +40,7 @@ def panel(qtbot, dark_theme):
     qtbot.addWidget(made)
     made.resize(520, 300)
     made.show()
-    qtbot.waitExposed(made)
+    wait_until(lambda: made.windowHandle().isExposed())
     return made
 
 

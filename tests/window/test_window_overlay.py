@@ -29,8 +29,8 @@ def view(dark_theme, qtbot):
     view = LiveView()
     qtbot.addWidget(view)
     view.resize(900, 760)
-    with qtbot.waitExposed(view):
-        view.show()
+    view.show()
+    wait_until(lambda: view.windowHandle().isExposed())
     view.set_scale(Scale(_FULL))
     return view
 

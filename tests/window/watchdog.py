@@ -37,7 +37,7 @@ class Watchdog:
 
     An exception ends what hangs in Python, sleeps and locks included. It can't leave a loop of
     Qt's, which only swallows it: there, a timer ends the loop. What hangs in C without a loop
-    is left to pytest-timeout, which ends the process.
+    is left to whoever ends the process.
     """
 
     def __init__(self) -> None:
@@ -66,6 +66,11 @@ class Watchdog:
         watcher.start()
         try:
             yield
+        except BaseException as error:
+            if self._held:
+                # It may be what pytest-qt says of an exception that the loop has swallowed.
+                error.add_note(self._held)
+            raise
         finally:
             self._late = None
             done.set()
