@@ -35,6 +35,7 @@ from labapp.files.finding import find_scene
 from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
 from labapp.locking import lock_devices
+from labapp.memory import give_back_freed_memory
 from optics.camera import Camera as CameraDescription
 from simulator.clock import VirtualClock
 from simulator.faults import Fault
@@ -194,7 +195,7 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     camera = setup.bench.build_camera()
     tables = setup.bench.devices.of_runs
     surroundings = _surroundings(setup, tables, speed)
-    with _opened(setup, surroundings, tables, speed) as watched:
+    with _forgetting(surroundings), _opened(setup, surroundings, tables, speed) as watched:
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,
@@ -232,7 +233,7 @@ def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone
         )
     alone = {role: tables[role]}
     surroundings = _surroundings(setup, alone, math.inf)
-    with _opened(setup, surroundings, alone, math.inf) as watched:
+    with _forgetting(surroundings), _opened(setup, surroundings, alone, math.inf) as watched:
         device = watched[role]
         try:
             yield Alone(setup.bench, surroundings.clock, device)
@@ -252,6 +253,17 @@ def _surroundings(
     described = setup.bench.uncalibrated().build_camera()
     world = build_world(described, setup, clock) if setup.scene else None
     return Surroundings(clock, world)
+
+
+@contextmanager
+def _forgetting(surroundings: Surroundings) -> Iterator[None]:
+    """Afterwards the world behind simulated devices keeps no pictures, whoever still has it."""
+    try:
+        yield
+    finally:
+        if surroundings.world is not None:
+            surroundings.world.forget()
+            give_back_freed_memory()
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -11,9 +10,11 @@ import numpy as np
 import torch
 
 from optics.accuracy import ErrorEstimate
+from optics.caching import keep_within
 from optics.camera import Camera, Lens
 from optics.edge import as_number
 from optics.plane import Plane
+from optics.stop.aperture import Stop
 from optics.stop.coverage import coverage
 from optics.stop.quadrature import Steepness
 from optics.zernike import zernike
@@ -30,15 +31,23 @@ _SLOPE_TO_SPARE = 1.1
 _TURN_A_DEGREE = 20.0
 """Radians per stop radius for each degree of an aberration beyond the fourth."""
 
+_AMPLITUDES = 64 << 20
+"""Bytes of pupils that are kept: three of a panel of 1920 x 1080 pixels, or one of 3840 x 2160."""
 
-@functools.lru_cache(maxsize=8)
+
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
     """Share of each panel pixel that lies inside the lens stop, (rows, columns), float64.
 
     Edge pixels get their covered area: a jagged edge would cost four times the accuracy.
     Don't write into it: it is kept.
     """
-    return coverage(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
+    lens = camera.lens
+    return _amplitude(lens.stop, lens.focal_length, lens.f_number, camera.panel.plane)
+
+
+@keep_within(_AMPLITUDES)
+def _amplitude(stop: Stop, focal_length: float, f_number: float, plane: Plane) -> torch.Tensor:
+    return coverage(stop, focal_length / f_number / 2, plane)
 
 
 def open_area(camera: Camera) -> float:

@@ -7,6 +7,7 @@ import math
 import torch
 
 from optics.edge import tensors_inside
+from optics.zernike_order import require_zernike as require_zernike
 
 
 @tensors_inside
@@ -42,9 +43,3 @@ def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
         second = 2 * (k + a - 1) * (k - 1) * c * before
         before, now = now, (first - second) / (2 * k * (k + a) * (c - 2))
     return now
-
-
-def require_zernike(n: int, m: int) -> None:
-    """Raise ValueError for a degree and a cycle count that don't go together."""
-    if n < 0 or abs(m) > n or (n - m) % 2:
-        raise ValueError(f"Zernike ({n}, {m}) doesn't exist; m goes from -n to n in steps of two")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 from collections.abc import Callable, Hashable, Mapping
@@ -19,6 +20,7 @@ from simulator.planning import EffectPlan
 from simulator.planning.forcing import forced_level, settled
 from simulator.planning.plan import planned
 from simulator.probing.floor import floor
+from simulator.probing.pattern import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.streaming import Stream
@@ -28,8 +30,8 @@ MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") /
 of what the machine has. A picture of 5 megapixels with the panel's orders has 2.5 GB of them."""
 
 
-_PATTERNS = Cache(3)
-"""What is known of patterns, whoever asks: it follows from camera, pattern and wavelength alone."""
+_PATTERNS = 3
+"""Patterns of which is kept what is known."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,6 @@ class Imaging:
 
     tol: relative error of mean picture and noise that effects may be left out for. forced:
     effects that are on or off, or at a level, whatever they change. memory: bytes to keep.
-    patterns: where what is known of them is kept; by default with that of all others.
     Raises ValueError for a tol that is negative or not finite.
     """
 
@@ -59,14 +60,24 @@ class Imaging:
         tol: float = 1e-2,
         forced: Mapping[str, str | bool] | None = None,
         memory: int = MEMORY,
-        patterns: Cache | None = None,
     ) -> None:
-        if not 0 <= tol < math.inf:
-            raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
+        _require_tolerance(tol)
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
-        self._pictures, self._patterns = Cache(4), patterns or _PATTERNS
+        self._pictures, self._patterns = Cache(4), Cache(_PATTERNS)
+
+    def at(self, tol: float) -> Imaging:
+        """The same to another tolerance, with nothing forced; the two share what is kept."""
+        _require_tolerance(tol)
+        other = copy.copy(self)
+        other.tol, other.forced = tol, {}
+        return other
+
+    def forget(self) -> None:
+        """Keep nothing that was computed; it is computed again when it is asked for."""
+        for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):
+            cache.clear()
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
         """Have effects on, off or at a level from now on, whatever they change.
@@ -101,7 +112,10 @@ class Imaging:
         s.__dict__["picture"] = picture
         shown = (s.shown.names, s.shown.frame_time)
         looked_at = (s.camera, shown, s.wavelength, picture.distances)
-        s.__dict__["pattern"] = self._patterns.get(looked_at, lambda: s.pattern)
+        s.__dict__["pattern"] = self._patterns.get(
+            looked_at,
+            lambda: PatternProbe(s.camera, s.shown, s.wavelength, picture.distances, self._cache),
+        )
 
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
@@ -128,6 +142,11 @@ class Imaging:
             return Stream(electrons, s.exposure, s.camera.sensor, recipe)
 
         return self._streams.get((causes(s), tuple(plan.levels.items())), compute)
+
+
+def _require_tolerance(tol: float) -> None:
+    if not 0 <= tol < math.inf:
+        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
 def causes(s: Situation) -> Hashable:

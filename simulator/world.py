@@ -74,6 +74,10 @@ class World:
         """
         self.imaging.force(forced, self.situation())
 
+    def forget(self) -> None:
+        """Give up the pictures that were computed, and what was found out on the way."""
+        self.imaging.forget()
+
     @property
     def wavelength(self) -> float:
         """Metres, of the filter's centre."""

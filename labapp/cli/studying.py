@@ -70,9 +70,8 @@ def study(
     json: JsonOption = False,
 ) -> None:
     from labapp.errors import UserError
-    from labapp.running import Manner
-    from labapp.studies.command import Asked, evaluate_record, list_studies, run_study
-    from labapp.studies.finding import find_study
+    from labapp.studies.finding import find_study, read_settings
+    from labapp.studies.listing import list_studies
 
     if name == "list":
         list_studies(as_json=json)
@@ -80,10 +79,15 @@ def study(
     find_study(name)
     if out is None:
         raise UserError("there is no --out. Name a folder for record, picture and page.")
+    if record is None:
+        read_settings(name, settings or (), quick=quick)
+    elif settings or quick:
+        raise UserError("--record: its settings are in it. Leave the others out.")
+    from labapp.running import Manner
+    from labapp.studies.command import Asked, evaluate_record, run_study
+
     manner = Manner(force, yes, speed, json)
     if record is not None:
-        if settings or quick:
-            raise UserError("--record: its settings are in it. Leave the others out.")
         evaluate_record(name, record, out, manner)
         return
     asked = Asked(name, tuple(settings or ()), seed, quick, bench, scene, faults)

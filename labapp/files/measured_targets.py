@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from labapp.errors import UserError
-from labapp.files.picture_cache import numbers_of, picture_of
+from labapp.files.number_file import read_numbers
+from labapp.files.picture_cache import picture_of
 from labapp.files.reflectance_table import basis
 from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable, Positive
 from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
@@ -32,7 +34,7 @@ class CubeTable(PixelTable):
     tol: Annotated[float, Field(ge=0, lt=1)] = 5e-3
 
     def build(self, lamps: Lamps) -> Target:
-        values = numbers_of(self.file, self.variable)
+        values = read_numbers(Path(self.file), self.variable)
         if values.ndim != 3:
             raise UserError(f"{self.file}: is {values.shape}; give rows, columns and bands.")
         try:
@@ -86,7 +88,7 @@ class ReliefTable(PixelTable):
         try:
             return Relief(
                 image=torch.from_numpy(image),
-                depths=torch.from_numpy(self._metres(numbers_of(source))),
+                depths=torch.from_numpy(self._metres(read_numbers(Path(source)))),
                 levels=self.levels,
                 basis=basis(self.spectra),
                 **self.framed(lamps),

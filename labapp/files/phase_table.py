@@ -1,19 +1,24 @@
-"""The patterns of a plan file that are formulas: keys and units, and the phase they stand for."""
+"""The patterns of a plan file that are formulas: keys and units, and the phase they stand for.
+
+What computes a phase is imported when one is asked for, so that plans are read and kinds are
+listed without it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-import torch
 from pydantic import Field, field_validator, model_validator
 
 from labapp.files.reading import FileModel
-from optics import patterns
-from optics.camera import Camera
-from optics.stop.shadow import shadowed
-from optics.zernike import require_zernike
+from optics.zernike_order import require_zernike
+
+if TYPE_CHECKING:
+    import torch
+
+    from optics.camera import Camera
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -80,6 +85,8 @@ class LensPattern(FormulaPattern):
         return f"lens {self.focal_length_m:g} m"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         y, x = self.centre_mm
         centre = (y * 1e-3, x * 1e-3)
         return patterns.fresnel_lens(camera.panel, self.focal_length_m, self.wavelength, centre)
@@ -96,6 +103,8 @@ class AxiconPattern(FormulaPattern):
         return f"axicon {self.radius_um:g} µm"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         distance = camera.lever
         return patterns.axicon(camera.panel, self.radius_um * 1e-6, distance, self.wavelength)
 
@@ -114,6 +123,8 @@ class CubicPattern(FormulaPattern):
         return f"cubic {self.strength_rad:g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         return patterns.cubic(camera.panel, self.strength_rad, _metres(self.radius_mm))
 
 
@@ -132,6 +143,8 @@ class AnnularPattern(FormulaPattern):
         return f"annular {self.rings} rings of {self.depth_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         radius = _metres(self.radius_mm)
         return patterns.annular(camera.panel, self.rings, self.depth_rad, radius)
 
@@ -160,6 +173,8 @@ class BlazePattern(FormulaPattern):
         return f"blaze to {y:g}, {x:g} µm"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         if self.shift_um is None:
             assert self.period_px is not None
             angle = math.radians(self.angle_deg)
@@ -183,6 +198,8 @@ class BinaryPattern(FormulaPattern):
         return f"binary {self.period_px:g} px, {self.step_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         angle = math.radians(self.angle_deg)
         return patterns.binary_grating(camera.panel, self.period_px, self.step_rad, angle)
 
@@ -200,6 +217,8 @@ class SinePattern(FormulaPattern):
         return f"sine {self.period_px:g} px, {self.amplitude_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         angle = math.radians(self.angle_deg)
         return patterns.sine(camera.panel, self.amplitude_rad, self.period_px, angle)
 
@@ -222,6 +241,8 @@ class PatchesPattern(FormulaPattern):
         return f"patches {self.columns}x{self.rows}, {self.depth_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+
         grid = (self.rows, self.columns)
         return patterns.random_patches(camera.panel, grid, generator, self.depth_rad)
 
@@ -250,6 +271,9 @@ class ZernikePattern(FormulaPattern):
         return "zernike " + ", ".join(f"({n}, {m}) {path:g} nm" for n, m, path in self.terms)
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+        from optics.stop.shadow import shadowed
+
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
         corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
         stop = shadowed(camera).lens.stop_diameter / 2

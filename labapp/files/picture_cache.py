@@ -1,36 +1,27 @@
-"""Pictures and numbers that a scene needs, read once."""
+"""Pictures that a scene needs, read once."""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.number_file import read_numbers
 from labapp.files.reading import read_picture
+
+_pictures: WeakValueDictionary[tuple[str, int], NDArray[np.float32]] = WeakValueDictionary()
+"""By file and the time of its last change; each lasts while a target is a print of it."""
 
 
 def picture_of(file: str) -> NDArray[np.float32]:
     """Linear red, green and blue, read once, though many targets may be prints of it; again
     when the file has changed."""
-    return _picture(file, _changed(file))
-
-
-def numbers_of(file: str, variable: str | None = None) -> NDArray[np.float64]:
-    """The numbers of a file, kept as pictures are."""
-    return _numbers(file, variable, _changed(file))
-
-
-@lru_cache(maxsize=2)
-def _picture(file: str, changed: int) -> NDArray[np.float32]:
-    return read_picture(Path(file))
-
-
-@lru_cache(maxsize=2)
-def _numbers(file: str, variable: str | None, changed: int) -> NDArray[np.float64]:
-    return read_numbers(Path(file), variable)
+    which = (file, _changed(file))
+    found = _pictures.get(which)
+    if found is None:
+        found = _pictures[which] = read_picture(Path(file))
+    return found
 
 
 def _changed(file: str) -> int:

@@ -6,13 +6,15 @@ import json
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from labapp.errors import UserError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 M = TypeVar("M", bound="FileModel")
 
@@ -97,6 +99,8 @@ def read_picture(path: Path) -> NDArray[np.float32]:
     8- and 16-bit files hold sRGB values (IEC 61966-2-1), which are made linear.
     UserError if the file can't be read as a picture.
     """
+    import numpy as np
+
     values = _decoded(path, colour=True)
     encoded = np.linspace(0, 1, np.iinfo(values.dtype).max + 1)
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
@@ -110,13 +114,14 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     UserError if the file is no picture, or isn't 8-bit.
     """
     values = _decoded(path, colour=False)
-    if values.dtype != np.uint8:
+    if values.dtype != "uint8":
         raise UserError(f"{path}: has {values.dtype} values; the panel shows 8-bit grey levels.")
     return values
 
 
 def _decoded(path: Path, *, colour: bool) -> NDArray[Any]:
     import cv2
+    import numpy as np
 
     try:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)

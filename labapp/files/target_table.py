@@ -1,17 +1,21 @@
-"""The PSF shapes of a plan file: keys and units, and what they draw."""
+"""The PSF shapes of a plan file: keys and units, and what they draw.
+
+What draws is imported when a drawing is asked for, so that plans are read and shapes are listed
+without it.
+"""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import torch
 from pydantic import Field, model_validator
 
 from labapp.files.reading import FileModel, read_grey
-from optics import targets
-from optics.targets.drawing import Drawing
+
+if TYPE_CHECKING:
+    from optics.targets.drawing import Drawing
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -69,6 +73,8 @@ class RingTarget(Stroked):
     shape: Literal["ring"]
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.ring.draw(*self._metres)
 
 
@@ -85,6 +91,8 @@ class SpiralTarget(Spiral):
     shape: Literal["spiral"]
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.spiral.draw(*self._metres, self.turns, self.hole)
 
 
@@ -111,6 +119,8 @@ class ShrinkingSpiralTarget(Spiral):
             raise ValueError(f"{self.moments} moments don't share {frames} frames evenly")
 
     def at(self, frames: int, folder: Path) -> list[Drawing]:
+        from optics import targets
+
         self.require_frames(frames)
         moments = self.moments or frames
         sizes = (*self._metres, moments, self.smallest, self.turns, self.hole)
@@ -123,6 +133,8 @@ class HeartTarget(Stroked):
     shape: Literal["heart"]
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.heart.draw(*self._metres)
 
 
@@ -132,6 +144,8 @@ class InfinityTarget(Stroked):
     shape: Literal["infinity"]
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.infinity.draw(*self._metres)
 
 
@@ -141,6 +155,8 @@ class EyeTarget(Stroked):
     shape: Literal["eye"]
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.eye.draw(*self._metres)
 
 
@@ -175,6 +191,8 @@ class DotsTarget(TargetShape):
         return f"dots {self.count}, {self.radius_um:g} µm"
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         if self.positions_um:
             places = [(y * 1e-6, x * 1e-6) for y, x in self.positions_um]
         elif self.rows is not None and self.columns is not None:
@@ -197,6 +215,8 @@ class LettersTarget(TargetShape):
         return f"letters {self.text} {self.height_um:g}/{self.width_um:g} µm"
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         return targets.letters.draw(self.text, self.height_um * 1e-6, self.width_um * 1e-6)
 
 
@@ -213,6 +233,10 @@ class LogoTarget(TargetShape):
         return f"logo {Path(self.file).name} {self.size_um:g} µm"
 
     def draw(self, folder: Path) -> Drawing:
+        import torch
+
+        from optics import targets
+
         picture = torch.from_numpy(read_grey(folder / self.file))
         return targets.logo.draw(picture, self.size_um * 1e-6, self.invert)
 
@@ -234,6 +258,8 @@ class DispersionTarget(TargetShape):
         return f"dispersion {len(self.wavelengths_nm)} x {self.um_per_nm:g} µm/nm"
 
     def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
         places = targets.dispersed(
             [nm * 1e-9 for nm in self.wavelengths_nm],
             self.reference_nm * 1e-9,

@@ -14,7 +14,6 @@ from labapp.files.reading import read_grey
 from labapp.files.scene_file import SceneFile
 from optics.progress import Progress
 from simulator.effects.registry import EFFECTS
-from simulator.imaging import Imaging
 from simulator.situation import Situation
 from simulator.world import World
 
@@ -144,7 +143,7 @@ def _exposure(world: World, asked: AskedPicture, progress: Progress) -> float:
     if asked.exposure is not None:
         return asked.exposure
     progress.report(0.0, "finding an exposure")
-    trial, imaging = world.situation(_TRIAL), Imaging(_TRIAL_TOL)
+    trial, imaging = world.situation(_TRIAL), world.imaging.at(_TRIAL_TOL)
     electrons = imaging.electrons(trial, imaging.plan(trial).recipe, progress.check)
     brightest = float(electrons.max()) / _TRIAL
     return _FILLED * world.camera.sensor.full_well / brightest if brightest > 0 else _DARK

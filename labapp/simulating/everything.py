@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from simulator.caching import Cache
 from simulator.effects.on_pixels import deep
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, Picture
@@ -58,8 +57,7 @@ def by_plan(
     check: Callable[[], None] = lambda: None,
 ) -> Rendered:  # fmt: skip
     """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
-    # As if nobody had asked anything about it yet.
-    imaging = Imaging(tol, forced, patterns=Cache(1))
+    imaging = Imaging(tol, forced)
     own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
     began = time.process_time()
     plan = imaging.plan(own)

@@ -13,13 +13,11 @@ from labapp.acquisition.taking import Ask
 from labapp.bench import BenchFiles, open_bench
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
-from labapp.files.keys import described_keys
 from labapp.files.reading import bundled
 from labapp.files.writing import make_folder, require_free
 from labapp.record.reader import Record
 from labapp.running import Manner, attended, require_complete
 from labapp.stopwatch import Stopwatch
-from labapp.studies import STUDIES
 from labapp.studies.contract import Results, Settings, Study
 from labapp.studies.finding import find_study, marked, read_settings, settings_of
 from labapp.studies.page import FILES, Account, as_data, write
@@ -42,22 +40,6 @@ class Asked:
     bench: Path | None = None
     scene: Path | None = None
     faults: Path | None = None
-
-
-def list_studies(*, as_json: bool) -> None:
-    """Print the studies with their settings, defaults and units."""
-    described = [_described(name) for name in STUDIES]
-    if as_json:
-        print_json(described)
-        return
-    for one in described:
-        out.print(f"{one['name']}: {one['title']} ({one['source']})", style="bold", markup=False)
-        out.print(f"    {one['method']}", markup=False, soft_wrap=True)
-        for key in one["settings"]:
-            line = f"    {key['key']:<16}  {key['default']:<10}  {key['what']}"
-            out.print(line, markup=False, soft_wrap=True)
-        out.print()
-    out.print("For instance: labapp study refocus --out refocus")
 
 
 def run_study(asked: Asked, folder: Path, manner: Manner) -> None:
@@ -156,15 +138,3 @@ def _tell(account: Account, folder: Path, names: Sequence[str], manner: Manner) 
         out.print(note, style="dim", markup=False)
     for one in names:
         out.print(f"wrote {folder / one}", markup=False, soft_wrap=True)
-
-
-def _described(name: str) -> dict[str, Any]:
-    found = find_study(name)
-    return {
-        "name": name,
-        "title": found.title,
-        "source": found.source,
-        "shows": found.shows,
-        "method": found.method,
-        "settings": described_keys(found.settings),
-    }

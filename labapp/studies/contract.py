@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
-from matplotlib.figure import Figure
-
-from labapp.files.plan_file import PlanFile
 from labapp.files.reading import FileModel
-from labapp.record.reader import Record
-from optics.camera import Camera
-from optics.progress import Progress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from labapp.files.plan_file import PlanFile
+    from labapp.record.reader import Record
+    from optics.camera import Camera
+    from optics.progress import Progress
 
 
 class Settings(FileModel):
@@ -82,9 +85,9 @@ class Study(Generic[S]):
     """An experiment of the thesis.
 
     source: figure and section of the thesis. shows: what is published there, in words.
-    method: what is done here, in words. plan: from settings and the camera of the bench; its
-    seed is set by who runs it. evaluate: from a complete record. scene, bench: files in
-    labapp/data, for a virtual bench, unless a person gives others.
+    method: what is done here, in words. module: has its functions `plan` and `evaluate`, and is
+    imported when they are called. scene, bench: files in labapp/data, for a virtual bench, unless
+    a person gives others.
     """
 
     title: str
@@ -92,7 +95,16 @@ class Study(Generic[S]):
     shows: str
     method: str
     settings: type[S]
-    plan: Callable[[S, Camera], PlanFile]
-    evaluate: Callable[[Record, S, Progress], Results]
+    module: str
     scene: str = "scene.toml"
     bench: str = "bench.toml"
+
+    def plan(self, settings: S, camera: Camera) -> PlanFile:
+        """What is to be acquired, for the camera of a bench; its seed is set by who runs it."""
+        plan: PlanFile = import_module(self.module).plan(settings, camera)
+        return plan
+
+    def evaluate(self, record: Record, settings: S, progress: Progress) -> Results:
+        """What a complete record shows."""
+        results: Results = import_module(self.module).evaluate(record, settings, progress)
+        return results

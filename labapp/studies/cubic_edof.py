@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field
 
 from labapp.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.analysis.photograph import Score, score
 from labapp.analysis.star import measure_psf
-from labapp.files.pattern_table import Positive
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import bundled, read_grey, validate
 from labapp.record.reader import Record
-from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.catalogue.cubic_edof import STUDY
+from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
+from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
 from labapp.studies.stars import NEUTRAL, correlation
 from optics.camera import Camera
@@ -45,24 +45,6 @@ _WINDOW = 128
 
 _SLIT = 129
 """Samples of the polar display along each axis."""
-
-
-class EdofSettings(Settings):
-    """How strong the plate is, and how the pictures are exposed."""
-
-    QUICK: ClassVar[dict[str, Any]] = {"scene_ms": [400], "iterations": 6}
-
-    strength_rad: Annotated[
-        Positive, Field(description="cubic phase at the panel's longer half")
-    ] = 40.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
-    star_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
-    ] = (4.0, 64.0, 512.0)
-    scene_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the photographs")
-    ] = (100.0, 400.0, 1600.0)
-    iterations: Annotated[int, Field(ge=1, le=200, description="of the joint restoration")] = 15
 
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
@@ -328,24 +310,3 @@ def _ambiguity_plate(waves: float, strength: float) -> Plate:
         "Of a slit as long as the panel. Dashed: the lines on which the MTF in focus and out of it "
         "lies (Eq. 2.40).",
     )
-
-
-STUDY = Study(
-    title="Extended depth of field by a cubic phase",
-    source="Figures 2.15 to 2.17, section 2.5",
-    shows=(
-        "A cubic phase plate makes PSFs that hardly depend on defocus, where those of the open "
-        "aperture do; a photograph with a near and a far part is blurred alike by it, and restored "
-        "as a whole by one deconvolution. A depth mask tells the parts. No numbers are printed."
-    ),
-    method=(
-        "The cubic phase is shown on the SLM. Stars at 2 m, in focus, and at 2.2 m give the PSFs; "
-        "a photograph with parts at both distances is taken with and without the plate, and "
-        "restored with one PSF, and with the PSF of each depth."
-    ),
-    settings=EdofSettings,
-    plan=plan,
-    evaluate=evaluate,
-    scene="studies/edof.toml",
-    bench="studies/edof-bench.toml",
-)

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from pydantic import Field
 from scipy.ndimage import shift
 
 from labapp.analysis.brackets import Picture, find, merge_all
 from labapp.analysis.photograph import Score, score
 from labapp.analysis.star import measure_psf
-from labapp.files.pattern_table import Iterations, Positive
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import validate
 from labapp.record.reader import Record
-from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
+from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_tone
 from labapp.studies.stars import NEUTRAL, star_blocks
 from optics.camera import Camera
@@ -42,29 +40,6 @@ _LOOKED_AT = 255
 """Pixels of a side of the photograph's middle, in which an unknown kernel is looked for."""
 
 _CODED = "heart"
-
-
-class DeconvolutionSettings(Settings):
-    """The blur, and how the pictures are exposed."""
-
-    QUICK: ClassVar[dict[str, Any]] = {"photograph_ms": [400], "iterations": 8, "blind": False}
-
-    radius_um: Annotated[
-        Positive, Field(description="of the heart that a point becomes; 27 um are 16 pixels across")
-    ] = 27.0
-    width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 5.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
-    iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 30
-    lucy: Annotated[Iterations, Field(description="of Richardson-Lucy, at most")] = 100
-    blind: Annotated[
-        bool, Field(description="whether the kernel is looked for as well, a minute or so")
-    ] = True
-    star_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the star")
-    ] = (1.0, 8.0, 64.0, 512.0)
-    photograph_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="exposures of the photograph")
-    ] = (400.0,)
 
 
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
@@ -240,21 +215,3 @@ def _plate(
         inset = axes[0].inset_axes((0.64, 0.0, 0.36, 0.36))
         draw_tone(inset, kernel, "")
     return Plate("Deconvolution", figure, "Fig. 2.9, on another photograph, through the bench.")
-
-
-STUDY = Study(
-    title="Deconvolution of a blurred photograph",
-    source="Figure 2.9, section 2.4.2",
-    shows=(
-        "A picture of 500 x 500 pixels, a blur kernel of 16 x 16, the blurred picture with "
-        "Gaussian noise, and its restorations by Wiener's filter, by Richardson-Lucy, and by "
-        "blind deconvolution. No numbers are printed."
-    ),
-    method=(
-        "A pattern is retrieved whose PSF is a heart of 16 pixels; a star and a photograph are "
-        "taken with it. The photograph is restored with the star's picture as its PSF."
-    ),
-    settings=DeconvolutionSettings,
-    plan=plan,
-    evaluate=evaluate,
-)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from labapp.errors import UserError
 from labapp.files.keys import read_keys
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.record.reader import Record
-from labapp.studies import STUDIES
+from labapp.studies import STUDIES, catalogue
 from labapp.studies.contract import Settings, Study
+
+if TYPE_CHECKING:
+    from labapp.record.reader import Record
 
 _NAME, _SETTINGS = "study", "study_settings"
 """Keys of the plan's metadata, by which a record knows what it was taken for."""
@@ -26,7 +28,7 @@ def find_study(name: str) -> Study[Any]:
             f"study {name!r} is not known. Choose one of {', '.join(STUDIES)}; "
             "labapp study list tells what they are."
         )
-    study: Study[Any] = import_module(STUDIES[name].module).STUDY
+    study: Study[Any] = import_module(f"{catalogue.__name__}.{STUDIES[name].module}").STUDY
     return study
 
 

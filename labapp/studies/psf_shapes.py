@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from labapp.analysis.brackets import Picture
 from labapp.analysis.star import PSFReport
-from labapp.files.pattern_table import Iterations, Positive
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.record.reader import Record
-from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.catalogue.psf_shapes import PUBLISHED, STUDY, Shape, ShapesSettings
+from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_log, draw_tone
 from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
 from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks
@@ -23,31 +22,8 @@ from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
 
-Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]
-
-_PUBLISHED: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "spiral")
-"""In the order of Fig. 3.3."""
-
 _WINDOW = 128
 """Sensor pixels across a PSF."""
-
-
-class ShapesSettings(Settings):
-    """What is drawn, how large, and how it is looked for."""
-
-    QUICK: ClassVar[Mapping[str, Any]] = {"shapes": ["heart", "ring"], "iterations": 10}
-
-    shapes: Annotated[
-        tuple[Shape, ...], Field(min_length=1, description="eye, letters, heart ... ring")
-    ] = (*_PUBLISHED, "ring")
-    text: Annotated[str, Field(min_length=1, max_length=8, description="of the letters")] = "EI"
-    radius_um: Annotated[Positive, Field(description="of the shapes on the sensor")] = 100.0
-    width_um: Annotated[Positive, Field(description="of their strokes, standard deviation")] = 8.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
-    iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 60
-    exposures_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the star")
-    ] = (1.0, 8.0, 64.0, 512.0)
 
 
 def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
@@ -123,7 +99,7 @@ def _row(shape: str, report: PSFReport) -> Row:
     name = "EI letters" if shape == "letters" else shape
     return Row(
         f"{name}: light within it, likeness, speckle",
-        "picture only" if shape in _PUBLISHED else "see below",
+        "picture only" if shape in PUBLISHED else "see below",
         _in_words(asked) if asked else "-",
         _in_words(ours),
         ours["light"],
@@ -220,22 +196,3 @@ def _ring_plate(report: PSFReport, camera: Camera, settings: ShapesSettings) -> 
         figure,
         "Left: from github.com/cgtuebingen/computational_camera_phase_retrieval (MIT licence).",
     )
-
-
-STUDY = Study(
-    title="PSFs of many shapes",
-    source="Figure 3.3, section 3.5.1",
-    shows=(
-        "Captured PSFs, on a logarithmic scale: an eye, the letters EI, a heart, the symbol of "
-        "infinity, a spiral, and the pattern for the spiral. All have a prominent central peak of "
-        "light that wasn't modulated, and visible speckle. No numbers are printed. The authors "
-        "published the patterns and computed PSFs of a ring beside their program."
-    ),
-    method=(
-        "A pattern is retrieved for each shape, shown on the SLM, and an artificial star is "
-        "photographed in a bracket of exposures, with dark frames."
-    ),
-    settings=ShapesSettings,
-    plan=plan,
-    evaluate=evaluate,
-)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
-
 import numpy as np
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from labapp.analysis.brackets import Picture
 from labapp.analysis.star import PSFReport
-from labapp.files.pattern_table import Iterations, Positive
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.record.reader import Record
-from labapp.studies.contract import Movie, Plate, Results, Row, Settings, Study
+from labapp.studies.catalogue.psf_video import STUDY, VideoSettings
+from labapp.studies.contract import Movie, Plate, Results, Row
 from labapp.studies.drawing import animated, draw_log, draw_tone
 from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks, summed_noise
 from optics import metrics
@@ -27,25 +23,6 @@ _WINDOW = 112
 
 _MOST_SHOWN = 8
 """Frames of a plate; a movie shows all of them."""
-
-
-class VideoSettings(Settings):
-    """How the spiral shrinks, and how its patterns are looked for."""
-
-    QUICK: ClassVar[Mapping[str, Any]] = {"moments": 3, "iterations": 10}
-
-    moments: Annotated[int, Field(ge=2, le=120, description="frames of the phase video")] = 10
-    radius_um: Annotated[Positive, Field(description="of the spiral at first")] = 100.0
-    smallest: Annotated[float, Field(gt=0, lt=1, description="share of the radius at the last")] = (
-        0.4
-    )
-    width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 6.0
-    turns: Annotated[float, Field(gt=0, le=10, description="of the spiral")] = 2.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
-    iterations: Annotated[Iterations, Field(description="of phase retrieval, a frame")] = 60
-    exposures_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of each frame")
-    ] = (1.0, 16.0, 256.0)
 
 
 def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
@@ -221,20 +198,3 @@ def _sizes(asked: list[float], seen: list[float], pitch: float) -> Plate:
     axes.grid(alpha=0.3)
     axes.legend()
     return Plate("Size by frame", figure, "On the sensor, where the target has light.")
-
-
-STUDY = Study(
-    title="A PSF that changes with time",
-    source="Figure 3.4, section 3.5.1",
-    shows=(
-        "An animation of captured PSFs, a spiral that shrinks smoothly from frame to frame of a "
-        "phase video. No numbers are printed."
-    ),
-    method=(
-        "A pattern is retrieved for each moment of a shrinking spiral. The star is photographed "
-        "with each of them alone, and with the whole video, which multiplexes them in time."
-    ),
-    settings=VideoSettings,
-    plan=plan,
-    evaluate=evaluate,
-)

@@ -3,52 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pydantic import Field
 
 from labapp.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.errors import UserError
-from labapp.files.pattern_table import Positive
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.record.reader import Record
 from labapp.studies.bricks import BRICKS, Region, regions_of, sharpened
-from labapp.studies.contract import Plate, Results, Row, Settings, Study
+from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
+from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
 from labapp.studies.focusing import DefocusedStar, Focus, focus_of, opening
 from labapp.studies.stars import NEUTRAL
 from optics.camera import Camera
 from optics.progress import Progress
 from optics.stop.shadow import in_focus
-
-
-class RefocusSettings(Settings):
-    """What the lens on the SLM shall bring into focus, and where stars tell whether it does."""
-
-    QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0]}
-
-    near_m: Annotated[
-        Positive, Field(description="distance that the lens on the SLM is to bring into focus")
-    ] = 1.6
-    stars_m: Annotated[
-        tuple[Positive, ...],
-        Field(min_length=3, description="distances of stars: targets star-160cm and so on"),
-    ] = (1.4, 1.6, 1.8, 2.0, 2.4)
-    bricks: Annotated[
-        bool, Field(description="photograph them too; a simulated bench takes minutes a frame")
-    ] = False
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
-    star_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
-    ] = (1.0, 16.0, 256.0)
-    scene_ms: Annotated[
-        tuple[Positive, ...], Field(min_length=1, description="bracket of the bricks")
-    ] = (100.0, 800.0)
 
 
 def power(settings: RefocusSettings, camera: Camera) -> float:
@@ -256,23 +231,3 @@ def _draw_focus(
     axes.set_title("Blur of a star by its distance")
     axes.grid(alpha=0.3)
     axes.legend()
-
-
-STUDY = Study(
-    title="Refocusing by a Fresnel lens on the SLM",
-    source="Figure 3.6, section 3.5.3",
-    shows=(
-        "Three bricks stand at three distances, and the camera is focused on the farthest. With "
-        "a Fresnel lens on the SLM a nearer figure becomes sharp, as one sees on its arm and "
-        "head; every object has a halo of light that wasn't modulated. No numbers are printed."
-    ),
-    method=(
-        "The power of the Fresnel lens follows from the thin-lens equation. Stars at several "
-        "distances are photographed without a pattern and with the lens; with bricks=true, so "
-        "are bricks."
-    ),
-    settings=RefocusSettings,
-    plan=plan,
-    evaluate=evaluate,
-    scene="studies/refocus.toml",
-)

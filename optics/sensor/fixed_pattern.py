@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import torch
 
@@ -42,7 +42,10 @@ def uneven(sensor: Sensor) -> bool:
     return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
 
 
-@functools.lru_cache(maxsize=2)
+_known: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
+"""Maps of all equal sensors: they last while the first of these does."""
+
+
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
     """The maps of a sensor, of its own seed: the same in every frame and run.
 
@@ -50,6 +53,13 @@ def fixed_pattern(sensor: Sensor) -> FixedPattern:
     of its standard deviation, made narrower by what the rounding widens (Sheppard). Which
     pixels are dead or hot is by chance, with the shares that the sensor gives.
     """
+    found = _known.get(sensor)
+    if found is None:
+        found = _known[sensor] = _draw(sensor)
+    return found
+
+
+def _draw(sensor: Sensor) -> FixedPattern:
     generator = torch.Generator().manual_seed(sensor.fixed_seed)
     shape = sensor.shape
     gain = 1 + sensor.prnu * _normal(shape, generator)

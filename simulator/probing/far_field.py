@@ -44,6 +44,11 @@ class FarField:
         self.light: Light = light * np.float32(1 / total)
         self._side = side
 
+    @property
+    def bytes(self) -> int:
+        """Once all of it was asked for: the light twice, and the transfer function."""
+        return 2 * self.light.nbytes + 16 * _kept(self.light.shape) ** 2
+
     def _envelope(self, axis: int, orders: int = 0) -> Array:
         """What one pixel makes of the light along an axis, up to an order on each side."""
         places = np.fft.fftfreq(self.light.shape[axis])

@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.caching import ByteCache
 from optics.camera import Camera, Panel
 from optics.edge import as_number
 from optics.fourier import NonuniformTransform
 from optics.plane import Plane
-from optics.pupil import lens_distance, pupil_amplitude
 from optics.slm import Modulator
 from optics.slm.dispersion import max_phase
-from optics.zernike import zernike
 from simulator.formation.panels import modulator_at
 from simulator.probing.far_field import FarField
+from simulator.probing.lens import LensProbe
 from simulator.probing.transfer import Transfer, rings
 from simulator.shown import Shown
 
@@ -62,16 +62,23 @@ class PatternProbe:
 
     The far field of what leaves the panel, with everything that the panel does to it, and with
     the lens' wave for the nearest and the farthest of some distances. Each property is computed
-    when it is first asked for.
+    when it is first asked for. cache: where what lens and stop do is kept for other patterns.
     """
 
     def __init__(
-        self, camera: Camera, shown: Shown, wavelength: float, distances: tuple[float, ...]
+        self,
+        camera: Camera,
+        shown: Shown,
+        wavelength: float,
+        distances: tuple[float, ...],
+        cache: ByteCache | None = None,
     ) -> None:
         if not distances:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.shown, self.wavelength = camera, shown, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
+        cache = ByteCache() if cache is None else cache
+        self._lens = LensProbe(camera, wavelength, self.distances[0], cache)
         self.kept: dict[Hashable, Any] = {}
         """What somebody has found out by it, by its other causes."""
 
@@ -119,7 +126,7 @@ class PatternProbe:
     def opened(self) -> torch.Tensor:
         """Share of each pixel that the stop, or its shadow from the middle distance, leaves open,
         (rows, columns) float64."""
-        return _opened(self.camera, self.distances[0])
+        return self._lens.opened
 
     @cached_property
     def power(self) -> float:
@@ -136,14 +143,13 @@ class PatternProbe:
 
     def wave(self, distance: float) -> torch.Tensor:
         """Radians that the lens leaves on the panel's light of a point, (rows, columns)."""
-        return 2 * math.pi / self.wavelength * _path(self.camera, distance, self.distances[0])
+        return self._lens.wave(distance)
 
     def _far(self, field: torch.Tensor, distance: float) -> FarField:
-        of = self.camera, self.wavelength, distance, self.distances[0]
         # A neutral picture's light goes the way of light that ignores pictures.
         if bool((field == field[0, 0]).all()):
-            return _straight(*of)
-        return FarField(_lens(*of) * field, math.sqrt(self.panel.fill_factor))
+            return self._lens.straight(distance)
+        return FarField(self._lens.field(distance) * field, math.sqrt(self.panel.fill_factor))
 
     @cached_property
     def _shown(self) -> list[list[FarField]]:
@@ -153,8 +159,7 @@ class PatternProbe:
     @cached_property
     def _straight(self) -> list[FarField]:
         """Of light that ignores the picture, at each distance."""
-        nearest = self.distances[0]
-        return [_straight(self.camera, self.wavelength, d, nearest) for d in self.distances]
+        return [self._lens.straight(d) for d in self.distances]
 
     @cached_property
     def _possible(self) -> list[FarField]:
@@ -317,39 +322,3 @@ def _transfer_at(
 
 def _power(transfer: NDArray[np.complex64]) -> NDArray[np.float32]:
     return np.asarray(transfer.real**2 + transfer.imag**2)
-
-
-@lru_cache(maxsize=8)
-def _opened(camera: Camera, nearest: float) -> torch.Tensor:
-    spread = 1 + as_number(camera.separation) / nearest
-    lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
-    return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
-
-
-@lru_cache(maxsize=8)
-def _path(camera: Camera, distance: float, nearest: float) -> torch.Tensor:
-    """Metres by which the lens' light of a point is late, (rows, columns) of the panel."""
-    lens = camera.lens
-    spread = 1 + as_number(camera.separation) / distance
-    vergence = 1 / lens_distance(camera, distance) - 1 / lens.focus_distance
-    y, x = camera.panel.plane.mesh()
-    bent = spread * lens.image_distance / as_number(camera.lever) * vergence
-    path = bent / 2 * (y**2 + x**2)
-    radius = as_number(lens.stop_diameter) / 2 / spread
-    for n, m, strength in lens.aberrations:
-        path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
-    return torch.where(_opened(camera, nearest) > 0, path, 0.0)
-
-
-@lru_cache(maxsize=8)
-def _lens(camera: Camera, wavelength: float, distance: float, nearest: float) -> torch.Tensor:
-    """What lens and stop make of even light, complex64."""
-    turn = 2 * math.pi / wavelength * _path(camera, distance, nearest)
-    return torch.polar(_opened(camera, nearest), turn).to(torch.complex64)
-
-
-@lru_cache(maxsize=4)
-def _straight(camera: Camera, wavelength: float, distance: float, nearest: float) -> FarField:
-    """Of light that ignores what is on the panel."""
-    lens = _lens(camera, wavelength, distance, nearest)
-    return FarField(lens, math.sqrt(camera.panel.fill_factor))

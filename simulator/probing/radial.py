@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.caching import keep_within
 from optics.formation import frequencies
 from optics.fourier import half_counts
 from optics.plane import Plane
 
 BINS = 64
+
+_INDICES = 16 << 20
+"""Bytes of bins' numbers that are kept: a frame of 2448 x 2048 pixels with its margin has 3 MB."""
 
 Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -39,14 +42,15 @@ class RadialProfile:
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
         """spectrum: on the plane's rfft2 grid."""
-        index, low, high, count = bins(plane)
+        numbers, low, high, count = bins(plane)
+        index = numbers.flatten().long()
         # Columns between the first and the last stand for their mirror images, too.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
         weighed = squared * half_counts(plane.shape[1])
         samples = plane.shape[0] * plane.shape[1]
-        power = torch.bincount(index.flatten(), weighed.flatten(), minlength=len(low))
+        power = torch.bincount(index, weighed.flatten(), minlength=len(low))
         least = torch.full((len(low),), math.inf, dtype=torch.float64)
-        least.scatter_reduce_(0, index.flatten(), squared.flatten(), "amin")
+        least.scatter_reduce_(0, index, squared.flatten(), "amin")
         least = torch.where(torch.isfinite(least), least, torch.zeros_like(least)) * count
         shares = count.numpy() / samples
         return RadialProfile(low, high, power.numpy() / samples, least.numpy() / samples, shares)
@@ -79,11 +83,11 @@ class RadialProfile:
         )
 
 
-@lru_cache(maxsize=4)
+@keep_within(_INDICES)
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
-    """The bin of each entry of a plane's rfft2 grid, the bins' edges, and entries in each."""
+    """The bin of each entry of a plane's rfft2 grid, uint8, the bins' edges, and their entries."""
     fy, fx = frequencies(plane)
     # Entries on an edge of a bin belong to one of the two for sure.
     radius = torch.hypot(fy, fx)
@@ -93,4 +97,5 @@ def bins(
     index = torch.bucketize(radius, torch.from_numpy(edges))
     doubled = half_counts(plane.shape[1]).double().expand_as(radius)
     count = torch.bincount(index.flatten(), doubled.flatten(), minlength=BINS + 1)
-    return index, np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]]), count
+    low, high = np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]])
+    return index.to(torch.uint8), low, high, count

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.caching import keep_within
 from optics.formation import frequencies
 from optics.fourier import half_counts
 from optics.plane import Plane
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 _LEAST, _MOST = 6, 64
 """Frequencies of the innermost ring of a picture's spectrum, and of the outermost, where most
 is to be told apart; in between they grow with the radius."""
+
+_ORDERS = 32 << 20
+"""Bytes of orders that are kept: a frame of 2448 x 2048 pixels with its margin has 12 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +91,12 @@ def _count(radius: float) -> int:
     return round(_LEAST + (_MOST - _LEAST) * radius)
 
 
-@lru_cache(maxsize=4)
-def _around(plane: Plane) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+@keep_within(_ORDERS)
+def _around(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     """Entries of a plane's rfft2 grid, ring by ring and within each by their direction, and where
     each ring but that of frequency 0 begins, and the last ends."""
     index = bins(plane)[0].flatten().numpy()
     fy, fx = frequencies(plane)
     angle = torch.atan2(fy, fx).flatten().numpy()
-    order = np.lexsort((angle, index))
+    order = np.lexsort((angle, index)).astype(np.int32)
     return order, np.searchsorted(index[order], np.arange(1, BINS + 2))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.caching import keep_within
 from simulator.probing.far_field import radii
 
 Array = NDArray[np.float64]
 
 _BINS = 96
+
+_RINGS = 32 << 20
+"""Bytes of rings that are kept: a panel of 1920 x 1080 pixels has 7 MB of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +76,12 @@ class Rings:
     """Bins of equal radius on the grid of a far field's transfer function."""
 
     edges: Array
-    order: NDArray[np.intp]
+    order: NDArray[np.int32]
     starts: NDArray[np.intp]
+
+    @property
+    def bytes(self) -> int:
+        return self.order.nbytes
 
     def least(self, values: NDArray[np.floating]) -> Array:
         return np.minimum.reduceat(values.ravel()[self.order], self.starts).astype(np.float64)
@@ -88,14 +95,14 @@ class Rings:
         return np.asarray(sums / counts)
 
 
-@lru_cache(maxsize=4)
+@keep_within(_RINGS)
 def rings(shape: tuple[int, int]) -> Rings:
     """For a far field of so many samples; edges: cycles per period, of the bins that have any
     entries, frequency 0 the first of them."""
     away = radii(shape).ravel()
     edges = np.geomspace(0.999, min(shape) // 2, _BINS + 1)
     index = np.searchsorted(edges, away)
-    order = np.argsort(index, kind="stable")
+    order = np.argsort(index, kind="stable").astype(np.int32)
     order = order[index[order] <= _BINS]
     present, starts = np.unique(index[order], return_index=True)
     return Rings(np.concatenate([[0.0], edges])[np.append(present, present[-1] + 1)], order, starts)

@@ -1,3 +1,5 @@
+import gc
+import weakref
 from pathlib import Path
 
 import h5py
@@ -9,6 +11,7 @@ import torch
 from labapp.errors import UserError
 from labapp.files.finding import find_scene, ready_scenes
 from labapp.files.number_file import read_numbers
+from labapp.files.picture_cache import picture_of
 from labapp.files.reading import bundled, read_file, read_picture, validate
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor
@@ -112,6 +115,16 @@ def test_a_photograph_by_cover_or_by_height(tmp_path):
     assert np.allclose(photo.image, read_picture(tmp_path / "p.png"))
     smooth = built({**table, "spectra": "mallett"}, tmp_path)
     assert smooth.basis != photo.basis
+
+
+def test_prints_of_one_picture_share_it_and_it_goes_with_the_last_of_them(tmp_path):
+    table = {"kind": "photograph", "file": picture(tmp_path), "distance_m": 2.0, "radiance": 0.1}
+    one, two = built(table, tmp_path), built({**table, "distance_m": 3.0}, tmp_path)
+    assert one.image.data_ptr() == two.image.data_ptr()
+    kept = weakref.ref(picture_of(str(tmp_path / "p.png")))
+    del one, two
+    gc.collect()
+    assert kept() is None
 
 
 @pytest.mark.parametrize("kind", ["npy", "npz", "mat", "h5"])

@@ -1,6 +1,8 @@
 """Colour filters, fixed patterns, shutters and draws of chosen stages."""
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +39,15 @@ def test_maps_belong_to_the_camera():
     again = fixed_pattern(replace(SENSOR, gain=3.0))
     assert torch.equal(again.gain, fixed_pattern(SENSOR).gain)
     assert not torch.equal(again.gain, fixed_pattern(replace(SENSOR, fixed_seed=6)).gain)
+
+
+def test_maps_last_as_long_as_their_sensor():
+    sensor = replace(SENSOR, fixed_seed=7)
+    kept = weakref.ref(fixed_pattern(sensor))
+    assert fixed_pattern(replace(sensor)) is kept()
+    del sensor
+    gc.collect()
+    assert kept() is None
 
 
 def test_hot_and_dead_pixels_stay_where_they_are_in_all_frames():

@@ -576,6 +576,30 @@ def test_many_frames_have_different_chances():
     assert len(seen) == 2 * 6**3
 
 
+def test_a_world_that_forgets_keeps_no_light_and_computes_the_same_again():
+    w = world(WIDE_OPEN)
+    light = w.light()[0]
+    kept, seen, once = weakref.ref(light), light.clone(), w.imaging.ledger.operations
+    del light
+    w.forget()
+    gc.collect()
+    assert kept() is None
+    assert torch.equal(w.light()[0], seen)
+    assert w.imaging.ledger.operations == 2 * once
+
+
+def test_what_one_tolerance_has_found_out_another_need_not():
+    w, other = world(WIDE_OPEN), world(WIDE_OPEN)
+    trial = w.imaging.at(0.1)
+    one, two = w.situation(), w.situation()
+    first, second = trial.plan(one), w.imaging.plan(two)
+    assert one.pattern is two.pattern
+    assert (first.tol, second.tol) == (0.1, w.imaging.tol)
+    assert second.levels == other.imaging.plan(other.situation()).levels
+    with pytest.raises(ValueError, match="tol is -1"):
+        w.imaging.at(-1.0)
+
+
 def test_patterns_that_were_shown_leave_nothing_behind():
     """Plans of many patterns are kept, but what was known of each isn't: that's far more."""
     one, refs = world(), []
