@@ -140,9 +140,13 @@ def open_area(stop: Stop) -> float:
     return float(sum(w.sum() for _, _, w in scan_lines(stop, 0.0)))
 
 
-@lru_cache(maxsize=32)
 def covered(stop: Stop, radius: float, plane: Plane) -> Array:
     """Gauss-Legendre along the lines that the stop leaves open in each cell"""
+    return _covered(stop, radius, plane).copy()
+
+
+@lru_cache(maxsize=32)
+def _covered(stop: Stop, radius: float, plane: Plane) -> Array:
     (rows, columns), (py, px) = plane.shape, (p / radius for p in plane.pitch)
     y, x = (
         (np.arange(n + 1) - n // 2 - 0.5) * p + float(c) / radius
@@ -156,7 +160,4 @@ def covered(stop: Stop, radius: float, plane: Plane) -> Array:
                 area[row] += weight * np.clip(
                     np.minimum(high, x[1:]) - np.maximum(low, x[:-1]), 0, None
                 )
-    share = area / (py * px)
-    # It is kept for whoever asks next.
-    share.flags.writeable = False
-    return share
+    return np.asarray(area / (py * px))
