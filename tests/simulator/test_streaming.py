@@ -92,7 +92,8 @@ def test_noises_together_are_distributed_as_each_by_itself(shot, electrons, read
     numbers = Stream(light, 0.5, sensor, recipe).frame(generator()).ravel().astype(int) - 100
     values = np.arange(numbers.min(), numbers.max() + 1)
     seen = np.bincount(numbers - values[0]).cumsum() / numbers.size
-    counts = np.arange(int(electrons + 9 * math.sqrt(electrons) + 20))
+    far = 9 * math.sqrt(electrons) + 20
+    counts = np.arange(max(0, int(electrons - far)), int(electrons + far))
     shares = st.poisson.pmf(counts, electrons)
     if read:
         true = st.norm.cdf((values[:, None] + 0.5 - counts) / read) @ shares
