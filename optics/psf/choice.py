@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
@@ -151,16 +152,22 @@ def advice(
     An engine plans anew for another tolerance, and knows only roughly what that leaves out. So
     for a panel apart from its lens, whose engines are cheap to plan, the advice is tried out;
     with room for patterns that send less light into the window than an even one, where there is
-    any. rest: what is left out of the question's tolerance.
+    any. Planning takes a tenth of a second, so the tolerances are bisected: whoever keeps one
+    keeps a larger one, too. rest: what is left out of the question's tolerance.
     """
     promised = question.tol + rest
     if camera is None or not camera.separation or math.isnan(promised):
         return unkeepable(promised, floor)
+    candidates = list(_upwards(floor))
     for room in (_ROOM, 1.0):
-        for tol in _upwards(floor):
-            asked = [replace(question, tol=(tol - rest) / part) for part in (room, 1.0)]
-            if all(_keeps(one, camera, method) for one in asked):
-                return unkeepable(promised, tol)
+
+        def kept(tol: float, room: float = room) -> bool:
+            asked = (replace(question, tol=(tol - rest) / part) for part in (room, 1.0))
+            return all(_keeps(one, camera, method) for one in asked)
+
+        first = bisect_left(candidates, True, key=kept)
+        if first < len(candidates):
+            return unkeepable(promised, candidates[first])
     return unkeepable(promised, math.inf)
 
 

@@ -67,6 +67,8 @@ def reference(
 class _Reference:
     def __init__(self, s: Situation, finest: Finest, check: Callable[[], None]) -> None:
         self._s, self._finest, self._check = s, finest, check
+        if s.camera.separation:
+            raise ValueError("the reference has no panel apart from its lens; give separation 0")
         self._target = s.target.for_camera(s.camera)
         self._camera = replace(s.camera, lens=s.mount.lens(s.camera.lens))
         sensor = s.camera.sensor
@@ -199,8 +201,6 @@ class _Reference:
 
     def _attenuation(self, layer: Layer) -> Array:
         y, x = (one.numpy() for one in self._plane.mesh())
-        if self._s.camera.separation:
-            raise ValueError("the reference has no panel apart from its lens; give separation 0")
         del layer
         angle = np.arctan(np.hypot(y, x) / self._s.camera.lens.image_distance)
         return np.cos(angle) ** 4

@@ -1,7 +1,8 @@
-"""Every row of the catalogue is tried, at each of its tolerances."""
+"""Every row of the catalogue is tried at its hardest tolerance, and by sweeps at its others."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -16,11 +17,18 @@ def rows() -> list[Any]:
             case,
             tol,
             id=case.name if len(case.tols) == 1 else f"{case.name}, tol {tol:g}",
-            marks=[pytest.mark.xfail(reason=case.bug, strict=True)] if case.fails(tol) else [],
+            marks=list(marks(case, tol)),
         )
         for case in CASES
         for tol in case.tols
     ]
+
+
+def marks(case: Case, tol: float) -> Iterator[pytest.MarkDecorator]:
+    if tol != min(case.tols):
+        yield pytest.mark.sweep
+    if case.fails(tol):
+        yield pytest.mark.xfail(reason=case.bug, strict=True)
 
 
 @pytest.mark.parametrize(("case", "tol"), rows())

@@ -20,6 +20,9 @@ from judges.wave import steepest, turns
 from optics.camera import Camera
 from optics.psf import PSFOperator
 
+_AT_ONCE = 16
+"""Lines of a stop, of some hundred nodes each."""
+
 
 @dataclass(frozen=True)
 class Apart(View):
@@ -76,13 +79,21 @@ def _chain_light(view: Apart, modulation: NDArray[np.complex128]) -> Array:
     panel = _Panel.of(view, modulation)
     # Nearly a node a radian is plenty: half of them would do, and here they are dear.
     slope = 0.6 * panel.slope((v, u)) * radius
-    rows, heights = [], []
-    for y, x, weight in scan_lines(lens.stop, slope):
-        at = np.full(1, y * radius), x * radius
-        light = panel.towards(0, at[0]) @ panel.wave @ panel.towards(1, at[1]).T
-        light = light[0] * weight * phasor(panel.left_over(*at))
-        rows.append(times(np.exp(-2j * np.pi / scale * np.outer(u, at[1])), light))
-        heights.append(y * radius)
+    lines = scan_lines(lens.stop, slope)
+    heights = np.array([y for y, _, _ in lines]) * radius
+    sent = panel.towards(0, heights) @ panel.wave
+    rows: list[NDArray[np.complex128]] = []
+    # Many lines at a time: a line by itself is too short for numpy.
+    for some in np.array_split(np.arange(len(lines)), math.ceil(len(lines) / _AT_ONCE)):
+        line = np.repeat(some, [lines[k][1].size for k in some])
+        x = np.concatenate([lines[k][1] for k in some]) * radius
+        light = (sent[line] * panel.towards(1, x)).sum(axis=1)
+        light *= phasor(panel.left_over(heights[line], x))
+        light *= np.concatenate([lines[k][2] for k in some])
+        ends = np.cumsum([lines[k][1].size for k in some])[:-1]
+        kernel = np.exp(-2j * np.pi / scale * np.outer(u, x))
+        parts = zip(np.split(kernel, ends, axis=1), np.split(light, ends), strict=True)
+        rows += [times(each, part) for each, part in parts]
     field = np.exp(-2j * np.pi / scale * np.outer(v, heights)) @ np.array(rows) * radius**2
     passed = float(pixel_coverage(view.optics).sum()) * view.optics.panel.active_side**2
     return on_pixels(view, np.abs(field) ** 2 / (scale**2 * passed), wv, wu)

@@ -19,11 +19,15 @@ def by_lines(view: View) -> Array:
     radius = float(lens.stop_diameter) / 2
     v, u, wv, wu = lines_of(view)
     lines = scan_lines(lens.stop, steepest(view, radius) * radius)
-    rows, heights = [], []
-    for y, x, weight in lines:
-        wave = phasor(waves(view, y * radius, x * radius)) * weight
-        rows.append(times(np.exp(-2j * np.pi * radius / scale * np.outer(u, x)), wave))
-        heights.append(y * radius)
+    heights = np.array([y for y, _, _ in lines]) * radius
+    lengths = [x.size for _, x, _ in lines]
+    y, x = np.repeat(heights, lengths), np.concatenate([x for _, x, _ in lines]) * radius
+    wave = phasor(waves(view, y, x)) * np.concatenate([weight for _, _, weight in lines])
+    ends = np.cumsum(lengths)[:-1]
+    rows = [
+        times(np.exp(-2j * np.pi / scale * np.outer(u, at)), part)
+        for at, part in zip(np.split(x, ends), np.split(wave, ends), strict=True)
+    ]
     field = np.exp(-2j * np.pi / scale * np.outer(v, heights)) @ np.array(rows)
     area = sum(float(w.sum()) for _, _, w in lines)
     density = np.abs(field) ** 2 * radius**2 / (scale**2 * area)

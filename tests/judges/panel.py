@@ -34,10 +34,16 @@ def _panel_light(view: View, modulation: NDArray[np.complex128]) -> Array:
     reach = float(view.lens.stop_diameter) / 2 + math.sqrt(2) * panel.pitch
     reach = min(math.hypot(*panel.shape) * panel.pitch / 2, reach)
     inner, weight = gauss(node_count(side, steepest(view, reach)) - 32)
-    y, x = ((positions(n, panel.pitch)[:, None] + inner * side / 2).ravel() for n in panel.shape)
-    wy, wx = (np.tile(weight * side / 2, n) for n in panel.shape)
     covered = pixel_coverage(view.optics)
-    factor = np.kron(covered * modulation, np.ones((inner.size, inner.size)))
+    factor = covered * modulation
+    # Rows and columns without any light add nothing, and take as long as others.
+    bright = [np.flatnonzero(factor.any(axis=1 - axis)) for axis in (0, 1)]
+    y, x = (
+        (positions(n, panel.pitch)[some, None] + inner * side / 2).ravel()
+        for n, some in zip(panel.shape, bright, strict=True)
+    )
+    wy, wx = (np.tile(weight * side / 2, some.size) for some in bright)
+    factor = np.kron(factor[np.ix_(*bright)], np.ones((inner.size, inner.size)))
     dark = factor == 0
     waves = turns(view.lens, view.distance, view.wavelength, y[:, None], x[None, :])
     wave = np.where(dark, 0, factor * phasor(np.where(dark, 0, waves)) * wy[:, None] * wx)

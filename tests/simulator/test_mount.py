@@ -82,7 +82,9 @@ def seen(lens: Lens, phase, mount: Mount, plane: Plane):
 
 
 @pytest.mark.parametrize("mount", MOUNTS, ids=str)
-@pytest.mark.parametrize(("side", "pitch"), [(60, 12e-6), (57, 13.6e-6)])
+@pytest.mark.parametrize(
+    ("side", "pitch"), [pytest.param(60, 12e-6, marks=pytest.mark.sweep), (57, 13.6e-6)]
+)
 def test_a_psf_turns_with_the_panel(mount, side, pitch, rng):
     """Also one that fills its window, with hardly more samples than it needs: 14.3 µm apart."""
     plane = Plane((side, side), (pitch, pitch))
@@ -92,7 +94,15 @@ def test_a_psf_turns_with_the_panel(mount, side, pitch, rng):
         assert relative(seen(WIDE_OPEN.lens, phase, mount, plane), truth) <= 1e-5
 
 
-@pytest.mark.parametrize("mount", [MOUNTS[1], MOUNTS[2], MOUNTS[6]], ids=str)
+@pytest.mark.parametrize(
+    "mount",
+    [
+        pytest.param(MOUNTS[1], marks=pytest.mark.sweep),
+        MOUNTS[2],
+        pytest.param(MOUNTS[6], marks=pytest.mark.sweep),
+    ],
+    ids=str,
+)
 def test_the_lens_aberrations_stay_with_the_sensor(mount, rng):
     lens = replace(WIDE_OPEN.lens, aberrations=((3, 1, 9e-7), (2, -2, 6e-7), (4, 0, 3e-7)))
     plane, phase = Plane((60, 60), (12e-6, 12e-6)), rng.uniform(0, 1, CAMERA.panel.shape)
