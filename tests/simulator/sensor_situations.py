@@ -5,10 +5,39 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from optics.camera import Camera, Sensor
+from optics.camera import Camera, Panel, Sensor
 from optics.plane import Plane
+from optics.sensor import moments
 from optics.sensor.shutter import span
+from simulator.effects.clipping import Clipping
+from simulator.effects.dark_current import DarkCurrent
+from simulator.effects.fixed_pattern import FixedPattern
+from simulator.effects.quantisation import Quantisation
+from simulator.effects.read_noise import ReadNoise
+from simulator.effects.shot_noise import ShotNoise
 from simulator.probing.radial import RadialProfile
+from simulator.recipe import Recipe
+
+EFFECTS = [DarkCurrent(), ShotNoise(), Clipping(), ReadNoise(), FixedPattern(), Quantisation()]
+BARE = Recipe(Panel(), 64, 1)
+UNEVEN = {"prnu": 0.02, "dsnu": 1.5, "dead": 0.02, "hot": 0.02, "hot_current": 300.0}
+
+
+def read(light, one, exposure, recipe):
+    """Mean and variance of what a sensor reads, electrons, with the stages of a recipe."""
+    stages = {
+        name: getattr(recipe.stages, name)
+        for name in ("dark_current", "fixed_pattern", "shot", "clipping",
+                     "read_noise", "quantisation")
+    }  # fmt: skip
+    return moments(light * exposure, exposure, one, **stages)
+
+
+def changes(one, other):
+    """L2 norms of what two pairs of mean and variance differ by: in mean, variance and σ."""
+    mean, variance = one[0] - other[0], one[1] - other[1]
+    sigma = one[1].sqrt() - other[1].sqrt()
+    return tuple(float(torch.linalg.vector_norm(part)) for part in (mean, variance, sigma))
 
 
 def sensor(rng: np.random.Generator, **more) -> Sensor:

@@ -11,32 +11,14 @@ import numpy as np
 import pytest
 import scipy.stats as st
 import torch
-from sensor_situations import picture, sensor, situation
+from sensor_situations import BARE, EFFECTS, UNEVEN, changes, picture, read, sensor, situation
 
-from optics.camera import Panel, Sensor
-from optics.sensor import moments
+from optics.camera import Sensor
 from optics.sensor.drawing import electrons_of
 from simulator.effects.clipping import Clipping
-from simulator.effects.dark_current import DarkCurrent
-from simulator.effects.fixed_pattern import FixedPattern
 from simulator.effects.on_pixels import near_limit, through_sensor
-from simulator.effects.quantisation import Quantisation
 from simulator.effects.read_noise import ReadNoise
 from simulator.effects.shot_noise import ShotNoise
-from simulator.recipe import Recipe
-
-EFFECTS = [DarkCurrent(), ShotNoise(), Clipping(), ReadNoise(), FixedPattern(), Quantisation()]
-BARE = Recipe(Panel(), 64, 1)
-UNEVEN = {"prnu": 0.02, "dsnu": 1.5, "dead": 0.02, "hot": 0.02, "hot_current": 300.0}
-
-
-def read(light, one, exposure, recipe):
-    stages = {
-        name: getattr(recipe.stages, name)
-        for name in ("dark_current", "fixed_pattern", "shot", "clipping",
-                     "read_noise", "quantisation")
-    }  # fmt: skip
-    return moments(light * exposure, exposure, one, **stages)
 
 
 def around(rng, effect, s):
@@ -51,12 +33,6 @@ def around(rng, effect, s):
         if other is not effect and other.caused(s) and rng.random() < chance:
             recipe = other.apply(recipe, s, int(rng.integers(1, len(other.levels))))
     return recipe
-
-
-def changes(one, other):
-    mean, variance = one[0] - other[0], one[1] - other[1]
-    sigma = one[1].sqrt() - other[1].sqrt()
-    return tuple(float(torch.linalg.vector_norm(part)) for part in (mean, variance, sigma))
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)

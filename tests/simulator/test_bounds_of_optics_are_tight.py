@@ -1,0 +1,221 @@
+"""Bounds of the effects of optics are not much larger than what the effects change.
+
+A bound that is too large is never broken, but makes the simulator compute what no scene calls
+for. Each effect stands here in a situation that comes near the worst that its bound knows of, at
+every level that one finds there; what is left between the two is its slack. A slack is said as a
+number with its reason, and is less than four times what was found.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from optical_situations import EFFECTS, PANEL, finest, rendered, situation
+
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.light import Band
+from optics.polarisation import PathEffect
+from optics.slm import Map, Response
+from optics.slm.dispersion import max_phase
+from simulator.caching import ByteCache
+from simulator.scene import Flat, Photograph, Star, Target
+from simulator.shown import Shown
+from simulator.situation import Situation
+
+ROWS, COLUMNS = PANEL.shape
+Y, X = np.mgrid[:ROWS, :COLUMNS]
+CHECKERS = (X // 4 + Y // 4) % 2
+"""A binary grating: its orders hold what light an error of its step takes from the middle."""
+
+IDEAL = replace(PANEL, unmodulated=0.0)
+NARROW = Band(550e-9, 1e-9)
+STAR = Star(40e-6, 1.0, 2e10)
+RANDOM = np.random.default_rng(0).integers(0, 60, PANEL.shape)
+LENS = Lens(0.05, 40.0, 1.0)
+
+
+def camera(panel: Panel = IDEAL, pitch: float = 60e-6, shape=(20, 24), lens: Lens = LENS):
+    """A spot in focus is 25 µm wide. Electrons are read as they come, and no well is full."""
+    return Camera(panel, lens, Sensor(shape=shape, pitch=pitch, full_well=6e4, bits=16, gain=1.0))
+
+
+def seen(
+    camera: Camera, grey: np.ndarray | None = None, target: Target = STAR, band: Band = NARROW,
+    **more,
+) -> Situation:  # fmt: skip
+    grey = np.zeros(camera.panel.shape) if grey is None else grey
+    shown = Shown.of(grey.astype(np.uint8)[None], math.inf)
+    return situation(target, camera, band, shown, **more)
+
+
+def lens_pattern(radians: float) -> np.ndarray:
+    """A lens whose phase falls by so much at the panel's left and right edges."""
+    x, y = ((one - one.mean()) / (COLUMNS / 2) for one in (X, Y))
+    phase = radians * (x**2 + y**2) % (2 * np.pi)
+    return np.round(255 * phase / max_phase(PANEL, 550e-9))
+
+
+def at_the_corner(camera: Camera, inside: int) -> Star:
+    """A star's image so many pixels from either side of the frame."""
+    scale, pitch = camera.magnification(1.0), camera.sensor.pitch
+    y, x = ((n / 2 - inside) * pitch / scale for n in camera.sensor.shape)
+    return replace(STAR, offset=(y, x))
+
+
+@dataclass(frozen=True)
+class Worst:
+    """A situation that comes near the worst, and by level how much larger a bound may be."""
+
+    effect: str
+    situation: Callable[[], Situation]
+    slack: dict[int, float]
+    because: str
+    also: dict[str, int] | None = None
+    """Levels of other effects; by default the PSF's structure is at its finest, all else off."""
+    label: str = ""
+    finer: int = 1
+    """Levels above those, to tell what changes; all that are finer still take too long."""
+
+    def __str__(self) -> str:
+        return f"{self.effect} {self.label}".strip()
+
+
+def reach() -> Situation:
+    wide = camera(pitch=5e-6, shape=(100, 100))
+    return seen(wide, RANDOM, at_the_corner(wide, 8))
+
+
+def sampling() -> Situation:
+    image = torch.from_numpy(np.random.default_rng(1).random((100, 100, 3)).astype(np.float32))
+    return seen(camera(pitch=10e-6), target=Photograph(image, 1.0, 1e7, cover=0.7))
+
+
+def leaking(most: float) -> Situation:
+    """The pattern's phase turns often over what leaks: few wavelengths see chance parts of it."""
+    table = ((400e-9, 1.4 * most), (550e-9, most), (700e-9, 0.78 * most))
+    thick = camera(replace(IDEAL, max_phase=table))
+    return seen(thick, 255 * CHECKERS, band=Band(550e-9, 10e-9, leak=3e-3))
+
+
+def beside() -> Situation:
+    return seen(camera(pitch=20e-6), target=Flat(1.0, 1e7), band=Band(550e-9, 10e-9, leak=3e-3))
+
+
+def thick_grating() -> Situation:
+    return seen(camera(), 240 * CHECKERS, band=Band(550e-9, 30e-9))
+
+
+def panel(grey: np.ndarray | None = None, **data) -> Callable[[], Situation]:
+    return lambda: seen(camera(replace(IDEAL, **data)), grey)
+
+
+def uneven_light() -> Situation:
+    """A pattern that spreads the panel over the sensor shows how unevenly it is lit."""
+    x = np.mgrid[-1:1:6j, -1:1:8j][1]
+    return panel(lens_pattern(7), illumination=Map(np.exp(-(x**2)) + 0.1))()
+
+
+def crystal() -> Situation:
+    video = np.stack([0 * CHECKERS, 40 * CHECKERS]).astype(np.uint8)
+    slow = camera(replace(IDEAL, response_time=1e-3))
+    return situation(STAR, slow, NARROW, Shown.of(video, 1 / 60), exposure=1 / 60)
+
+
+def interfering() -> Situation:
+    path = PathEffect(torch.tensor(0.5), torch.tensor(0.05), torch.tensor(0.1 + 0.05j))
+    return seen(camera(), path=path)
+
+
+def apart() -> Situation:
+    far = replace(camera(), separation=1e-3)
+    return seen(far, lens_pattern(7), at_the_corner(far, 1), numerics=0.1)
+
+
+def gratings_orders() -> Situation:
+    return seen(camera(replace(IDEAL, pitch=80e-6), shape=(8, 28)))
+
+
+def wide_angle(target: Target | None = None) -> Callable[[], Situation]:
+    def made() -> Situation:
+        wide = camera(pitch=80e-6, shape=(100, 120), lens=Lens(0.01, 80.0, 1.0))
+        star = replace(at_the_corner(wide, 2), diameter=6e-3, radiance=2e7)
+        return seen(wide, target=target or star)
+
+    return made
+
+
+RAYS = {"diffraction": 0}
+BAND = {"filter bandwidth": 9}
+TWICE = "light that moves counts where it was and where it goes; a spot is spread over pixels"
+FIELDS = "Cauchy-Schwarz; a change in one place and the other counts by their sum"
+
+WORST = [
+    Worst("PSF reach", reach, {0: 5, 1: 6}, "×1.5, ×1.3 for other wavelengths, and by energy"),
+    Worst("light sampling", sampling, {0: 12, 1: 8, 2: 8}, "×2; every frequency at its worst"),
+    Worst("diffraction", lambda: seen(camera()), {0: 8}, "×1.5; waves and rays each from sharp"),
+    Worst(
+        "filter bandwidth", lambda: seen(camera(pitch=20e-6), lens_pattern(14),
+                                         band=Band(550e-9, 120e-9)),
+        {0: 7, 1: 6, 2: 6, 3: 6, 4: 8, 5: 12, 6: 22}, "×2; all parts of the picture in phase",
+    ),
+    Worst("out-of-band leak", beside, {0: 1.2}, "all of it is missing", label="of even light"),
+    Worst("out-of-band leak", lambda: leaking(100), {0: 7, 2: 11}, TWICE,
+          BAND | {"panel dispersion": 1}),
+    Worst("out-of-band leak", lambda: leaking(300), {1: 30}, "as if none of it were as it is",
+          BAND | {"panel dispersion": 1}, "by few wavelengths", 2),
+    Worst("panel dispersion", thick_grating, {0: 15},
+          FIELDS + "; errors of either sign as if they were of one", BAND),
+    Worst("illumination", uneven_light, {0: 10}, FIELDS),
+    Worst("front reflection", panel(RANDOM, front_reflection=0.05), {0: 5}, TWICE),
+    Worst("unmodulated light", panel(RANDOM, unmodulated=0.05), {0: 5}, TWICE),
+    Worst("jitter", panel(jitter=0.2), {0: 5}, TWICE),
+    Worst("gap light", panel(gap_reflection=0.3), {0: 2.5}, "a spot is spread over pixels"),
+    Worst(
+        "panel response",
+        panel(15 * CHECKERS, response=Response.tabulated(
+            550e-9, 1.1 * (np.arange(256) / 255) ** 1.1)),
+        {0: 5}, FIELDS,
+    ),
+    Worst("neighbour coupling", panel(20 * (X // 2 % 2), coupling=8e-6), {0: 7}, "×1.5; " + FIELDS),
+    Worst("flicker", panel(40 * CHECKERS, flicker=0.1), {0: 8}, "×1.5; mean and power add up"),
+    Worst("flatness", panel(20 * CHECKERS, flatness=Map(CHECKERS * 2e-8)), {0: 5}, FIELDS),
+    Worst("liquid-crystal response", crystal, {0: 18}, "×1.2; " + FIELDS + ", and power"),
+    Worst("polarisation interference", interfering, {0: 3.5}, "×1.2; in phase wherever they meet",
+          {"unmodulated light": 1}),
+    Worst("field position", apart, {0: 170},
+          "the root of the light that is lit anew, as if it met the rest in phase"),
+    Worst("vignetting", wide_angle(), {0: 3}, "the margin's corner is darker still", RAYS, "star"),
+    Worst("vignetting", wide_angle(Flat(1.0, 1e5)), {0: 6}, "as all were as dark as that", RAYS,
+          "even light"),
+    Worst("panel orders", gratings_orders, {0: 11, 1: 12},
+          "×1.5; orders that lie apart as if they were one"),
+]  # fmt: skip
+
+
+def levels_of(s: Situation, one: Worst) -> dict[str, int]:
+    """The structure of a PSF at its finest, other effects off unless they are wanted."""
+    structure, top = ("PSF reach", "light sampling", "diffraction"), finest(s)
+    wanted = {name: top[name] for name in structure} | (one.also or {})
+    return {name: min(wanted.get(name, 0), level) for name, level in top.items()}
+
+
+@pytest.mark.parametrize("one", WORST, ids=str)
+def test_a_bound_is_near_what_its_effect_changes(one: Worst):
+    s, cache = one.situation(), ByteCache()
+    effect = next(effect for effect in EFFECTS if effect.name == one.effect)
+    top = min(max(one.slack) + one.finer, effect.finest(s))
+    levels = levels_of(s, one)
+    whole = rendered(s, {**levels, one.effect: top}, cache)
+    for level, slack in one.slack.items():
+        changed = np.linalg.norm(rendered(s, {**levels, one.effect: level}, cache) - whole)
+        assert changed > 1e-4 * np.linalg.norm(whole), "the effect doesn't matter here"
+        assert changed <= effect.bound(s, level).mean <= slack * changed, (level, one.because)
+    bounds = [effect.bound(s, level).mean for level in range(effect.finest(s) + 1)]
+    assert bounds == sorted(bounds, reverse=True)
+
+
+def test_every_effect_has_its_worst():
+    assert {one.effect for one in WORST} == {effect.name for effect in EFFECTS}
