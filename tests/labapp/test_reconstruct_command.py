@@ -363,19 +363,6 @@ def test_what_a_record_lacks_is_named(labapp, run, options, words):
     assert words in errors
 
 
-def test_the_demos_photograph_is_restored_from_its_record(labapp, demo, tmp_path):
-    """Against the neutral photograph of the same run, which the restoration doesn't see."""
-    out = tmp_path / "after.npy"
-    code, _, errors = labapp("reconstruct", demo.record, "--out", out, "--json")
-    assert code == 0, errors
-    brackets = {b.pattern: b.rate for b in demo.analysis.brackets if b.target == "photograph"}
-    white = np.percentile(brackets["neutral"], 99.9)
-    truth, coded = brackets["neutral"] / white, brackets["ring"] / white
-    middle = (slice(26, -26), slice(39, -39))
-    after = np.load(out) / white
-    assert psnr(after[middle], truth[middle]) > psnr(coded[middle], truth[middle]) + 6
-
-
 def test_an_unknown_blur_is_looked_for_written_and_judged(labapp, tmp_path):
     """A stroke over disks: the picture gets nearer to the truth than it was."""
     rng = np.random.default_rng(8)
