@@ -62,18 +62,8 @@ def test_every_method_is_a_row_and_the_best_are_the_front(labapp, picture, tmp_p
 def test_peers_are_rows_too(labapp, picture, tmp_path):
     pytest.importorskip("skimage")
     data = tmp_path / "rows.json"
-    code, _, errors = labapp(
-        "accuracy",
-        "deconvolve",
-        picture,
-        "--size",
-        40,
-        "--blur",
-        "disk of 3",
-        "--peers",
-        "--json",
-        data,
-    )
+    asked = ["--size", 40, "--blur", "disk of 3", "--peers"]
+    code, _, errors = labapp("accuracy", "deconvolve", picture, *asked, "--json", data)
     assert code == 0, errors
     methods = {row["method"] for row in json.loads(data.read_text())["rows"]}
     assert "scikit-image unsupervised_wiener" in methods
