@@ -35,7 +35,7 @@ def test_importing_drivers_loads_no_tensors_and_no_vendor():
     heavy = ["torch", "PySide6", "serial", "usb", "libusb_package", "h5py", "optics", "simulator"]
     names = ["interfaces", "ports", "clock", "errors", "hosted", "supervised", "manual"]
     modules = ["drivers", *(f"drivers.{name}" for name in names)]
-    assert not any(loaded_by({module: heavy for module in modules}).values())
+    assert not any(loaded_by(dict.fromkeys(modules, heavy)).values())
 
 
 def test_importing_optics_and_the_simulator_loads_no_window_port_or_file_format():

@@ -252,15 +252,15 @@ def test_a_ready_plan_passes_on_the_bundled_bench(labapp, name):
     assert f"PASS. Run it with: labapp run {name} --out run.h5" in printed
 
 
-ALWAYS = ("edof-target", "photon-transfer")
+ALWAYS = ("photon-transfer", "spectral-stack")
 SWEPT = [pytest.param(name, marks=pytest.mark.sweep) for name in READY if name not in ALWAYS]
 
 
 @pytest.mark.parametrize("name", [*ALWAYS, *SWEPT])
-def test_a_ready_plan_runs_on_a_tiny_bench_with_the_bundled_scene(tiny, tmp_path, name):
+def test_a_ready_plan_runs_on_a_small_bench_with_the_bundled_scene(small, tmp_path, name):
     plan = read_file(ready_plans()[name], PlanFile)
     asked: list[str] = []
-    with open_bench(BenchFiles.default(tiny.bench)) as bench:
+    with open_bench(BenchFiles.default(small.bench)) as bench:
         outcome = run_plan(
             bench, plan, tmp_path / "run.h5", ask=lambda text, progress: asked.append(text)
         )
