@@ -11,43 +11,37 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
+LOOK = """
+import importlib, sys
+for line in sys.stdin:
+    module, *heavy = line.split()
+    importlib.import_module(module)
+    print(module, *(name for name in heavy if name in sys.modules), flush=True)
+"""
 
-def loaded_by(module: str, heavy: list[str]) -> str:
-    """Which of `heavy` a fresh interpreter has loaded after importing `module`."""
-    code = f"import {module}, sys; print([m for m in {heavy!r} if m in sys.modules])"
+
+def loaded_by(modules: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Which heavy ones a fresh interpreter has loaded after it imported each module in turn."""
+    asked = "".join(f"{module} {' '.join(heavy)}\n" for module, heavy in modules.items())
+    command = [sys.executable, "-c", LOOK]
     answer = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+        command, input=asked, capture_output=True, text=True, check=True, timeout=120
     )
-    return answer.stdout.strip()
+    words = [line.split() for line in answer.stdout.splitlines()]
+    return {module: loaded for module, *loaded in words}
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "drivers",
-        "drivers.interfaces",
-        "drivers.ports",
-        "drivers.clock",
-        "drivers.errors",
-        "drivers.hosted",
-        "drivers.supervised",
-        "drivers.manual",
-    ],
-)
-def test_importing_drivers_loads_no_tensors_and_no_vendor(module):
+def test_importing_drivers_loads_no_tensors_and_no_vendor():
     heavy = ["torch", "PySide6", "serial", "usb", "libusb_package", "h5py", "optics", "simulator"]
-    assert loaded_by(module, heavy) == "[]"
+    names = ["interfaces", "ports", "clock", "errors", "hosted", "supervised", "manual"]
+    modules = ["drivers", *(f"drivers.{name}" for name in names)]
+    assert not any(loaded_by(dict.fromkeys(modules, heavy)).values())
 
 
-def test_importing_optics_loads_no_window_port_or_file_format():
-    heavy = ["PySide6", "pyqtgraph", "serial", "usb", "h5py", "pydantic", "typer", "drivers",
-             "simulator", "labapp"]  # fmt: skip
-    assert loaded_by("optics.psf", heavy) == "[]"
-
-
-def test_importing_the_simulator_loads_no_application():
-    heavy = ["PySide6", "serial", "usb", "h5py", "pydantic", "typer", "labapp"]
-    assert loaded_by("simulator.devices", heavy) == "[]"
+def test_importing_optics_and_the_simulator_loads_no_window_port_or_file_format():
+    heavy = ["PySide6", "pyqtgraph", "serial", "usb", "h5py", "pydantic", "typer", "labapp"]
+    asked = {"optics.psf": [*heavy, "drivers", "simulator"], "simulator.devices": heavy}
+    assert loaded_by(asked) == {"optics.psf": [], "simulator.devices": []}
 
 
 def test_a_device_error_tells_device_command_reply_and_remedy():

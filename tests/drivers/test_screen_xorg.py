@@ -62,7 +62,13 @@ def process_of(slm) -> int:
 
 
 @pytest.mark.parametrize(
-    ("scale", "manager"), [*((scale, True) for scale in SCALES), (1, False), (1.5, False)]
+    ("scale", "manager"),
+    [
+        (1.5, True),
+        (1, False),
+        *(pytest.param(scale, True, marks=pytest.mark.sweep) for scale in SCALES if scale != 1.5),
+        pytest.param(1.5, False, marks=pytest.mark.sweep),
+    ],
 )
 def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, scale, manager):
     require_tools()
@@ -207,7 +213,7 @@ def test_no_screen_saver_comes_while_it_is_open(bench, rng):
 
 @pytest.mark.parametrize("hold_up", [False, True])
 def test_a_video_comes_in_order_and_what_comes_late_is_told(bench, hold_up):
-    found, times = watched_video(bench, 3, hold_up=hold_up)
+    found, times = watched_video(bench, 1.5, hold_up=hold_up)
     assert found.good, found
     assert 1 / found.period == pytest.approx(60, rel=1e-3)
     assert found.frames > 60

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 from figures.fuzz import fuzz
 from figures.serial_cases import SERIAL_CASES
 from figures.usb_cases import USB_CASES
 from figures.wire_faults import kinds, suffer
 
-_MOMENTS = int(os.environ.get("LABAPP_FAULT_MOMENTS", "1"))
-_FUZZED = int(os.environ.get("LABAPP_FUZZED_DRIVERS", "3"))
 _OF_VARIANTS = ("delayed", "bit flips")
 
 
@@ -22,16 +18,18 @@ def trials():
                 yield pytest.param(case, kind, id=f"{case.name}-{kind}")
 
 
+@pytest.mark.parametrize("moments", [1, pytest.param(5, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize(("case", "kind"), list(trials()))
-def test_truth_or_a_device_error_in_time_and_the_next_command_works(case, kind):
-    wrong = [one for one in suffer(case, kind, _MOMENTS, seed=99) if one.wrong]
+def test_truth_or_a_device_error_in_time_and_the_next_command_works(case, kind, moments):
+    wrong = [one for one in suffer(case, kind, moments, seed=99) if one.wrong]
     assert not wrong
 
 
+@pytest.mark.parametrize("seeds", [1, pytest.param(3, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize("case", SERIAL_CASES, ids=lambda case: case.name)
-def test_changed_answers_are_never_believed(case):
+def test_changed_answers_are_never_believed(case, seeds):
     changed = 0
-    for seed in range(_FUZZED):
+    for seed in range(seeds):
         for count, ended in fuzz(case, 1000 + seed):
             changed += count
             assert ended in ("", "DeviceError")

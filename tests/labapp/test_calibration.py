@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from small_bench.files import Size, bench_text
 
 from drivers.interfaces import Identity
 from labapp.acquisition.runner import run_plan
@@ -34,48 +35,8 @@ from optics.camera import Camera, Sensor
 from optics.progress import Cancelled, Progress
 from optics.slm import grey_to_phase
 
-BENCH = """
-version = 1
-name = "Unknown bench"
-transmission = 0.5
-[panel]
-model = "small"
-width = 192
-height = 108
-pitch_um = 80.0
-fill_factor = 0.9
-unmodulated = 0.05
-reflectivity = 0.6
-settling_ms = 50.0
-max_phase_pi = { 452 = 9.0, 532 = 6.7, 633 = 5.4 }
-[lens]
-focal_length_mm = 125.0
-f_number = 5.0
-focus_distance_m = 2.0
-[sensor]
-model = "small"
-width = 192
-height = 160
-pitch_um = 3.45
-bits = 12
-full_well_electrons = 10500.0
-gain_electrons_per_dn = 2.6
-read_noise_electrons = 2.4
-dark_current_electrons_per_s = 1.0
-black_level_dn = 64.0
-quantum_efficiency = 0.62
-shortest_exposure_us = 20.0
-longest_exposure_s = 30.0
-[devices.slm]
-driver = "simulated-slm"
-[devices.filter]
-driver = "simulated-filter"
-options = { range_nm = [420.0, 720.0], bandwidth_nm = 1.0 }
-[devices.camera]
-driver = "simulated-camera"
-[devices.targets]
-driver = "simulated-targets"
-"""
+SIZE = Size((54, 96), 160.0, 5.0, (96, 112))
+BENCH = bench_text(SIZE, filter_options="range_nm = [420.0, 720.0], bandwidth_nm = 1.0")
 
 SCENE = """
 version = 1
@@ -99,7 +60,7 @@ rotation_deg = 3.0
 flip_x = true
 """
 
-LEVELS = 24
+LEVELS = 16
 ANGLE = math.radians(3.0)
 
 
@@ -124,7 +85,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(files, folder) -> Calibrated:
-    """One calibration that most tests look at: 41 frames."""
+    """One calibration that most tests look at: 33 frames."""
     request = Request(wavelengths_nm=(532.0,), regions=(1, 2), levels=LEVELS)
     with open_bench(files) as bench:
         return calibrate(bench, request, folder)
@@ -133,9 +94,7 @@ def found(files, folder) -> Calibrated:
 @pytest.fixture
 def calibrated_bench(found, files, folder, tmp_path) -> BenchFiles:
     """The same bench with the calibration in force."""
-    text = BENCH.replace(
-        "transmission = 0.5", f'transmission = 0.5\ncalibration = "{folder}/calibration.json"'
-    )
+    text = BENCH.replace("[panel]", f'calibration = "{folder}/calibration.json"\n[panel]', 1)
     (tmp_path / "bench.toml").write_text(text)
     return BenchFiles(tmp_path / "bench.toml", files.scene)
 
@@ -154,13 +113,13 @@ def test_the_registration_is_the_mount_and_the_lens(found):
     """Pixels per cycle a panel pixel: wavelength times image distance over both pitches. The
     mirror comes first, then the turn from x towards y."""
     registration = found.file.registrations[0].build()
-    scale = 532e-9 / (1 / 0.125 - 1 / 2.0) / 80e-6 / 3.45e-6
+    scale = 532e-9 / (1 / 0.125 - 1 / 2.0) / 160e-6 / 3.45e-6
     corners = np.array([(y, x) for y in (-0.25, 0.25) for x in (-0.3, 0.3)])
     y, x = scale * corners[:, 0], -scale * corners[:, 1]
     turned = np.stack(
         [
-            80 + y * math.cos(ANGLE) + x * math.sin(ANGLE),
-            96 + x * math.cos(ANGLE) - y * math.sin(ANGLE),
+            48 + y * math.cos(ANGLE) + x * math.sin(ANGLE),
+            56 + x * math.cos(ANGLE) - y * math.sin(ANGLE),
         ],
         axis=1,
     )
@@ -209,15 +168,16 @@ def test_nothing_in_the_sweep_is_clipped_and_the_star_is_bright(found, folder):
 def test_the_file_is_read_back_as_it_was_written(found, folder):
     read = read_file(folder / "calibration.json", CalibrationFile)
     assert read == found.file
-    assert read.bench == "Unknown bench"
+    assert read.bench == "Small bench"
     assert read.record == "run.h5"
     assert read.devices["slm"].simulated
-    assert read.panel["pitch_um"] == 80.0
+    assert read.panel["pitch_um"] == 160.0
     text = as_json(found.file).decode()
     assert json.loads(text) == found.file.model_dump(mode="json")
     assert max(len(line) for line in text.splitlines()) > 1000
 
 
+@pytest.mark.sweep
 def test_a_fit_of_the_record_gives_the_same_again(found, folder, tmp_path):
     shutil.copy(folder / "run.h5", tmp_path / "run.h5")
     again = conclude(tmp_path / "run.h5").file

@@ -77,6 +77,7 @@ def test_the_bundled_front_is_that_of_the_default_case():
 
 def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64,))
+    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
     front = tmp_path / "front.json"
     options = ["accuracy", "psf", "--size", "16", "--f-number", "32"]
     assert labapp(*options, "--json", front)[0] == 0

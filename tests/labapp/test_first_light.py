@@ -27,6 +27,7 @@ def test_the_best_reconstruction_gains_three_decibels_and_structure(demo):
     assert best.ssim > scores["coded"].ssim
 
 
+@pytest.mark.sweep
 def test_the_measured_psf_is_that_of_a_direct_quadrature(demo):
     """The judge shares no code with the engine; 5 % leaves room for the star's photons."""
     assert prediction_error(demo.record) <= 0.05
@@ -91,6 +92,7 @@ def test_the_figures_as_data_are_json(demo):
     assert len(data["exposures"]) == 4
 
 
+@pytest.mark.sweep
 def test_a_report_is_made_again_from_the_record_alone(demo, labapp, tmp_path):
     code, printed, _ = labapp("report", demo.record, "--out", tmp_path, "--json")
     assert code == 0
@@ -101,6 +103,24 @@ def test_a_report_is_made_again_from_the_record_alone(demo, labapp, tmp_path):
     code, _, complaint = labapp("report", demo.record, "--out", tmp_path)
     assert code == 1
     assert "--force" in complaint
+
+
+@pytest.mark.sweep
+def test_the_demos_photograph_is_restored_from_its_record(labapp, demo, tmp_path):
+    """Against the neutral photograph of the same run, which the restoration doesn't see."""
+    out = tmp_path / "after.npy"
+    code, _, errors = labapp("reconstruct", demo.record, "--out", out, "--json")
+    assert code == 0, errors
+    brackets = {b.pattern: b.rate for b in demo.analysis.brackets if b.target == "photograph"}
+    white = np.percentile(brackets["neutral"], 99.9)
+    truth, coded = brackets["neutral"] / white, brackets["ring"] / white
+    middle = (slice(26, -26), slice(39, -39))
+    after = np.load(out) / white
+    assert psnr(after[middle], truth[middle]) > psnr(coded[middle], truth[middle]) + 6
+
+
+def psnr(image, truth):
+    return 10 * np.log10(1 / np.mean((image - truth) ** 2))
 
 
 def test_show_tells_what_a_record_holds(demo, labapp):
@@ -138,6 +158,7 @@ def test_a_device_that_is_not_there_hides_no_other(labapp, tmp_path):
     assert "/dev/none" in last["limits"]
 
 
+@pytest.mark.sweep
 def test_a_users_own_photograph_is_taken(labapp, tmp_path):
     """A checkerboard of any size and depth fills the frame."""
     board = (np.indices((90, 130)) // 10).sum(0) % 2 * np.uint16(60000)

@@ -14,17 +14,17 @@ from labapp.memory import keep_freed_memory
 if sys.argv[1] == "kept":
     keep_freed_memory()
 def faults():
-    for _ in range(20):
-        torch.zeros(12_000_000).add_(1)
+    for _ in range(10):
+        torch.zeros(9_000_000).add_(1)
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 print(-faults() + faults())
 """
 
 
 def faults(how):
-    """Pages that the system had to find for twenty arrays of 48 MB, one after the other.
+    """Pages that the system had to find for ten arrays of 36 MB, one after the other.
 
-    Twenty before them aren't counted: small things that stay may lie in the way of the first few.
+    Ten before them aren't counted: small things that stay may lie in the way of the first few.
     """
     done = forked.run(
         [sys.executable, "-c", _FAULTS, how], capture_output=True, text=True, check=True

@@ -252,7 +252,11 @@ def test_a_ready_plan_passes_on_the_bundled_bench(labapp, name):
     assert f"PASS. Run it with: labapp run {name} --out run.h5" in printed
 
 
-@pytest.mark.parametrize("name", READY)
+ALWAYS = ("photon-transfer", "spectral-stack")
+SWEPT = [pytest.param(name, marks=pytest.mark.sweep) for name in READY if name not in ALWAYS]
+
+
+@pytest.mark.parametrize("name", [*ALWAYS, *SWEPT])
 def test_a_ready_plan_runs_on_a_small_bench_with_the_bundled_scene(small, tmp_path, name):
     plan = read_file(ready_plans()[name], PlanFile)
     asked: list[str] = []

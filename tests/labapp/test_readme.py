@@ -26,6 +26,14 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("code", blocks("python"))
+def test_what_the_python_examples_import_is_there(code):
+    imports = [line for line in code.splitlines() if line.startswith(("import ", "from "))]
+    compile(code, "README.md", "exec")
+    exec("\n".join(imports), {})
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("code", blocks("python"))
 def test_the_python_examples_run_as_they_stand(code, tmp_path):
     command = [sys.executable, "-c", f"import warnings; warnings.simplefilter('error')\n{code}"]
     done = forked.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

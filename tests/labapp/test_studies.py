@@ -37,7 +37,7 @@ FILES = {"run.h5", "study.png", "study.html", "study.json"}
 
 
 def coarse(
-    folder: Path, pitch: float = 3.45, shape: tuple[int, int] = (192, 256), coarser: int = 10
+    folder: Path, pitch: float = 3.45, shape: tuple[int, int] = (128, 160), coarser: int = 10
 ) -> Path:
     """The virtual bench with fewer, larger pixels of the panel, and a small sensor."""
     text = bundled("bench.toml").read_text()
@@ -154,7 +154,7 @@ def test_a_record_is_evaluated_again_to_the_same_figures(shapes, labapp, tmp_pat
 
 
 def test_the_spiral_of_a_video_shrinks_as_asked(tmp_path):
-    keys = ("moments=3", "iterations=30", "exposures_ms=[1, 16, 256]")
+    keys = ("moments=3", "iterations=20", "exposures_ms=[1, 16, 256]")
     said = done(tmp_path / "out", Asked("psf-video", keys, bench=coarse(tmp_path)))
     seen, asked = said["data"]["radius_measured_um"], said["data"]["radius_asked_um"]
     assert seen == pytest.approx(asked, rel=0.08)
@@ -173,15 +173,15 @@ def test_a_disc_has_the_spread_of_a_disc():
 
 
 def test_the_error_of_a_video_falls_as_averages_do(tmp_path):
-    keys = ("counts=[1,2,4]", "reference=12", "joint=3", "iterations=10")
+    keys = ("counts=[1,2,4]", "reference=8", "joint=2", "iterations=10")
     said = done(tmp_path / "out", Asked("psf-stability", keys, bench=coarse(tmp_path)))
     errors = {one["frames"]: one["error"] for one in said["data"]["averaged"]}
     assert errors[1] > errors[2] > errors[4] > 0
     for frames in (2, 4):
-        expected = (1 / frames - 1 / 12) / (1 - 1 / 12)
+        expected = (1 / frames - 1 / 8) / (1 - 1 / 8)
         assert errors[frames] / errors[1] == pytest.approx(expected, rel=0.35)
     (alone,) = values(said, "speckle contrast of one frame")
-    (long,) = values(said, "speckle contrast of 12")
+    (long,) = values(said, "speckle contrast of 8")
     assert long < alone / 2
 
 
@@ -195,7 +195,7 @@ def test_the_law_of_averages_is_that_of_random_numbers():
 
 
 def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_path):
-    bench = coarse(tmp_path, 6.9, (256, 384), 4)
+    bench = coarse(tmp_path, 6.9, (128, 192), 8)
     keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "bricks=false")
     said = done(tmp_path / "out", Asked("refocus", keys, bench=bench))
     (before,) = values(said, "distance in focus, no pattern")

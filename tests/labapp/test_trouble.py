@@ -14,33 +14,37 @@ from small_bench.setups import small_setup
 from labapp.acquisition.state import State
 from simulator.faults import Fault, Kind
 
-KILLS = 8
-FULL = 4
-FAULTS = 2
+
+def few_or(many: int) -> pytest.MarkDecorator:
+    """One trial, and in a sweep many."""
+    return pytest.mark.parametrize("trials", [1, pytest.param(many, marks=pytest.mark.sweep)])
 
 
-def test_no_kill_loses_an_acknowledged_frame_and_every_run_goes_on(tmp_path):
+@few_or(8)
+def test_no_kill_loses_an_acknowledged_frame_and_every_run_goes_on(tmp_path, trials):
     """Another seed than the figure's: these are other plans and other moments."""
-    found = kill_often(tmp_path, KILLS, seed=1)
-    assert len(found) == KILLS
+    found = kill_often(tmp_path, trials, seed=1)
+    assert len(found) == trials
     assert [one.wrong for one in found if one.wrong] == []
     assert sum(one.lost for one in found) == 0
     # Of runs that were killed before a frame was stored nothing would be learnt.
-    assert sum(one.acknowledged for one in found) > KILLS
+    assert sum(one.acknowledged for one in found) > trials
 
 
-def test_a_disk_that_runs_full_loses_nothing_and_the_run_waits_for_space(tmp_path):
-    troubles, paused = fill_often(tmp_path, FULL, seed=1)
+@few_or(4)
+def test_a_disk_that_runs_full_loses_nothing_and_the_run_waits_for_space(tmp_path, trials):
+    troubles, paused = fill_often(tmp_path, trials, seed=1)
     if troubles is None:
         pytest.skip("a small file system can't be mounted here; test_runner.py fakes one")
     assert troubles == []
-    assert paused > FULL // 2
+    assert paused > trials // 2
 
 
+@few_or(2)
 @pytest.mark.parametrize("kind", get_args(Kind))
-def test_a_fault_ends_in_the_right_state_and_never_in_a_wrong_frame(kind, tmp_path):
+def test_a_fault_ends_in_the_right_state_and_never_in_a_wrong_frame(kind, tmp_path, trials):
     """Judged by an undisturbed run of the same plan: every stored frame is the same one."""
-    found = suffer(tmp_path, [kind], FAULTS, seed=1)
+    found = suffer(tmp_path, [kind], trials, seed=1)
     assert [(one.fault, one.wrong) for one in found if one.wrong] == []
     assert {one.state for one in found} <= {State.COMPLETE, State.FAILED}
 

@@ -21,7 +21,15 @@ def _ends_well(make, folder):
     return run
 
 
-@pytest.mark.parametrize("make", [plugs.varispec, plugs.zwo, plugs.screen, plugs.x_server])
+@pytest.mark.parametrize(
+    "make",
+    [
+        plugs.zwo,
+        plugs.x_server,
+        pytest.param(plugs.varispec, marks=pytest.mark.sweep),
+        pytest.param(plugs.screen, marks=pytest.mark.sweep),
+    ],
+)
 def test_it_is_named_and_the_run_goes_on(make, tmp_path):
     """And a person is told while the camera still exposes."""
     run = _ends_well(make, tmp_path)

@@ -58,7 +58,8 @@ def test_measuring_can_be_cancelled():
 
 
 def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64, 128, 512))
+    monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64, 128, 256))
+    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
     files = ["--json", tmp_path / "rows.json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "psf", "--size", "24", "--f-number", "16", *files)
     assert code == 0

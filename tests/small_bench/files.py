@@ -32,7 +32,7 @@ FULL_WELL = 10500.0
 
 
 def bench_text(size: Size = SMALL, *, filter_options: str = "", camera_options: str = "") -> str:
-    """A bench file. The options are lines of TOML for a device's table of options."""
+    """A bench file. The options are what stands in a device's table of them."""
     return f"""
 version = 1
 name = "Small bench"
@@ -43,7 +43,7 @@ model = "small"
 width = {size.panel[1]}
 height = {size.panel[0]}
 pitch_um = {size.panel_pitch_um}
-fill_factor = 0.81
+fill_factor = 0.9
 unmodulated = 0.05
 reflectivity = 0.6
 settling_ms = 50.0

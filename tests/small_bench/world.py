@@ -15,7 +15,10 @@ from simulator.world import World
 from small_bench.files import TINY
 from small_bench.setups import bench_file
 
-CAMERA = bench_file(TINY).build_camera()
+_BENCH = bench_file(TINY).build_camera()
+CAMERA = replace(_BENCH, panel=replace(_BENCH.panel, fill_factor=0.81))
+"""Pixels of nine tenths of the pitch a side can be drawn finely, ten samples to a pixel."""
+
 WIDE_OPEN = replace(CAMERA, lens=replace(CAMERA.lens, f_number=5.0))
 GREY_CARD = torch.full((50, 50, 3), 0.5)
 SCENE = Scene(
