@@ -29,6 +29,10 @@ OTHER_PROCESSES = {
 }
 
 
+BY_NAME = ("labapp.studies.catalogue",)
+"""Packages whose modules are imported by names that are put together."""
+
+
 def modules() -> dict[str, Path]:
     found = {}
     for room in ROOMS:
@@ -65,6 +69,8 @@ def reached(roots: frozenset[str]) -> set[str]:
         if name not in found:
             found.add(name)
             left |= imported(MODULES[name])
+            if name in BY_NAME:
+                left |= {one for one in MODULES if one.startswith(f"{name}.")}
             package = name.rpartition(".")[0]
             left |= {package} & MODULES.keys()
     return found
