@@ -195,7 +195,7 @@ def test_the_law_of_averages_is_that_of_random_numbers():
 
 
 def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_path):
-    bench = coarse(tmp_path, 6.9, (128, 192), 8)
+    bench = coarse(tmp_path, 6.9, (88, 128), 8)
     keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "bricks=false")
     said = done(tmp_path / "out", Asked("refocus", keys, bench=bench))
     (before,) = values(said, "distance in focus, no pattern")

@@ -49,14 +49,16 @@ def test_a_picture_is_on_the_screen(bench, person):
     person.waits(lambda: len(np.unique(person.looks_at(view)[..., 0])) > 50)
 
 
+@pytest.mark.timeout(140)
 def test_the_window_process_loads_nothing_heavy(display, tmp_path):
+    """The only window here on the bundled bench, which is a large one."""
     child = subprocess.run(
         [sys.executable, "-c", _CHILD],
         env={**os.environ, PROBE: "0", "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
         stdout=subprocess.PIPE,
         text=True,
         check=True,
-        timeout=120,
+        timeout=110,
     )
     figures, loaded = child.stdout.strip().splitlines()
     assert set(json.loads(figures)) >= {"seconds_to_window", "seconds_to_picture", "rss_mb"}
