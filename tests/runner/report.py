@@ -32,9 +32,10 @@ class Reporter:
         self._costs.add(report)
         if report.failed:
             terminal = self._config.pluginmanager.getplugin("terminalreporter")
-            terminal.ensure_newline()
             when = f" at {report.when}" if report.when in ("setup", "teardown") else ""
-            terminal.write_line(f"FAILED{when} {report.nodeid}: {_reason(report)}", red=True)
+            terminal.write(
+                f"\nFAILED{when} {report.nodeid}: {_reason(report)}\n", red=True, flush=True
+            )
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
