@@ -1,115 +1,36 @@
 """Bounds of what follows from the target alone, against pictures summed up the long way."""
 
-import math
-from dataclasses import replace
-from functools import lru_cache
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-import scipy.fft
+from scene_situations import (
+    LAMPS,
+    PITCH,
+    PLANE,
+    SIDE,
+    at,
+    at_depths,
+    blurred,
+    camera,
+    frame,
+    moving,
+    psf,
+    random_pattern,
+    seen_and_transparent,
+    sheets,
+    situation,
+)
 
-from optics.camera import Camera, Lens, Panel, Sensor
-from optics.light import Band, Spectrum, Waveform
+from optics.light import Waveform
 from simulator.effects.depths import DepthLayers
 from simulator.effects.lamp import LampFlicker
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
-from simulator.formation.nodes import depth_nodes
-from simulator.mount import Mount
-from simulator.probing.picture import MARGIN
-from simulator.scene import Even, Flat, Sheet, Sheets, Star
+from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle
-from simulator.shown import Shown
-from simulator.situation import Situation
-
-WAVELENGTH, PITCH, SIDE, ACROSS = 550e-9, 5e-6, 32, 48
-PLANE = SIDE + 2 * MARGIN
-LENS = Lens(focal_length=0.125, f_number=5.0, focus_distance=2.0)
-PANEL = Panel(shape=(ACROSS, ACROSS), pitch=WAVELENGTH * LENS.image_distance / (PLANE * PITCH))
-"""A far field's period is the plane of the probe: a PSF is whole on it."""
-
-
-def camera(**sensor):
-    # A converter of an electron a step, which nothing fills: means are read as they are.
-    sound = {"bits": 16, "full_well": 6e4, "gain": 1.0, "black_level": 100.0}
-    return Camera(PANEL, LENS, Sensor(shape=(SIDE, SIDE), pitch=PITCH, **sound, **sensor))
-
-
-def psf(rng, distance, pattern):
-    """|sum over the panel of exp(i pattern + i k (1/d - 1/f) u²/2) exp(-2πi u x / λz)|², at every
-    pixel of the plane: a matrix for each axis. It sums up to 1."""
-    u = (np.arange(ACROSS) - ACROSS / 2 + 0.5) * PANEL.pitch
-    x = (np.arange(PLANE) - PLANE // 2) * PITCH
-    turns = np.exp(-2j * np.pi * np.outer(x, u) / (WAVELENGTH * LENS.image_distance))
-    vergence = 1 / distance - 1 / LENS.focus_distance
-    wave = np.pi / WAVELENGTH * vergence * (u[:, None] ** 2 + u**2)
-    light = np.abs(turns @ np.exp(1j * (pattern + wave)) @ turns.T) ** 2
-    return light / light.sum()
-
-
-def blurred(light, spread):
-    product = scipy.fft.rfft2(np.asarray(light, dtype=float)) * transfer(spread.tobytes())
-    return scipy.fft.irfft2(product)
-
-
-@lru_cache(maxsize=16)
-def transfer(spread):
-    return scipy.fft.rfft2(np.fft.ifftshift(np.frombuffer(spread).reshape(PLANE, PLANE)))
-
-
-def frame(picture):
-    return picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
-
-
-def random_pattern(rng):
-    kind = rng.integers(3)
-    if kind == 0:
-        return np.zeros((ACROSS, ACROSS))
-    if kind == 1:
-        return rng.uniform(0, 2 * np.pi, (ACROSS, ACROSS))
-    slope = rng.normal(size=2) * 0.5
-    y, x = np.mgrid[:ACROSS, :ACROSS] - ACROSS / 2
-    return slope[0] * y + slope[1] * x + 0.01 * rng.normal() * (y**2 + x**2)
-
-
-def paint(rng):
-    return Spectrum.even(float(rng.uniform(0.1, 1)))
-
-
-def sheets(rng, count, background=True):
-    """Rectangles at distances before an even background, all about in the frame."""
-    distances = np.sort(rng.uniform(1.2, 3.5, count))
-    found = []
-    for k, distance in enumerate(distances.tolist()):
-        scale = LENS.image_distance / distance
-        size, middle = rng.uniform(2e-5, 2e-4, 2) / scale, rng.uniform(-8e-5, 8e-5, 2) / scale
-        shape = Polygons((rectangle(tuple(middle), tuple(size), rng.uniform(0, 3)),), (1.0,))
-        if background and k == count - 1:
-            shape = Even()
-        found.append(Sheet(distance, ((paint(rng), shape),), shape))
-    return Sheets(tuple(found), float(10 ** rng.uniform(6, 8)))
-
-
-def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach=None):
-    cam = cam or camera()
-    grey = np.zeros((2 if moves else 1, ACROSS, ACROSS), dtype=np.uint8)
-    if moves:
-        grey[1] += 100
-    # As if all light could fall on a pixel.
-    pattern = SimpleNamespace(
-        reach=reach, order_light=0.0, period=1.0, peak=math.inf, energy=math.inf, middle=1.0,
-        transfer=SimpleNamespace(most_at=lambda k, spread: np.ones_like(k)),
-    )  # fmt: skip
-    shown = Shown.of(grey, 1 / 60 if moves else math.inf)
-    s = Situation(cam, Mount(), target, Band(WAVELENGTH, 7e-9), shown, moment, exposure)
-    # What would be found when first asked for.
-    vars(s)["pattern"] = pattern
-    return s
 
 
 def holds(effect, s, level, measured):
-    """A bound is never below what was measured, and not absurdly above it."""
+    """A bound is never below what was measured."""
     bound = effect.bound(s, level)
     assert bound.mean >= measured * (1 - 1e-5)
     return bound.mean
@@ -131,21 +52,9 @@ def test_depth_layers(seed):
     effect, pattern = DepthLayers(), random_pattern(rng)
     assert effect.caused(s)
 
-    def picture(count):
-        nodes = depth_nodes(s.picture.distances, count)
-        seen = np.zeros((PLANE, PLANE))
-        for k in reversed(range(len(s.picture.lights))):
-            spread = sum(
-                share * psf(rng, node, pattern) for node, share in nodes[s.picture.distances[k]]
-            )
-            cover = s.picture.covers[k]
-            front = blurred(s.picture.lights[k], spread)
-            seen = front + (seen if cover is None else seen * (1 - blurred(cover, spread)))
-        return frame(seen) * s.exposure
-
-    exact = picture(33)
+    exact = at_depths(s, pattern, 33)
     for level in range(effect.finest(s)):
-        measured = np.linalg.norm(picture(int(effect.levels[level])) - exact)
+        measured = np.linalg.norm(at_depths(s, pattern, int(effect.levels[level])) - exact)
         holds(effect, s, level, measured)
     falls(effect, s)
 
@@ -155,7 +64,7 @@ def test_occlusion(seed):
     rng = np.random.default_rng(100 + seed)
     pattern = random_pattern(rng)
     target = sheets(rng, int(rng.integers(2, 4)), background=bool(rng.integers(2)))
-    spreads = [psf(rng, layer.distance, pattern) for layer in target.layers]
+    spreads = [psf(layer.distance, pattern) for layer in target.layers]
 
     def reach(share):
         """By counting: the smallest square that leaves out less than the share of any PSF."""
@@ -169,13 +78,8 @@ def test_occlusion(seed):
     effect = Occlusion()
     if not effect.caused(s):
         return
-    seen, transparent = np.zeros((PLANE, PLANE)), np.zeros((PLANE, PLANE))
-    for k in reversed(range(len(spreads))):
-        front = blurred(s.picture.lights[k], spreads[k])
-        cover = s.picture.covers[k]
-        hidden = 0.0 if cover is None else blurred(cover, spreads[k])
-        seen, transparent = seen * (1 - hidden) + front, transparent + front
-    measured = np.linalg.norm(frame(transparent - seen)) * s.exposure
+    seen, transparent = seen_and_transparent(s, spreads)
+    measured = np.linalg.norm(transparent - seen)
     bound = holds(effect, s, 0, measured)
     # It is of use: no more than all the light that is behind.
     behind = sum(float(one.double().norm()) for one in s.picture.lights[1:])
@@ -192,12 +96,6 @@ def test_occlusion_of_things_far_apart_is_nothing_much():
     bound = Occlusion().bound(s, 0).mean
     assert bound <= 3e-4 * float(s.picture.lights[1].double().norm()) * s.exposure
     assert Occlusion().estimate(s, 0) == 0
-
-
-LAMPS = [
-    Waveform("sine", 100.0, 0.3, 0.4), Waveform("square", 500.0, 1.0, 1.0, duty=0.25),
-    Waveform("filament", 100.0, 0.08),
-]  # fmt: skip
 
 
 @pytest.mark.parametrize("lamp", LAMPS)
@@ -223,7 +121,7 @@ def test_lamp_flicker_of_a_video(seed):
     exposure = float(10 ** rng.uniform(-3, -1))
     target = Star(1e-3, 2.0, 1e8, lamp=lamp)
     s = situation(target, exposure=exposure, moment=float(rng.uniform(0, 1)), moves=True)
-    spreads = [psf(rng, 2.0, random_pattern(rng)) for _ in range(2)]
+    spreads = [psf(2.0, random_pattern(rng)) for _ in range(2)]
     pictures = [frame(blurred(s.picture.lights[0], one)) for one in spreads]
     times = s.moment + (np.arange(20_000) + 0.5) / 20_000 * exposure
     first = np.floor(times * 60).astype(int) % 2
@@ -242,18 +140,6 @@ def test_a_steady_lamp_causes_nothing():
     assert not Occlusion().caused(situation(Flat(2.0, 1e8)))
 
 
-def moving(rng, lamp=None):
-    """A star in the middle of the frame at the exposure's middle."""
-    speed = rng.normal(size=2) * 10 ** rng.uniform(-3, -1.3)
-    return Star(float(rng.uniform(2e-4, 1e-3)), 2.0, 1e8, velocity=tuple(speed.tolist()), lamp=lamp)
-
-
-def at(s, time):
-    """The sharp picture at a time."""
-    shift = tuple(v * time for v in s.target.velocity)
-    return replace(s.picture, shift=shift).lights[0].double().numpy()
-
-
 @pytest.mark.parametrize(
     "seed", [0, 3, 5, 7, *(pytest.param(n, marks=pytest.mark.sweep) for n in (1, 2, 4, 6))]
 )
@@ -266,7 +152,7 @@ def test_motion(seed, rolling):
     cam = camera(shutter="rolling", line_time=4e-5) if rolling else camera()
     exposure = 4e-3
     s = situation(moving(rng, lamp), cam, exposure=exposure, moment=0.0, moves=video)
-    spreads = [psf(rng, 2.0, random_pattern(rng)) for _ in range(2 if video else 1)]
+    spreads = [psf(2.0, random_pattern(rng)) for _ in range(2 if video else 1)]
     starts = 4e-5 * np.arange(SIDE) if rolling else np.zeros(SIDE)
     whole = exposure + starts[-1]
 
@@ -302,7 +188,7 @@ def test_a_path_in_parts_is_nearer_the_finer_they_are():
     rng = np.random.default_rng(5)
     lamp = LAMPS[1]
     s = situation(moving(rng, lamp), exposure=4e-3)
-    spread = psf(rng, 2.0, random_pattern(rng))
+    spread = psf(2.0, random_pattern(rng))
     count = 128
     times = (np.arange(count) + 0.5) / count * 4e-3
     pictures = np.array([frame(blurred(at(s, time), spread)) for time in times])
