@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from figures.presentations import watched_video
 from figures.screen import SCALES, Compared, compare, require_tools
-from xservers import edid, wait_for, xorg
+from xservers import REPLYING, be_patient, edid, wait_for, xorg
 
 from drivers import ports
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from drivers.screen import ScreenSLM, identify
+from drivers.screen import ScreenSLM, driver, identify
 from drivers.x11 import ScreenReader, XConnection
 from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
@@ -29,6 +29,11 @@ pytestmark = pytest.mark.xorg
 def server(tmp_path_factory):
     with xorg(tmp_path_factory.mktemp("xorg")) as running:
         yield running
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    be_patient(monkeypatch)
 
 
 @pytest.fixture
@@ -196,9 +201,10 @@ def test_no_screen_saver_comes_while_it_is_open(bench, rng):
     bench.run("xset", "s", "1", "1")
     try:
         wait_for(lambda: saver(bench) == 1, "a screen saver")
-        bench.run("xset", "s", "reset")
         grey = noise(rng)
         with opened(bench) as slm:
+            bench.run("xset", "s", "reset")
+            wait_for(lambda: saver(bench) != 1, "no screen saver")
             slm.show("noise", grey)
             time.sleep(1.5)
             assert saver(bench) != 1
@@ -280,15 +286,18 @@ def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
     wait_for(lambda: not bench.pixels()[PANEL].any(), "neutral")
 
 
-def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, slm, rng):
-    slm.show("noise", noise(rng))
-    os.kill(process_of(slm), signal.SIGSTOP)
-    with pytest.raises(DeviceError, match="no answer within 4 s; its process was killed"):
-        slm.show("more", noise(rng))
-    assert slm.shown == "neutral"
-    grey = noise(rng)
-    slm.show("again", grey)
-    assert (bench.pixels()[PANEL] == grey[..., None]).all()
+def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, rng, monkeypatch):
+    monkeypatch.setattr(driver, "_CALL", REPLYING)
+    with opened(bench) as slm:
+        slm.show("noise", noise(rng))
+        be_patient(monkeypatch)
+        os.kill(process_of(slm), signal.SIGSTOP)
+        with pytest.raises(DeviceError, match="no answer within 4 s; its process was killed"):
+            slm.show("more", noise(rng))
+        assert slm.shown == "neutral"
+        grey = noise(rng)
+        slm.show("again", grey)
+        assert (bench.pixels()[PANEL] == grey[..., None]).all()
 
 
 # Screens that come and go.

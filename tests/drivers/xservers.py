@@ -10,8 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from drivers.screen import driver
 from simulator import screens
 from simulator.screens import NoXServer, XServer
+
+REPLYING = driver._CALL
+"""Seconds that a panel's window is given in use."""
 
 PATIENCE = 60
 """Seconds after which what should have come long ago is given up."""
@@ -22,6 +26,12 @@ def wait_for(seen: Callable[[], object], what: str) -> None:
     while not seen():
         assert time.monotonic() < late, f"never: {what}"
         time.sleep(0.02)
+
+
+def be_patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give a panel's windows the time that they may need on a busy machine."""
+    for name in ("_CALL", "_AGAIN"):
+        monkeypatch.setattr(driver, name, 40.0)
 
 
 @contextmanager
