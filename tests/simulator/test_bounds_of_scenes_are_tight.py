@@ -31,6 +31,7 @@ from optics.camera import Camera, Lens, Sensor
 from optics.light import Band, Spectrum, Waveform
 from optics.sensor import Mosaic
 from simulator.effects.depths import DepthLayers
+from simulator.effects.depths import _gain as depths_gain
 from simulator.effects.lamp import LampFlicker
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
@@ -77,6 +78,35 @@ def test_depth_layers(distances, pixels, slack):
         near(effect.bound(s, level).mean, np.linalg.norm(found - exact), most)
     bounds = [effect.bound(s, level).mean for level in range(effect.finest(s) + 1)]
     assert bounds == sorted(bounds, reverse=True)
+
+
+def displaced(one: float, other: float) -> float:
+    """By how much rays of two points on the axis, both through a corner of the panel, miss each
+    other on the sensor: each goes straight to where the lens images its point."""
+    corner = math.hypot(ACROSS, ACROSS) / 2 * camera().panel.pitch
+    images = (1 / (1 / LENS.focal_length - 1 / d) for d in (one, other))
+    first, second = (corner * (1 - LENS.image_distance / image) for image in images)
+    return abs(first - second)
+
+
+def test_depths_differ_by_what_the_panels_corners_send_elsewhere():
+    """Two points of light in opposite corners make fringes: a depth turns them by 2π k ρ, and
+    between two depths as the chord of that turn, instead of its arc."""
+    k, wide = np.array([1.0, 10.0, 100.0]), replace(LENS, f_number=40.0)
+    turn = 2 * np.pi * k * displaced(1.5, 2.4)
+    gain = depths_gain(camera(), 1.5, [(2.4, 1.0)])
+    np.testing.assert_allclose(gain(k), turn, rtol=1e-9)
+    assert gain(np.array([1e9])) == 2
+    # Half a turn of the defocus lies between both.
+    middle = 2 / (1 / 1.5 + 1 / 2.4)
+    between = depths_gain(camera(), middle, [(1.5, 0.5), (2.4, 0.5)])
+    np.testing.assert_allclose(between(k), 1 - np.cos(turn / 2), rtol=1e-3)
+    # A smaller stop leaves less of the panel.
+    radius = LENS.focal_length / 40.0 / 2
+    stopped = depths_gain(replace(camera(), lens=wide), 1.5, [(2.4, 1.0)])
+    corner = math.hypot(ACROSS, ACROSS) / 2 * camera().panel.pitch
+    assert radius < corner
+    np.testing.assert_allclose(stopped(k), turn * radius / corner, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("things", "slack"), [
@@ -131,6 +161,23 @@ def test_motion_in_parts_under_a_lamp(level, slack):
     parts = np.repeat(weights.reshape(2**level, -1).mean(1), COUNT // 2**level)
     changed = smeared(s, weights - parts, TIMES)
     near(Motion().bound(s, level).mean, np.linalg.norm(changed), slack)
+
+
+def test_a_path_takes_from_a_fringe_what_its_sinc_does():
+    """Of its contrast, 1 - sinc(k path); under a lamp, whose halves weigh 2 and 0, half of the
+    light counts a quarter of the path from where the other half would."""
+    k, path = np.array([1.0, 30.0]), 1e-3
+    lamp = Waveform("square", 1 / EXPOSURE, 1.0, 0.0, duty=0.5)
+    steady, lit = (situation(star(0.02, one), exposure=EXPOSURE) for one in (None, lamp))
+    smear = 1 - np.sinc(k * path)
+    np.testing.assert_allclose(Motion()._gain(steady, path, 0)(k), smear, rtol=1e-2)
+    halves = (np.exp(0.5j * np.pi * k * path * side) for side in (-1, 1))
+    off = np.abs(np.subtract(*halves)) * np.sinc(k * path / 2) / 2
+    for level in (0, 1):
+        told = Motion()._gain(lit, path * 2**level, level)(k)
+        told = told - (smear if level == 0 else 0)
+        assert np.all(off <= told * 1.001)
+        assert np.all(told <= 2.1 * off)
 
 
 def test_motion_past_rows_that_are_exposed_in_turn():
