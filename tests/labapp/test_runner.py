@@ -503,11 +503,16 @@ def test_a_disk_that_fails_for_good_ends_the_run(plan, bench, tmp_path, monkeypa
 
 
 def test_cancelling_ends_a_long_exposure_at_once(small, plan, tmp_path):
-    """The clock runs in real time, and the exposure would last 30 s; deciding, none before."""
+    """The clock runs in real time, and the exposure would last 30 s."""
     long = changed(plan, acquire=[plan.acquire[0].model_dump() | {"exposures_ms": [30000]}])
     progress = Progress()
-    threading.Timer(6.0, progress.cancel).start()
+
+    def soon_cancelled(cancelled):
+        threading.Timer(0.3, progress.cancel).start()
+        return capture(cancelled)
+
     with open_bench(small.bench_files, speed=1.0) as bench:
+        capture, bench.camera.capture = bench.camera.capture, soon_cancelled
         outcome = run_plan(bench, long, tmp_path / "run.h5", progress=progress)
         assert is_safe(bench)
         # Of the 30 s not even half have passed.
