@@ -118,7 +118,7 @@ class _Likelihood:
     def start(self) -> torch.Tensor:
         """Even light; none where nothing shines."""
         even = torch.full_like(self.data, self.level)
-        return even if self.seen.lit is None or self.known is None else even * self.known
+        return even if self.seen.lit is None else even * self.seen.lit
 
     def blurred(self, picture: torch.Tensor) -> torch.Tensor:
         return irfft2(rfft2(picture) * self.transfer, self.seen.whole)

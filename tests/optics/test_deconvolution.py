@@ -242,6 +242,43 @@ def test_richardson_lucy_equals_the_plain_algorithm_in_the_dark(stars, iteration
     assert relative(restored[8:-8, 8:-8], truth[8:-8, 8:-8]) <= 1e-3
 
 
+def plainly(image, psf, iterations, weights, border) -> np.ndarray:
+    """x <- x H*(w d / H x) / H*(w), of what H* reaches by a hundredth at least; written out with
+    scipy's convolutions. What isn't reached keeps the mean light."""
+    rows, columns = (n // 2 for n in psf.shape)
+    inside = np.s_[rows:-rows, columns:-columns]
+    scene = np.full(np.add(image.shape, np.subtract(psf.shape, 1)), (image * weights).sum())
+    scene /= weights.sum() * psf.sum()
+    reached = fftconvolve(weights, psf[::-1, ::-1])
+    known = reached > 0.01 * reached.max()
+    if border == "dark":
+        beyond = np.ones(scene.shape, dtype=bool)
+        beyond[inside] = False
+        scene[beyond] = 0
+    for _ in range(iterations):
+        ratio = weights * image / fftconvolve(scene, psf, mode="valid")
+        better = scene * fftconvolve(ratio, psf[::-1, ::-1])
+        scene = np.divide(better, reached, out=scene, where=known)
+    return scene[inside]
+
+
+@pytest.mark.parametrize("border", ["unknown", "dark"])
+@pytest.mark.parametrize("weight", [1.0, 1e-3])
+def test_richardson_lucy_equals_the_plain_algorithm_of_what_was_measured(border, weight):
+    """Of pixels of all weights, a common factor of which doesn't count, with a hole in the frame
+    that is larger than the PSF: nothing tells of its middle."""
+    rng = np.random.default_rng(20)
+    image, weights = 1 + natural_image(40, 43, 3), rng.uniform(0.2, 2.0, (40, 43))
+    weights[10:26, 12:30] = 0
+    truth = plainly(image, comet(), 6, weights, border)
+    seen = measured(image, comet(), 1e-3, border, weights * weight)
+    restored = richardson_lucy(seen, 6, accelerated=False, past_noise=True).image.numpy()
+    assert relative(restored, truth) <= 1e-5
+    level = (image * weights).sum() / weights.sum()
+    assert restored[18, 21] == pytest.approx(level, rel=1e-6)
+    assert abs(restored[11, 13] / level - 1) > 1e-3
+
+
 def test_richardson_lucy_keeps_the_flux_and_makes_no_negative_light(stars):
     sky, image = stars
     restored = likeliest(image, 0.5 * comet(), 30)
