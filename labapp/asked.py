@@ -1,15 +1,21 @@
-"""What a command line asks of a lens, turned from an option's words into SI units."""
+"""What a command line asks of a lens, turned from an option's words into SI units.
+
+Words are read before anything is loaded that computes: a typing error is answered at once.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from labapp.errors import UserError
-from optics.camera import Camera, Lens
-from optics.plane import Plane
-from optics.stop.aperture import Circle, Shape, Stop, rectangle, regular_polygon
+
+if TYPE_CHECKING:
+    from optics.camera import Camera, Lens
+    from optics.plane import Plane
+    from optics.stop.aperture import Shape, Stop
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ class Case:
 
 
 def _special(lens: Lens) -> list[str]:
+    from optics.stop.aperture import Circle
+
     words: list[str] = []
     if lens.kind != "thin":
         words.append(lens.kind)
@@ -109,16 +117,19 @@ def behind_panel(case: Case, camera: Camera, chosen: Collection[str]) -> Case:
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
     """A stop of straight blades (0 for a round one), or a rectangle "HEIGHTxWIDTH" in stop
     diameters, with a central disc that hides a share of the stop's radius."""
-    opening: Shape = Circle()
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
-    if blades:
-        opening = regular_polygon(blades)
-    if rectangular:
-        height, width = _numbers("--rectangle", rectangular, "x", 2)
-        opening = rectangle(2 * height, 2 * width)
+    sides = _numbers("--rectangle", rectangular, "x", 2) if rectangular else []
     if not 0 <= obscuration < 1:
         raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
+    from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
+
+    opening: Shape = Circle()
+    if blades:
+        opening = regular_polygon(blades)
+    if sides:
+        height, width = sides
+        opening = rectangle(2 * height, 2 * width)
     return Stop(opening, (Circle(obscuration),) if obscuration else ())
 
 
@@ -161,4 +172,20 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
     """A square of pixels around a point of the sensor."""
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
-    return Plane((size, size), (pitch, pitch), read_centre(centre))
+    place = read_centre(centre)
+    from optics.plane import Plane
+
+    return Plane((size, size), (pitch, pitch), place)
+
+
+def read_panel(text: str) -> tuple[tuple[int, int], float]:
+    """ "ROWSxCOLUMNSxMICROMETRES": a panel's pixels, and their pitch in metres."""
+    try:
+        rows, columns, pitch = (float(word) for word in text.split("x"))
+        if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):
+            raise ValueError
+        return (int(rows), int(columns)), pitch * 1e-6
+    except (ValueError, OverflowError) as error:
+        raise UserError(
+            f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."
+        ) from error

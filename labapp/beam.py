@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from labapp.console import out, watched
 from labapp.errors import UserError
 from labapp.files.reading import read_grey
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import write_whole
 from labapp.report.pictures import png
 from optics.beam import beam
 from optics.camera import Camera
@@ -77,13 +77,10 @@ class Stretch:
 
 
 @single_threaded
-def draw_beam(asked: AskedBeam, path: Path, *, force: bool) -> None:
+def draw_beam(asked: AskedBeam, path: Path) -> None:
     """Compute the light along the axis, and write its picture."""
-    if path.suffix.lower() != ".png":
-        raise UserError(f"{path}: the ending must be .png.")
     if not 2 <= asked.slices <= 5000:
         raise UserError(f"--slices {asked.slices}: give 2 to 5000.")
-    require_writable(path, force=force)
     phase = _phase(asked)
     with watched() as progress:
         whole = _stretch(asked, phase, _whole(asked.camera, asked.field), progress.part(0.0, 0.5))

@@ -11,7 +11,8 @@ from labapp.console import out, print_json, watched
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
 from labapp.files.writing import make_folder, require_free
-from labapp.report import REPORT_FILES, as_data, print_tables, write_report
+from labapp.places import RECORD, REPORT_FILES
+from labapp.report import as_data, print_tables, write_report
 from labapp.running import require_complete
 from labapp.stopwatch import Stopwatch
 from optics.progress import Progress
@@ -27,7 +28,7 @@ def run_demo(
         print_json(as_data(analysis))
         return
     print_tables(analysis)
-    for name in ("run.h5", *REPORT_FILES):
+    for name in (RECORD, *REPORT_FILES):
         out.print(f"wrote {folder / name}")
 
 
@@ -47,14 +48,14 @@ def first_light(
     plan = read_file(bundled("first_light.toml"), PlanFile)
     if seed is not None:
         plan = plan.model_copy(update={"seed": seed})
-    require_free(folder, ("run.h5", *REPORT_FILES), force=force)
+    require_free(folder, (RECORD, *REPORT_FILES), force=force)
     watch = Stopwatch()
     with open_bench(BenchFiles.default(image=image)) as bench:
         make_folder(folder)
         outcome = run_plan(
             bench,
             plan,
-            folder / "run.h5",
+            folder / RECORD,
             source="first_light.toml",
             force=force,
             progress=progress.part(0, 0.7),

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.errors import UserError
-from labapp.files.design_file import is_design, read_design_frame
+from labapp.files.design_file import read_design_frame
 from labapp.files.pattern_table import (
     ConstantPattern,
     GratingPattern,
@@ -26,6 +26,7 @@ from labapp.files.pattern_table import (
 )
 from labapp.files.phase_table import PhasePattern
 from labapp.files.reading import read_grey
+from labapp.places import is_design
 from labapp.speed import machine_speed
 from optics.camera import Camera
 from optics.patterns import superposed

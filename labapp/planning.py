@@ -15,10 +15,8 @@ from labapp.acquisition.steps import Shot
 from labapp.bench import Bench, BenchFiles, open_bench
 from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
-from labapp.files.finding import find_plan
 from labapp.files.pattern_table import Pattern, VideoPattern
-from labapp.files.plan_file import PlanFile
-from labapp.files.reading import read_file
+from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.patterns import compute_patterns
 from labapp.ready import some, value_range
 
@@ -44,15 +42,13 @@ class Preview:
         return len({shot.step for shot in self.listed})
 
 
-def check_plan(name: Path, bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
+def check_plan(asked: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
     """Say what a plan takes and that the bench can do it; UserError if it can't.
 
     Patterns are tried, with one iteration where a plan asks for many.
     """
-    path = find_plan(name)
-    plan = read_file(path, PlanFile)
     with open_bench(BenchFiles.default(bench, scene)) as opened:
-        preview = preview_plan(plan, path, opened)
+        preview = preview_plan(asked.plan, asked.path, opened)
         _require_parts(preview)
         require_space(Path.cwd(), preview.expected.disk_bytes)
         _try_patterns(preview, opened)
@@ -60,24 +56,24 @@ def check_plan(name: Path, bench: Path | None, scene: Path | None, *, as_json: b
         print_json(_as_data(preview))
         return
     _print_summary(preview)
-    out.print(f"PASS. Run it with: labapp run {name} --out run.h5", markup=False, soft_wrap=True)
+    out.print(
+        f"PASS. Run it with: labapp run {asked.name} --out run.h5", markup=False, soft_wrap=True
+    )
 
 
 def show_plan(
-    name: Path, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
+    asked: NamedPlan, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
 ) -> None:
     """Print what a plan takes, and its steps in order; UserError if the bench can't do it."""
-    path = find_plan(name)
-    plan = read_file(path, PlanFile)
     with open_bench(BenchFiles.default(bench, scene)) as opened:
-        preview = preview_plan(plan, path, opened)
-    asked = prompts_by_frame(preview.listed, preview.abilities)
+        preview = preview_plan(asked.plan, asked.path, opened)
+    prompts = prompts_by_frame(preview.listed, preview.abilities)
     if as_json:
-        frames = [_frame(shot, asked.get(shot.index, "")) for shot in preview.listed]
+        frames = [_frame(shot, prompts.get(shot.index, "")) for shot in preview.listed]
         print_json(_as_data(preview) | {"shots": frames})
         return
     _print_summary(preview)
-    _print_steps(preview, asked, every_row)
+    _print_steps(preview, prompts, every_row)
 
 
 def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:

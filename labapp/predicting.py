@@ -20,7 +20,7 @@ from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.files.bench_file import read_camera
 from labapp.files.reading import read_grey
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import write_whole
 from labapp.speed import machine_speed
 from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
@@ -29,8 +29,6 @@ from optics.psf.modulated import modulated_psf
 from optics.slm import Modulator, Panel, require_grey
 from optics.stop.shadow import share_through
 from optics.threads import single_threaded
-
-_SUFFIXES = (".npy", ".tiff", ".png")
 
 _NOTHING = 1e-9
 """Strength of an interference below which it is rounding."""
@@ -69,17 +67,15 @@ class Asked:
 
 
 @single_threaded
-def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
-    """Compute a PSF, print its account, and write it; .npy and .tiff get a picture beside."""
-    if path.suffix.lower() not in _SUFFIXES:
-        raise UserError(f"{path}: the ending must be one of {', '.join(_SUFFIXES)}.")
-    picture = path.with_suffix(".png")
-    for one in dict.fromkeys((path, picture)):
-        require_writable(one, force=force)
+def predict(asked: Asked, path: Path, picture: Path, *, as_json: bool) -> None:
+    """Compute a PSF, print its account, and write it, and a picture of it beside."""
+    if asked.camera is None:
+        _require_lens_alone(asked)
+    grey = None if asked.camera is None else _grey(asked.pattern, asked.camera.panel)
     with watched() as progress:
         speed = machine_speed(progress)
     started = time.process_time()
-    operator, call = _plan(asked, speed)
+    operator, call = _plan(asked, grey, speed)
     psf = call()
     planned = time.process_time() - started
     # The first call also loads and allocates; every further one costs this.
@@ -107,7 +103,9 @@ def predict(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     out.print("\n".join(f"wrote {one}" for one in dict.fromkeys((path, picture))))
 
 
-def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
+def _plan(
+    asked: Asked, grey: NDArray[np.uint8] | None, speed: MachineSpeed
+) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
     """The operator for the question, planned, and the call that answers it."""
     case, camera = asked.case, asked.camera
     plan = partial(
@@ -120,11 +118,9 @@ def _plan(asked: Asked, speed: MachineSpeed) -> tuple[PSFOperator, Callable[[], 
         method=asked.method,
         budget=Budget(asked.memory, speed),
     )
-    if camera is None:
-        _require_lens_alone(asked)
+    if camera is None or grey is None:
         alone = plan(case.lens)
         return alone, lambda: alone().numpy()
-    grey = _grey(asked.pattern, camera.panel)
     operator = plan(camera, unmodulated=0.0, **asked.of_point)
     modulator = Modulator(camera.panel, case.wavelength)
     exposures = modulator.still(torch.from_numpy(grey))

@@ -16,9 +16,7 @@ from labapp.bench import BenchFiles, BenchSetup, open_bench
 from labapp.console import complain, out, print_json, say, watched
 from labapp.errors import UserError
 from labapp.files.fault_file import read_faults
-from labapp.files.finding import find_plan
-from labapp.files.plan_file import PlanFile
-from labapp.files.reading import read_file
+from labapp.files.plan_file import NamedPlan
 from labapp.files.writing import make_folder
 from labapp.keyboard import listening
 from labapp.record.reader import Record, digest
@@ -38,14 +36,17 @@ class Manner:
     as_json: bool = False
 
 
-def run_files(plans: Sequence[Path], record: Path, files: BenchFiles, manner: Manner) -> None:
-    """Run plan files in turn and say how each ended; anything but COMPLETE is an error.
-
-    record: the file of one run; of several, the folder for their files.
-    """
+def run_files(
+    plans: Sequence[NamedPlan], records: Sequence[Path], files: BenchFiles, manner: Manner
+) -> None:
+    """Run plans in turn, each into its record, and say how each ended; anything but COMPLETE is
+    an error."""
     if len(plans) > 1:
-        make_folder(record)
-    requests = [_request(find_plan(plan), record, len(plans)) for plan in plans]
+        make_folder(records[0].parent)
+    requests = [
+        Request(one.plan, record, str(one.path), one.path.parent)
+        for one, record in zip(plans, records, strict=True)
+    ]
     with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
         outcomes = run_all(
             bench,
@@ -124,12 +125,6 @@ def attended(manner: Manner) -> Iterator[tuple[Progress, Ask]]:
                 keyboard.wait_for_enter(progress)
 
         yield progress, ask
-
-
-def _request(plan: Path, record: Path, runs: int) -> Request:
-    several = runs > 1 or record.is_dir()
-    path = record / f"{plan.stem}.h5" if several else record
-    return Request(read_file(plan, PlanFile), path, str(plan), plan.parent)
 
 
 def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:

@@ -17,7 +17,7 @@ from typing import IO, Any
 from rich.markup import escape
 
 from labapp.console import out, print_json, table, watched
-from labapp.errors import UserError
+from labapp.files.finding import require_file
 from labapp.record.finding import Finding, Verification
 from optics.progress import Progress
 
@@ -55,8 +55,7 @@ def verify(
     is ended after `patience` seconds without news. UserError if there is no such file.
     """
     progress = progress or Progress()
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such file. Check the path.")
+    require_file(path)
     with tempfile.TemporaryFile() as complaints:
         with _checking(path, patience, complaints) as process:
             told = _last_line(process, progress)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.signal import fftconvolve
 
+from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
 from labapp.errors import UserError
 from labapp.files.photograph_file import read_photograph
 from labapp.files.reading import bundled
@@ -88,11 +91,7 @@ def asked_photograph(
     seed: int,
 ) -> Taken:
     """What a command line asks for; UserError for what can't be."""
-    if blur not in BLURS:
-        raise UserError(f"--blur {blur}: is unknown. Take one of {', '.join(BLURS)}.")
-    borders: dict[str, Border] = {"unknown": "unknown", "periodic": "periodic"}
-    if border not in borders:
-        raise UserError(f"--border {border}: is no such one. Take {' or '.join(borders)}.")
+    require_blur(blur, border)
     kernel = BLURS[blur]() if psf is None else _first(psf_of_file(psf, 1, Choice())[0])
     levels = read_photograph(picture or bundled("photograph.jpg"), linear=True).light
     grey = levels.mean(0, dtype=np.float64)
@@ -100,7 +99,7 @@ def asked_photograph(
         raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")
     scene = _middle(grey / _full(levels), size)
     name = f"{blur if psf is None else psf.name}, noise {noise:g}, {scene.shape}, {border} border"
-    return taken(name, scene, kernel, noise, seed, borders[border])
+    return taken(name, scene, kernel, noise, seed, cast(Border, border))
 
 
 def _full(levels: NDArray[np.float32]) -> float:
@@ -175,26 +174,23 @@ def line(length: float, angle: float) -> Array:
     return _drawn([np.stack([-end, end])], math.ceil(length))
 
 
-def shape(target: Callable[..., torch.Tensor], radius: float) -> Array:
+def shape(name: str, radius: float) -> Array:
     """A PSF of the thesis, so many pixels in radius."""
+    targets: dict[str, Callable[..., torch.Tensor]] = {
+        "ring": ring,
+        "spiral": spiral,
+        "heart": heart,
+    }
     side = 2 * math.ceil(radius + 6) + 1
-    return _whole(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
+    return _whole(np.asarray(targets[name](Plane((side, side), (1.0, 1.0)), radius, 0.8)))
 
+
+_MAKERS: dict[str, Callable[..., Array]] = {
+    one.__name__: one for one in (disk, bell, box, line, shake, circle, shape)
+}
 
 BLURS: dict[str, Callable[[], Array]] = {
-    "disk of 3": lambda: disk(3.0),
-    "disk of 5": lambda: disk(5.0),
-    "disk of 7": lambda: disk(7.0),
-    "Gaussian of 1.5": lambda: bell(1.5),
-    "Gaussian of 3": lambda: bell(3.0),
-    "box of 9": lambda: box(9),
-    "line of 15": lambda: line(15.0, 0.5),
-    "shake of 20": lambda: shake(20.0, 1),
-    "shake of 30": lambda: shake(30.0, 2),
-    "ring of 12 and a tenth in its centre": lambda: circle(12.0, 0.1),
-    "ring of 8": lambda: shape(ring, 8.0),
-    "spiral of 10": lambda: shape(spiral, 10.0),
-    "heart of 9": lambda: shape(heart, 9.0),
+    name: partial(_MAKERS[maker], *sizes) for name, (maker, sizes) in BLUR_NAMES.items()
 }
 """Lengths in pixels."""
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.accuracy.asked import require_pattern
 from labapp.accuracy.command import print_rows, write_measured
 from labapp.accuracy.references.chain_psf import ChainProblem
 from labapp.accuracy.rows import Candidate, Row, measure, refuse
-from labapp.asked import Case
+from labapp.asked import Case, read_panel
 from labapp.console import watched
 from labapp.errors import UserError
-from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
 from optics.camera import Camera, Panel
@@ -27,7 +27,6 @@ from optics.threads import single_threaded
 Array = NDArray[np.float64]
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 7))
-PATTERNS = ("random", "cubic", "neutral")
 
 _LONGEST = 2e12
 """Products that the judge may sum: some minutes."""
@@ -70,6 +69,7 @@ def asked_chain(
         field,
         sphere,
     )
+    _require_short(problem)
     rows, columns = camera.panel.shape
     words = [
         f"{rows}x{columns} pixels of {camera.panel.pitch * 1e6:g} µm, {pattern}",
@@ -82,7 +82,8 @@ def asked_chain(
 
 def _camera(case: Case, panel: str | None, separation_mm: float | None) -> Camera:
     if case.camera is None:
-        camera = Camera(_panel(panel or "96x128x8"), case.lens, separation=50e-3)
+        shape, pitch = read_panel(panel or "96x128x8")
+        camera = Camera(Panel(shape, pitch, unmodulated=0.0), case.lens, separation=50e-3)
     elif panel is not None:
         raise UserError(f"--panel {panel}: the camera's file has a panel; leave one of them out.")
     else:
@@ -95,19 +96,8 @@ def _camera(case: Case, panel: str | None, separation_mm: float | None) -> Camer
         raise UserError(f"--separation-mm {separation_mm:g}: {error}.") from error
 
 
-def _panel(text: str) -> Panel:
-    try:
-        rows, columns, pitch = (float(word) for word in text.split("x"))
-        return Panel((int(rows), int(columns)), pitch * 1e-6, unmodulated=0.0)
-    except ValueError as error:
-        raise UserError(
-            f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."
-        ) from error
-
-
 def _phase(pattern: str, shape: tuple[int, int]) -> Array:
-    if pattern not in PATTERNS:
-        raise UserError(f"--pattern {pattern}: choose {', '.join(PATTERNS)}.")
+    require_pattern(pattern)
     if pattern == "random":
         return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
     y, x = ((np.arange(n) - n // 2) / n for n in shape)
@@ -115,18 +105,23 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
     return cubic if pattern == "cubic" else 0 * cubic
 
 
+def _require_short(problem: ChainProblem) -> None:
+    """UserError for a camera whose exact integral takes too long, before anything is planned.
+
+    It is as long wherever in the window the light arrives.
+    """
+    terms = problem.judge(np.ones(problem.pixels.shape)).terms
+    if not terms <= _LONGEST:
+        raise UserError(
+            f"the exact integral of this camera is a sum of {terms:.0e} products, which takes too "
+            "long; give a larger --f-number, a larger --separation-mm, or a smaller panel."
+        )
+
+
 class Reference:
     """The exact light on some rows and columns of the window, drawn by their light."""
 
     def __init__(self, problem: ChainProblem) -> None:
-        # Wherever the light arrives, it is about as many; nobody waits for a glimpse in vain.
-        terms = problem.judge(np.ones(problem.pixels.shape)).terms
-        if not terms <= _LONGEST:
-            raise UserError(
-                f"the exact integral of this camera is a sum of {terms:.0e} products, "
-                "which takes too long; give a larger --f-number, a larger --separation-mm, or a "
-                "smaller panel."
-            )
         self._judge = problem.judge(_glimpse(problem))
 
     @property
@@ -168,16 +163,11 @@ def _to_tolerance(
 
 
 @single_threaded
-def accuracy_chain(
-    case: ChainCase, *, memory: int, data: Path | None, plot: Path | None, force: bool
-) -> None:
+def accuracy_chain(case: ChainCase, *, memory: int, data: Path | None, plot: Path | None) -> None:
     """Measure every method for a case, print the table, and write rows and plot if asked.
 
     memory: bytes that each method may use.
     """
-    for path in (data, plot):
-        if path is not None:
-            require_writable(path, force=force)
     with watched() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
         progress.report(0.1, "the exact integral")

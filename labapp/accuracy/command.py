@@ -23,7 +23,6 @@ from labapp.accuracy.rows import Measured, Row, measure, time_calls
 from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.asked import Case
 from labapp.console import out, table, watched
-from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
 from optics.progress import Progress
@@ -38,15 +37,11 @@ def accuracy_psf(
     data: Path | None,
     plot: Path | None,
     compare: str | None,
-    force: bool,
 ) -> None:
     """Measure every method for a case, print the table, and write rows and plot if asked.
 
     Ends with exit code 1 if a point is worse than the stored one that it is compared with.
     """
-    for path in (data, plot):
-        if path is not None:
-            require_writable(path, force=force)
     stored = read_stored(compare) if compare else None
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))

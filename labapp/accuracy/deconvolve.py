@@ -17,7 +17,6 @@ from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
 from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.console import out, table, watched
-from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
@@ -56,12 +55,8 @@ def accuracy_deconvolve(
     peers: bool,
     data: Path | None,
     plot: Path | None,
-    force: bool,
 ) -> None:
     """Measure every method on a photograph, print the table, and write rows and plot if asked."""
-    for path in (data, plot):
-        if path is not None:
-            require_writable(path, force=force)
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_deconvolution(case, denoise, speed, progress.part(0.1, 1.0), peers=peers)

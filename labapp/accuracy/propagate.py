@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labapp.accuracy.asked import require_way
 from labapp.accuracy.command import print_rows, write_measured
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.references.free_space import (
@@ -28,10 +29,8 @@ from labapp.accuracy.references.free_space import (
 )
 from labapp.accuracy.references.samples import draw_samples
 from labapp.accuracy.rows import Candidate, Row, measure, refuse
-from labapp.asked import read_window
 from labapp.console import watched
 from labapp.errors import UserError
-from labapp.files.writing import require_writable
 from labapp.speed import machine_speed
 from optics.accuracy import Budget
 from optics.plane import Plane
@@ -39,7 +38,6 @@ from optics.propagation.operator import METHODS, FreeSpace
 from optics.threads import single_threaded
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
-LIGHTS = ("smooth", "cells")
 
 _MOST_SECONDS = 2.0
 """Predicted processor time beyond which a method isn't tried."""
@@ -115,21 +113,9 @@ def asked_field(
     smooth: three Gaussians, two of them tilted, that the samples resolve. cells: squares of
     constant field with random phases, as an SLM shows.
     """
-    if light not in LIGHTS:
-        raise UserError(f"--light {light}: choose {' or '.join(LIGHTS)}.")
-    if not (math.isfinite(distance) and distance):
-        raise UserError(f"--distance {distance:g}: it must be finite and not 0, in metres.")
-    if not (0 < wavelength < math.inf):
-        raise UserError(f"--wavelength-nm {wavelength * 1e9:g}: it must be positive.")
+    require_way(light, distance, wavelength)
     field = smooth_light(source) if light == "smooth" else random_cells(source)
     return FieldCase(light, field, target, distance, wavelength, paraxial)
-
-
-def read_plane(size: int, pitch_um: float, centre: str, name: str) -> Plane:
-    """A square of samples; UserError for one that there can't be."""
-    if not 0 < pitch_um < math.inf:
-        raise UserError(f"--{name} {pitch_um:g}: it must be positive, in micrometres.")
-    return read_window(size, pitch_um * 1e-6, centre)
 
 
 def smooth_light(plane: Plane) -> SmoothLight:
@@ -235,12 +221,9 @@ def _to_tolerance(
 
 @single_threaded
 def accuracy_propagate(
-    case: FieldCase, *, peers: bool, data: Path | None, plot: Path | None, force: bool
+    case: FieldCase, *, peers: bool, data: Path | None, plot: Path | None
 ) -> None:
     """Measure every method for a case, print the table, and write rows and plot if asked."""
-    for path in (data, plot):
-        if path is not None:
-            require_writable(path, force=force)
     with watched() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
         reference = Reference(case)

@@ -15,9 +15,8 @@ from labapp.accuracy.rows import Row, mark_front
 from labapp.accuracy.writing import machine, write_plot, write_rows
 from labapp.bench import BenchFiles
 from labapp.console import out, table, watched
-from labapp.designing.kinds import read_psf
 from labapp.files.bench_file import read_bench
-from labapp.files.writing import require_writable
+from labapp.files.pattern_table import PSFPattern
 from labapp.patterns import designed
 from labapp.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -46,15 +45,12 @@ class RetrievalRow(Row):
     contrast: float | None = None
 
 
-def asked_goal(
-    target: str, keys: Sequence[str], wavelength_nm: float, bench: Path | None
-) -> tuple[Goal, str]:
+def asked_goal(spec: PSFPattern, bench: Path | None) -> tuple[Goal, str]:
     """What a command line asks to retrieve, and its name in words; UserError for what can't be."""
-    spec = read_psf(target, keys, wavelength_nm, {})
     camera = read_bench(BenchFiles.default(bench).bench).build_camera()
     drawing = spec.target.at(1, Path())[0]
     shape, plane = designed(drawing, camera, spec.wavelength)
-    name = f"{spec.target.sizes}, {wavelength_nm:g} nm"
+    name = f"{spec.target.sizes}, {spec.wavelength_nm:g} nm"
     return Goal(camera, shape, plane, spec.wavelength), name
 
 
@@ -67,15 +63,11 @@ def accuracy_retrieval(
     budget: float,
     data: Path | None,
     plot: Path | None,
-    force: bool,
 ) -> None:
     """Measure every method for a target, print the table, and write rows and plot if asked.
 
     name: of the target, in words. budget: processor seconds that one setting may take.
     """
-    for path in (data, plot):
-        if path is not None:
-            require_writable(path, force=force)
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from labapp.accuracy.writing import machine, write_rows
 from labapp.console import out, table, watched
-from labapp.files.writing import require_writable
 from labapp.simulating.asked import AskedPicture, stage, stage_of
 from labapp.simulating.everything import Deviation, Rendered, by_plan, with_everything
 from labapp.simulating.quick import quick_setup
@@ -44,14 +43,12 @@ class SimulationRow:
 
 
 @single_threaded
-def accuracy_simulate(asked: AskedPicture, *, data: Path | None, force: bool) -> None:
+def accuracy_simulate(asked: AskedPicture, *, data: Path | None) -> None:
     """Take one picture by five tolerances and with everything on, and print the table.
 
     Without a bench, the bundled one with few pixels. Ends with exit code 1 if a tolerance isn't
     kept.
     """
-    if data is not None:
-        require_writable(data, force=force)
     with watched() as progress:
         s = _situation(asked, progress.part(0.0, 0.1))
         found = rows(s, progress.part(0.1, 1.0))

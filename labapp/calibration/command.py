@@ -68,6 +68,7 @@ class Asked:
 def calibrate_bench(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:
     """Calibrate, tell how it went, and where everything is."""
     request = asked.request()
+    require_free(folder, (PLAN, RECORD, FILE, PICTURE), force=manner.force)
     with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
         found = calibrate(bench, request, folder, force=manner.force, progress=progress, ask=ask)
     _tell(found, folder, manner.as_json)
@@ -75,8 +76,10 @@ def calibrate_bench(asked: Asked, folder: Path, files: BenchFiles, manner: Manne
 
 def write_plan_only(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:
     """Plan and patterns in a folder, for `labapp run`."""
+    request = asked.request()
+    require_free(folder, (PLAN,), force=manner.force)
     with open_bench(files) as bench:
-        plan = prepare_only(bench, asked.request(), folder, force=manner.force)
+        plan = prepare_only(bench, request, folder, force=manner.force)
     if manner.as_json:
         print_json({"plan": str(folder / PLAN), "patterns": len(plan.patterns)})
         return

@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.lens import CameraOption, FieldOption
-from labapp.cli.options import ForceOption
+from labapp.cli.options import ForceOption, readable
 
 
 @app.command()
@@ -17,7 +17,8 @@ def beam(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Picture to write (.png).")],
     camera: CameraOption = None,
     pattern: Annotated[
-        Path | None, typer.Option(help="8-bit picture on the panel; none: neutral.")
+        Path | None,
+        typer.Option(callback=readable, help="8-bit picture on the panel; none: neutral."),
     ] = None,
     distance: Annotated[
         float, typer.Option(help="Of the object from the panel, in metres; inf is allowed.")
@@ -36,10 +37,13 @@ def beam(
     glance.
     """
     from labapp.asked import read_field
+    from labapp.places import place_of_beam
+
+    off_axis, place = read_field(field), place_of_beam(out, force=force)
     from labapp.beam import AskedBeam, draw_beam
     from labapp.files.bench_file import read_camera
 
     asked = AskedBeam(
-        read_camera(camera), pattern, distance, wavelength_nm * 1e-9, read_field(field), slices
+        read_camera(camera), pattern, distance, wavelength_nm * 1e-9, off_axis, slices
     )
-    draw_beam(asked, out, force=force)
+    draw_beam(asked, place)

@@ -15,6 +15,7 @@ from labapp.cli.options import (
     ImageOption,
     JsonOption,
     SceneOption,
+    readable,
 )
 
 devices = typer.Typer(invoke_without_command=True, rich_markup_mode="markdown")
@@ -85,7 +86,9 @@ def bench_() -> None:
 
 @bench.command("check")
 def bench_check_(
-    bench: Annotated[Path, typer.Argument(metavar="BENCH.toml", help="Bench file.")],
+    bench: Annotated[
+        Path, typer.Argument(metavar="BENCH.toml", callback=readable, help="Bench file.")
+    ],
     scene: SceneOption = None,
     opening: Annotated[
         bool, typer.Option("--open/--no-open", help="Open each device, too.")

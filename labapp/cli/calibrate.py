@@ -20,6 +20,7 @@ from labapp.cli.options import (
     StarDistanceOption,
     StarOption,
     YesOption,
+    existing,
 )
 from labapp.errors import UserError
 
@@ -59,7 +60,11 @@ def calibrate(
     ] = False,
     fit: Annotated[
         Path | None,
-        typer.Option(metavar="RUN.h5", help="Fit a record that is there; take no pictures."),
+        typer.Option(
+            metavar="RUN.h5",
+            callback=existing,
+            help="Fit a record that is there; take no pictures.",
+        ),
     ] = None,
     faults: FaultsOption = None,
     speed: SpeedOption = float("inf"),
@@ -75,6 +80,8 @@ def calibrate(
     pattern moves, each with residual and uncertainty. A line in the bench file,
     `calibration = "calibration.json"`, puts it in force.
     """
+    if fit is None and out is None:
+        raise UserError("--out is missing: name a folder for plan, record and results.")
     from labapp.bench import BenchFiles
     from labapp.calibration.command import Asked, calibrate_bench, fit_again, write_plan_only
     from labapp.running import Manner
@@ -83,8 +90,7 @@ def calibrate(
     if fit is not None:
         fit_again(fit, manner)
         return
-    if out is None:
-        raise UserError("--out is missing: name a folder for plan, record and results.")
+    assert out is not None
     asked = Asked(
         wavelengths_nm=tuple(wavelength_nm or [532.0]),
         regions=regions,

@@ -5,10 +5,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
+
+from labapp.cli.options import readable
 
 FocalLength = Annotated[float, typer.Option(help="Of the lens, in metres.")]
 FNumber = Annotated[float, typer.Option(help="Focal length over the stop's diameter.")]
@@ -48,6 +51,7 @@ CameraOption = Annotated[
     typer.Option(
         "--camera",
         metavar="FILE",
+        callback=readable,
         help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
     ),
 ]
@@ -77,21 +81,23 @@ def _case(
 ) -> Any:
     """The options of a lens and a window, read."""
     from labapp.asked import Case, read_aberrations, read_stop, read_window
+
+    aberrations, stop = read_aberrations(zernike or []), read_stop(blades, obscuration, rectangle)
+    window = read_window(size, pitch_um * 1e-6, centre)
     from optics.camera import Lens
 
-    stop = read_stop(blades, obscuration, rectangle)
     kind: Any = lens
-    described = Lens(focal_length, f_number, focus, stop, read_aberrations(zernike or []), kind)
-    window = read_window(size, pitch_um * 1e-6, centre)
+    described = Lens(focal_length, f_number, focus, stop, aberrations, kind)
     return Case(described, distance, wavelength_nm * 1e-9, window)
 
 
 def takes_case(
     *, of_file: bool = False, **defaults: Any
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Let a command take the options of _case(), and get what they say as its `case`.
+    """Let a command take the options of _case(), and get a function `case` that reads them.
 
-    of_file: also take --camera, whose file says what no option does. defaults: of the options,
+    It loads what describes a lens: a command has read its own words before it calls it. of_file:
+    also take --camera, whose file says what no option does. defaults: of the options,
     where _case() has none.
     """
 
@@ -101,11 +107,10 @@ def takes_case(
 
         def run(**given: Any) -> None:
             values = {one.name: given.pop(one.name) for one in of_case}
+            case = partial(_case, **values)
             if of_file:
                 chosen = _chosen(given.pop("context"))
-                case = _case_of(given.pop("camera"), values, chosen)
-            else:
-                case = _case(**values)
+                case = partial(_case_of, given.pop("camera"), values, chosen)
             command(case=case, **given)
 
         # typer reads both.

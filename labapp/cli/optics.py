@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from labapp.cli.options import (
     JsonOption,
     PlotOption,
     RowsOption,
+    readable,
 )
 
 
@@ -31,7 +33,7 @@ from labapp.cli.options import (
     size=256,
 )
 def psf(
-    case: Any,
+    case: Callable[[], Any],
     out: Annotated[
         Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
     ],
@@ -51,7 +53,10 @@ def psf(
     memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
     pattern: Annotated[
         Path | None,
-        typer.Option(help="8-bit picture on the SLM before the lens; none: a neutral one."),
+        typer.Option(
+            callback=readable,
+            help="8-bit picture on the SLM before the lens; none: a neutral one.",
+        ),
     ] = None,
     field: FieldOption = "0,0",
     sphere: Annotated[
@@ -68,13 +73,17 @@ def psf(
     pattern alone: the lens behind the panel of the virtual bench. Values are shares of the
     light, one a pixel; a picture of five decades is written beside the data.
     """
-    one_thread()
     from labapp.asked import read_field
+    from labapp.places import places_of_psf
+
+    off_axis, places = read_field(field), places_of_psf(out, force=force)
+    one_thread()
+    described = case()
     from labapp.predicting import Asked, predict
 
     memory = memory_mb * 1_000_000
-    asked = Asked(case, tol, points, method, memory, pattern, read_field(field), sphere)
-    predict(asked, out, force=force, as_json=json)
+    asked = Asked(described, tol, points, method, memory, pattern, off_axis, sphere)
+    predict(asked, *places, as_json=json)
 
 
 accuracy = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
@@ -85,6 +94,13 @@ app.add_typer(accuracy, name="accuracy")
 def accuracy_() -> None:
     """Show what accuracy costs in time, measured on your machine."""
     one_thread()
+
+
+def _require_writable(*paths: Path | None, force: bool) -> None:
+    """UserError if rows or plot can't be written where they are asked for."""
+    from labapp.files.writing import require_all_writable
+
+    require_all_writable(paths, force=force)
 
 
 def one_thread() -> None:
@@ -104,7 +120,7 @@ def one_thread() -> None:
     size=256,
 )
 def accuracy_psf_(
-    case: Any,
+    case: Callable[[], Any],
     peers: Annotated[
         bool,
         typer.Option("--peers", help="Also prysm, poppy, hcipy and torchoptics, where installed."),
@@ -127,9 +143,11 @@ def accuracy_psf_(
     defocus. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
+    _require_writable(json, plot, force=force)
+    described = case()
     from labapp.accuracy.command import accuracy_psf
 
-    accuracy_psf(case, peers=peers, data=json, plot=plot, compare=compare, force=force)
+    accuracy_psf(described, peers=peers, data=json, plot=plot, compare=compare)
 
 
 @accuracy.command("propagate")
@@ -175,17 +193,21 @@ def accuracy_propagate_(
     their light. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
-    from labapp.accuracy.propagate import accuracy_propagate, asked_field, read_plane
+    from labapp.accuracy.asked import require_pitch, require_way
+    from labapp.asked import read_window
 
-    source = read_plane(size, pitch_um, "0,0", "pitch-um")
-    target = read_plane(
-        size if target_size is None else target_size,
-        pitch_um if target_pitch_um is None else target_pitch_um,
-        centre,
-        "target-pitch-um",
-    )
+    target_size = size if target_size is None else target_size
+    target_pitch_um = pitch_um if target_pitch_um is None else target_pitch_um
+    require_way(light, distance, wavelength_nm * 1e-9)
+    require_pitch("pitch-um", pitch_um)
+    require_pitch("target-pitch-um", target_pitch_um)
+    _require_writable(json, plot, force=force)
+    target = read_window(target_size, target_pitch_um * 1e-6, centre)
+    source = read_window(size, pitch_um * 1e-6, "0,0")
+    from labapp.accuracy.propagate import accuracy_propagate, asked_field
+
     case = asked_field(light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial)
-    accuracy_propagate(case, peers=peers, data=json, plot=plot, force=force)
+    accuracy_propagate(case, peers=peers, data=json, plot=plot)
 
 
 @accuracy.command("chain")
@@ -200,7 +222,7 @@ def accuracy_propagate_(
     size=64,
 )
 def accuracy_chain_(
-    case: Any,
+    case: Callable[[], Any],
     separation_mm: Annotated[
         float | None,
         typer.Option(
@@ -238,19 +260,26 @@ def accuracy_chain_(
     samples drawn by their light. Failures are rows too, and no other row beats one on the
     front in both time and error.
     """
+    from labapp.accuracy.asked import require_pattern
+    from labapp.asked import read_field, read_panel
+
+    off_axis = read_field(field)
+    require_pattern(pattern)
+    if panel is not None:
+        read_panel(panel)
+    _require_writable(json, plot, force=force)
+    described = case()
     from labapp.accuracy.chain import accuracy_chain, asked_chain
-    from labapp.asked import read_field
 
     asked = asked_chain(
-        case,
+        described,
         panel=panel,
         separation_mm=separation_mm,
         pattern=pattern,
-        field=read_field(field),
+        field=off_axis,
         sphere=sphere,
     )
-    memory = memory_mb * 1_000_000
-    accuracy_chain(asked, memory=memory, data=json, plot=plot, force=force)
+    accuracy_chain(asked, memory=memory_mb * 1_000_000, data=json, plot=plot)
 
 
 @accuracy.command("retrieval")
@@ -280,24 +309,37 @@ def accuracy_retrieval_(
     the error of the shape are measured, and no other row beats one on the front in both time
     and error. What doesn't serve the target is a row too.
     """
+    from labapp.designing.kinds import read_psf
+
+    spec = read_psf(target, keys or [], wavelength_nm, {})
+    _require_writable(json, plot, force=force)
     from labapp.accuracy.retrieval import accuracy_retrieval, asked_goal
 
-    goal, name = asked_goal(target, keys or [], wavelength_nm, bench)
-    accuracy_retrieval(goal, name, frames=frames, budget=budget, data=json, plot=plot, force=force)
+    goal, name = asked_goal(spec, bench)
+    accuracy_retrieval(goal, name, frames=frames, budget=budget, data=json, plot=plot)
 
 
 @accuracy.command("deconvolve")
 def accuracy_deconvolve_(
     picture: Annotated[
         Path | None,
-        typer.Argument(metavar="[PICTURE]", help="A sharp one.", show_default="the demo's"),
+        typer.Argument(
+            metavar="[PICTURE]",
+            callback=readable,
+            help="A sharp one.",
+            show_default="the demo's",
+        ),
     ] = None,
     blur: Annotated[
         str, typer.Option(metavar="NAME", help="A wrong one lists them; lengths in pixels.")
     ] = "disk of 7",
     psf: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Picture or .npy of a PSF, in the blur's place."),
+        typer.Option(
+            metavar="FILE",
+            callback=readable,
+            help="Picture or .npy of a PSF, in the blur's place.",
+        ),
     ] = None,
     noise: Annotated[
         float, typer.Option(min=0, help="Standard deviation of a pixel; white is 1.")
@@ -322,9 +364,13 @@ def accuracy_deconvolve_(
     No other row beats one on the front in both time and error: it is by this front that
     **labapp reconstruct --budget** chooses. Failures are rows too.
     """
+    from labapp.accuracy.blur_names import require_blur
+
+    require_blur(blur, border)
+    _require_writable(json, plot, force=force)
     from labapp.accuracy.blurs import asked_photograph
     from labapp.accuracy.deconvolve import accuracy_deconvolve
     from labapp.networks import packaged_denoiser
 
     case = asked_photograph(picture, blur, psf, noise, border, size, seed)
-    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot, force=force)
+    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot)

@@ -58,7 +58,6 @@ def pattern(
     writes lens.png, grey levels of the panel's size, and lens_psf.png. A pattern that is steeper
     than the pixels allow is refused, with the limit.
     """
-    one_thread()
     from labapp.designing.kinds import list_patterns, read_pattern
 
     if name == "list":
@@ -101,7 +100,6 @@ def retrieve(
     The frames of a video know of each other: their mean has the shape, with hardly any speckle.
     There is no right answer: the quality reached is measured and printed.
     """
-    one_thread()
     from labapp.designing.kinds import list_targets, read_psf
 
     if target == "list":
@@ -124,11 +122,16 @@ def _make(
     force: bool,
     json: bool,
 ) -> None:
-    from labapp.designing.command import Asked, make
+    from labapp.designing.asked import AskedDesign
     from labapp.errors import UserError
+    from labapp.places import places_of_pattern
 
     if path is None:
         raise UserError("there is no --out. Name a .png or .h5 file to write.")
     wavelength = getattr(spec, "wavelength_nm", wavelength_nm) * 1e-9
-    asked = Asked(spec, wavelength, frames, seed, bench, side)
-    make(asked, path, force=force, as_json=json)
+    asked = AskedDesign(spec, wavelength, frames, seed, bench, side)
+    files, drawn = places_of_pattern(path, frames, force=force)
+    one_thread()
+    from labapp.designing.command import make
+
+    make(asked, files, drawn, as_json=json)

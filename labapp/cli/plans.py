@@ -40,9 +40,12 @@ def plan_check_(
     beside what the bench has. Patterns are tried. Exit code 1 if the run could not be begun,
     or its pictures not be reconstructed as the plan says.
     """
+    from labapp.files.plan_file import read_plan
+
+    asked = read_plan(plan)
     from labapp.planning import check_plan
 
-    check_plan(plan, bench, scene, as_json=json)
+    check_plan(asked, bench, scene, as_json=json)
 
 
 @plan.command("show")
@@ -60,9 +63,12 @@ def plan_show_(
     Frames that differ in exposure and repeat alone are one row, darks and prompts stand
     where they come. **--json** gives every frame.
     """
+    from labapp.files.plan_file import read_plan
+
+    asked = read_plan(plan)
     from labapp.planning import show_plan
 
-    show_plan(plan, bench, scene, every_row=every_row, as_json=json)
+    show_plan(asked, bench, scene, every_row=every_row, as_json=json)
 
 
 @plan.command("list")

@@ -9,18 +9,22 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.optics import one_thread
-from labapp.cli.options import ForceOption, JsonOption
+from labapp.cli.options import ForceOption, JsonOption, readable
 
 
 @app.command()
 def reconstruct(
     source: Annotated[
-        Path, typer.Argument(metavar="RUN.h5|IMAGE", help="A record, PNG, TIFF, JPEG or NPY.")
+        Path,
+        typer.Argument(
+            metavar="RUN.h5|IMAGE", callback=readable, help="A record, PNG, TIFF, JPEG or NPY."
+        ),
     ],
     psf: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
+            callback=readable,
             help="Picture or .npy of the PSF, or a record with a star.",
             show_default="the star of the record",
         ),
@@ -105,7 +109,10 @@ def reconstruct(
         ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The picture as it should be, for PSNR.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=readable, help="The picture as it should be, for PSNR."
+        ),
     ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -120,6 +127,11 @@ def reconstruct(
     says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.
     """
+    from labapp.places import places_of_restored
+
+    places = places_of_restored(
+        source, out, picture, (psf, truth), blind=blind is not None, force=force
+    )
     one_thread()
     from labapp.reconstructing.asked import AskedProblem
     from labapp.reconstructing.command import Files
@@ -130,7 +142,6 @@ def reconstruct(
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     chosen = Choice(target, pattern, wavelength, frame, star)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
-    told["blind"] = blind
+    told |= {"blind": blind, "truth": truth}
     asked = AskedProblem(source, psf, chosen, linear, **told)
-    files = Files(out, picture, truth)
-    restore(asked, Wish(method, budget, weight), files, force=force, as_json=json)
+    restore(asked, Wish(method, budget, weight), Files(*places), as_json=json)

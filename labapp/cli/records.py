@@ -33,9 +33,14 @@ def report(
     json: JsonOption = False,
 ) -> None:
     """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
+    from labapp.files.writing import require_free
+    from labapp.places import REPORT_FILES
+
+    folder = out or record.parent
+    require_free(folder, REPORT_FILES, force=force)
     from labapp.report import report_record
 
-    report_record(record, out or record.parent, force=force, as_json=json)
+    report_record(record, folder, force=force, as_json=json)
 
 
 @app.command()

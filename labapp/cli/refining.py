@@ -21,6 +21,7 @@ from labapp.cli.options import (
     StarDistanceOption,
     StarOption,
     YesOption,
+    existing,
 )
 from labapp.errors import UserError
 
@@ -64,14 +65,15 @@ def refine(
     and **better_psf.png** what the camera saw before and after. What the camera's description and
     its calibration don't know is corrected too. Calibrate the bench first. Videos gain most.
     """
+    if out is None:
+        raise UserError("there is no --out. Name an .h5 file to write.")
+    existing(design)
     one_thread()
     from labapp.bench import BenchFiles
     from labapp.refining.command import refine_design
     from labapp.refining.request import Request, milliseconds
     from labapp.running import Manner
 
-    if out is None:
-        raise UserError("there is no --out. Name an .h5 file to write.")
     request = Request.of(
         pictures=pictures,
         exposures_ms=milliseconds(exposures_ms),

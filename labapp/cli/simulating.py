@@ -9,18 +9,23 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.optics import accuracy
-from labapp.cli.options import BenchOption, ForceOption, JsonOption, RowsOption
+from labapp.cli.options import BenchOption, ForceOption, JsonOption, RowsOption, readable, scene_of
 
 if TYPE_CHECKING:
     from labapp.simulating.asked import AskedPicture
 
 SceneArgument = Annotated[
     Path | None,
-    typer.Argument(metavar="SCENE.toml", help="Scene file. Default: the bundled photograph."),
+    typer.Argument(
+        metavar="SCENE.toml",
+        callback=scene_of,
+        help="Scene file. Default: the bundled photograph.",
+    ),
 ]
 TargetOption = Annotated[str | None, typer.Option(help="Target of the scene. Default: its first.")]
 PatternOption = Annotated[
-    Path | None, typer.Option(help="8-bit picture on the panel. Default: neutral.")
+    Path | None,
+    typer.Option(callback=readable, help="8-bit picture on the panel. Default: neutral."),
 ]
 WavelengthOption = Annotated[
     float | None, typer.Option("--wavelength-nm", help="Of the filter, in nanometres.")
@@ -119,10 +124,13 @@ def simulate(
     viewer that takes them for 16 bits. **.h5** holds the mean picture and the variance as well,
     and what was decided.
     """
+    from labapp.places import place_of_frames
+
+    place, kind = place_of_frames(out, frames, force=force)
     from labapp.simulating.picturing import simulate as simulated
 
     asked = _asked(scene, bench, target, pattern, wavelength_nm, exposure_ms, tol, set_, everything)
-    simulated(asked, out, frames=frames, seed=seed, force=force)
+    simulated(asked, place, kind, frames=frames, seed=seed)
 
 
 @accuracy.command("simulate")
@@ -130,7 +138,11 @@ def accuracy_simulate_(
     scene: SceneArgument = None,
     bench: Annotated[
         Path | None,
-        typer.Option(help="Bench file (TOML).", show_default="the bundled one, with few pixels"),
+        typer.Option(
+            callback=readable,
+            help="Bench file (TOML).",
+            show_default="the bundled one, with few pixels",
+        ),
     ] = None,
     target: TargetOption = None,
     pattern: PatternOption = None,
@@ -145,7 +157,10 @@ def accuracy_simulate_(
     Errors are those of the mean picture, of the map of variances, and of that of standard
     deviations. Everything on takes minutes on a bench of full size: hence the few pixels.
     """
+    from labapp.files.writing import require_all_writable
+
+    require_all_writable((json,), force=force)
     from labapp.accuracy.simulate import accuracy_simulate
 
     asked = _asked(scene, bench, target, pattern, wavelength_nm, exposure_ms, None, None)
-    accuracy_simulate(asked, data=json, force=force)
+    accuracy_simulate(asked, data=json)

@@ -16,6 +16,7 @@ from labapp.cli.options import (
     SceneOption,
     SpeedOption,
     YesOption,
+    existing,
 )
 from labapp.studies import STUDIES
 
@@ -54,7 +55,10 @@ def study(
     record: Annotated[
         Path | None,
         typer.Option(
-            "--record", metavar="RUN.h5", help="Evaluate a record of it; take no pictures."
+            "--record",
+            metavar="RUN.h5",
+            callback=existing,
+            help="Evaluate a record of it; take no pictures.",
         ),
     ] = None,
     quick: Annotated[
@@ -70,6 +74,8 @@ def study(
     json: JsonOption = False,
 ) -> None:
     from labapp.errors import UserError
+    from labapp.files.writing import require_free
+    from labapp.places import RECORD, STUDY_FILES
     from labapp.studies.finding import find_study, read_settings
     from labapp.studies.listing import list_studies
 
@@ -83,6 +89,8 @@ def study(
         read_settings(name, settings or (), quick=quick)
     elif settings or quick:
         raise UserError("--record: its settings are in it. Leave the others out.")
+    names = STUDY_FILES if record else (RECORD, *STUDY_FILES)
+    require_free(out, names, force=force)
     from labapp.running import Manner
     from labapp.studies.command import Asked, evaluate_record, run_study
 

@@ -3,55 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from labapp.bench import BenchFiles
 from labapp.console import out, print_json, table, watched
+from labapp.designing.asked import AskedDesign
 from labapp.designing.made import Made, design
 from labapp.designing.picture import picture
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.design_file import DesignContents, is_design, write_design
+from labapp.files.design_file import DesignContents, write_design
 from labapp.files.pattern_table import Still, VideoPattern
-from labapp.files.reading import explain
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import write_whole
 from labapp.patterns import Work
+from labapp.places import is_design
 from optics.camera import Camera
 
-_SUFFIXES = (".png", ".h5")
 
+def make(asked: AskedDesign, files: Sequence[Path], drawn: Path, *, as_json: bool) -> None:
+    """Write a pattern to .png or .h5, and the picture of its PSF; print how good it is.
 
-@dataclass(frozen=True)
-class Asked:
-    """What the command line asks for.
-
-    wavelength: metres, at which the PSF is predicted. frames: of a video, 1 for a still.
-    side: sensor pixels across the predicted PSF; None for what the target needs.
+    files: of a video numbered pictures, or one .h5. UserError if something can't be.
     """
-
-    pattern: Still
-    wavelength: float
-    frames: int
-    seed: int
-    bench: Path | None
-    side: int | None
-
-
-def make(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
-    """Write a pattern to .png or .h5 and the picture of its PSF beside; print how good it is.
-
-    A video is numbered pictures, or one .h5. UserError if something can't be.
-    """
-    spec = _as_shown(asked)
-    files, drawn = _patterns_at(path, asked.frames), path.with_name(f"{path.stem}_psf.png")
-    for file in (*files, drawn):
-        require_writable(file, force=force)
+    spec, path = asked.shown, files[0]
     bench = read_bench(BenchFiles.default(asked.bench).bench)
     camera = bench.build_camera()
     try:
@@ -82,28 +60,8 @@ def make(asked: Asked, path: Path, *, force: bool, as_json: bool) -> None:
     out.print(f"wrote {_named(files)}\nwrote {drawn}", markup=False, soft_wrap=True)
 
 
-def _as_shown(asked: Asked) -> Still | VideoPattern:
-    """The pattern as a plan would have it; UserError if it can't be a video."""
-    if asked.frames == 1:
-        return asked.pattern
-    try:
-        return VideoPattern(kind="video", pattern=asked.pattern, count=asked.frames)
-    except ValidationError as error:
-        raise UserError(explain(error, VideoPattern, f"{asked.frames} frames")) from error
-
-
-def _patterns_at(path: Path, frames: int) -> list[Path]:
-    """The files that patterns go to; UserError for an ending that isn't known."""
-    if path.suffix.lower() not in _SUFFIXES:
-        raise UserError(f"{path}: the ending must be one of {', '.join(_SUFFIXES)}.")
-    if frames == 1 or is_design(path):
-        return [path]
-    digits = max(3, len(str(frames - 1)))
-    return [path.with_name(f"{path.stem}_{k:0{digits}}{path.suffix}") for k in range(frames)]
-
-
 def _contents(
-    asked: Asked, spec: Still | VideoPattern, bench: BenchFile, camera: Camera, made: Made
+    asked: AskedDesign, spec: Still | VideoPattern, bench: BenchFile, camera: Camera, made: Made
 ) -> DesignContents:
     return DesignContents(
         title=spec.label,

@@ -81,11 +81,6 @@ def write_design(path: Path, contents: DesignContents) -> None:
         draft.unlink(missing_ok=True)
 
 
-def is_design(path: Path) -> bool:
-    """Whether a file's name says that it is a design file."""
-    return path.suffix.lower() in (".h5", ".hdf5")
-
-
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
     """Grey levels of one frame, (rows, columns); UserError if there is none."""
     with _opened(path) as file:

@@ -46,6 +46,22 @@ def bundled_parts(kind: str) -> list[str]:
     return list(_ready(f"{kind}s"))
 
 
+def require_file(path: Path) -> None:
+    """UserError where there is no file of that name."""
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file. Check the path.")
+
+
+def require_readable(path: Path) -> None:
+    """UserError for a file that can't be opened."""
+    if not path.exists():
+        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+
+
 def _ready(folder: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(bundled(folder).glob("*.toml"))}
 

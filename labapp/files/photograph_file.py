@@ -102,12 +102,6 @@ def written(path: Path, light: Light, coded: bool, full: float) -> bytes:
     return buffer.getvalue()
 
 
-def require_ending(path: Path) -> None:
-    """UserError for a file that `written` doesn't know."""
-    if path.suffix.lower() not in (".npy", ".png", *_TIFF):
-        raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
-
-
 def coded(light: NDArray[Any]) -> NDArray[np.uint8]:
     """Light, white at 1, as sRGB's 8 bits (IEC 61966-2-1)."""
     return _coded(light)

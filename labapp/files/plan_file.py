@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from labapp.files.finding import find_plan
 from labapp.files.pattern_table import Pattern, Positive, VideoPattern
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, read_file
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
@@ -193,3 +196,18 @@ class PlanFile(FileModel):
         if name not in self.patterns:
             known = ", ".join(self.patterns)
             raise ValueError(f"{who} asks for pattern {name!r}, and the patterns are {known}")
+
+
+@dataclass(frozen=True)
+class NamedPlan:
+    """A plan, the name or path that somebody gave for it, and its file."""
+
+    name: Path
+    path: Path
+    plan: PlanFile
+
+
+def read_plan(name: Path) -> NamedPlan:
+    """The plan of a file, or a ready one by its name; UserError says what is wrong."""
+    path = find_plan(name)
+    return NamedPlan(name, path, read_file(path, PlanFile))

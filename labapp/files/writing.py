@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from labapp.errors import UserError
@@ -22,13 +22,19 @@ def require_writable(path: Path, *, force: bool) -> None:
         raise UserError(f"{folder}: may not be written to. Choose another place.")
 
 
+def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
+    """The same of several files, where they are asked for."""
+    for path in paths:
+        if path is not None:
+            require_writable(path, force=force)
+
+
 def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:
     """UserError if files would be replaced without leave, or the folder can't be written."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file. Name a folder.")
     if folder.is_dir():
-        for name in names:
-            require_writable(folder / name, force=force)
+        require_all_writable([folder / name for name in names], force=force)
 
 
 def make_folder(folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ class AskedProblem:
     that nobody knows, and that is looked for in the picture. linear: whether levels are
     proportional to light; None: all but those of 8-bit pictures. noise: standard deviation of a
     pixel's light. clip: level of a full well, None for what the picture shows. dark: level that is
-    subtracted.
+    subtracted. truth: a picture of what the light was before it was blurred.
     """
 
     source: Path
@@ -40,6 +41,7 @@ class AskedProblem:
     clip: float | None = None
     dark: float | None = None
     blind: int | None = None
+    truth: Path | None = None
 
     def __post_init__(self) -> None:
         if self.border not in BORDERS:
@@ -59,6 +61,31 @@ class AskedProblem:
             return self._of_record(progress)
         return self._of_picture(progress)
 
+    @cached_property
+    def known(self) -> tuple[Light, float] | None:
+        """The true picture, and its peak: 1 where that is white, else its brightest."""
+        path = self.truth
+        if path is None:
+            return None
+        if is_record(path):
+            raise UserError(
+                f"--truth {path}: is a record. Give a picture or .npy of the same light."
+            )
+        light = read_photograph(path, linear=self.linear).light
+        brightest = float(np.nanmax(light))
+        if not brightest > 0:
+            raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
+        return light, 1.0 if brightest <= 1 else brightest
+
+    def _require_truth_like(self, light: NDArray[np.floating]) -> None:
+        """UserError, before a blur is looked for, where the true picture has another shape."""
+        if self.known is None or self.known[0].shape == light.shape:
+            return
+        is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.known[0], light))
+        raise UserError(
+            f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
+        )
+
     def _of_picture(self, progress: Progress) -> Problem:
         choice = self.choice
         if choice.target is not None:
@@ -71,6 +98,7 @@ class AskedProblem:
         progress.report(0, f"reading {self.source.name}")
         read = read_photograph(self.source, linear=self.linear, frame=choice.frame)
         light, clipped = read.light - self._dark(read), self._clipped(read)
+        self._require_truth_like(light)
         if self.psf is None:
             psf, told, notes = self._sought(light, clipped, progress)
         else:
@@ -99,6 +127,7 @@ class AskedProblem:
         clipped = ~np.isfinite(seen.variance)[None]
         psf: NDArray[np.floating]
         light = np.where(clipped, 0, seen.rate[None])
+        self._require_truth_like(light)
         if self.blind is not None:
             psf, told, notes = self._sought(light, clipped, progress)
         elif self.psf is not None:

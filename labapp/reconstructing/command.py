@@ -11,40 +11,30 @@ from typing import Any
 import numpy as np
 
 from labapp.console import out, print_json, say, table, watched
-from labapp.errors import UserError
-from labapp.files.photograph_file import read_photograph, require_ending, written
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.photograph_file import written
+from labapp.files.writing import write_whole
 from labapp.reconstructing.asked import AskedProblem
 from labapp.reconstructing.drawing import draw
 from labapp.reconstructing.methods import Wish
 from labapp.reconstructing.problem import Problem
-from labapp.reconstructing.records import is_record
 from labapp.reconstructing.restoring import Judged, Outcome, judged, restore_picture
 from labapp.speed import machine_speed
 
 
 @dataclass(frozen=True)
 class Files:
-    """Where the answer goes, None for beside the input; what it is judged by."""
+    """Where the answer goes, the picture of before and after, and a PSF that nobody knew."""
 
-    data: Path | None = None
-    picture: Path | None = None
-    truth: Path | None = None
-
-    def beside(self, source: Path) -> tuple[Path, Path]:
-        """The restored picture's file, and that of before and after."""
-        data = self.data or source.with_name(f"{source.stem}_restored.tiff")
-        return data, self.picture or data.with_name(f"{data.stem}_before_after.png")
+    data: Path
+    picture: Path
+    found: Path | None = None
 
 
-def reconstruct(
-    asked: AskedProblem, wish: Wish, files: Files, *, force: bool, as_json: bool
-) -> None:
-    """Restore, judge, write both files, and say how far to trust it; UserError if it can't be."""
-    data, picture, found = _places(asked, files, force)
+def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool) -> None:
+    """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
+    data, picture, found = files.data, files.picture, files.found
     with watched() as progress:
-        problem = asked.problem(progress.part(0, 0.3))
-        truth = None if files.truth is None else _truth(files.truth, asked, problem)
+        problem, truth = asked.problem(progress.part(0, 0.3)), asked.known
         if wish.budget is not None:
             wish = replace(wish, speed=machine_speed(progress))
         outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
@@ -74,40 +64,6 @@ def _array(psf: Any) -> bytes:
     buffer = io.BytesIO()
     np.save(buffer, psf)
     return buffer.getvalue()
-
-
-def _places(asked: AskedProblem, files: Files, force: bool) -> tuple[Path, Path, Path | None]:
-    """Where the files go, the last a PSF that nobody knew; UserError before anything is computed,
-    if one can't."""
-    data, picture = files.beside(asked.source)
-    require_ending(data)
-    if picture.suffix.lower() != ".png":
-        raise UserError(f"--picture {picture}: must end in .png.")
-    if data.resolve() == picture.resolve():
-        raise UserError(f"--out and --picture are both {data}. Give each its own file.")
-    read = [one for one in (asked.source, asked.psf, files.truth) if one is not None]
-    for option, file in (("--out", data), ("--picture", picture)):
-        if any(file.resolve() == one.resolve() for one in read):
-            raise UserError(f"{option} {file}: is a file that is read. Choose another name.")
-        require_writable(file, force=force)
-    found = None if asked.blind is None else data.with_name(f"{data.stem}_psf.npy")
-    if found is not None:
-        require_writable(found, force=force)
-    return data, picture, found
-
-
-def _truth(path: Path, asked: AskedProblem, problem: Problem) -> tuple[Any, float]:
-    """The known picture, and its peak: 1 where that is white, else its brightest."""
-    if is_record(path):
-        raise UserError(f"--truth {path}: is a record. Give a picture or .npy of the same light.")
-    light = read_photograph(path, linear=asked.linear).light
-    if light.shape != problem.light.shape:
-        is_, wanted = (" x ".join(map(str, one.shape)) for one in (light, problem.light))
-        raise UserError(f"--truth {path}: is {is_} (bands, rows, columns); it must be {wanted}.")
-    brightest = float(np.nanmax(light))
-    if not brightest > 0:
-        raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-    return light, 1.0 if brightest <= 1 else brightest
 
 
 def _captions(outcome: Outcome, score: Judged | None) -> tuple[str, str]:

@@ -18,6 +18,7 @@ from drivers.interfaces import checksum
 from labapp.acquisition.state import ENDED, State
 from labapp.errors import UserError
 from labapp.files.bench_file import BenchFile
+from labapp.files.finding import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.files.scene_file import SceneFile
@@ -38,8 +39,7 @@ class Record:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        if not path.is_file():
-            raise UserError(f"{path}: there is no such file. Check the path.")
+        require_file(path)
         try:
             self._file = h5py.File(path, "r")
         except (OSError, RuntimeError) as error:

@@ -7,8 +7,9 @@ from pathlib import Path
 from labapp.acquisition.taking import Ask
 from labapp.bench import Bench, BenchFiles, open_bench
 from labapp.errors import UserError
-from labapp.files.design_file import DesignContents, is_design, read_design, write_design
+from labapp.files.design_file import DesignContents, read_design, write_design
 from labapp.files.writing import make_folder, require_free, require_writable, write_whole
+from labapp.places import is_design
 from labapp.refining.exposing import record_of
 from labapp.refining.request import Request, completed
 from labapp.refining.result import Result, contents_of

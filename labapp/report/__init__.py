@@ -9,18 +9,16 @@ from labapp.console import out as console
 from labapp.console import print_json, watched
 from labapp.errors import UserError
 from labapp.files.writing import require_free, write_whole
+from labapp.places import REPORT_FILES
 from labapp.report.tables import as_data, print_tables
 from labapp.stopwatch import Stopwatch
 
 __all__ = [
-    "REPORT_FILES",
     "as_data",
     "print_tables",
     "report_record",
     "write_report",
 ]
-
-REPORT_FILES = ("report.png", "report.html")
 
 
 def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:

@@ -84,6 +84,9 @@ def stage_of(setup: BenchSetup, asked: AskedPicture, progress: Progress) -> Iter
             f"{setup.source} has real devices, of which nothing is simulated. Give a --bench whose "
             "devices are all simulated."
         )
+    if asked.target is not None and asked.target not in setup.scene.targets:
+        names = ", ".join(setup.scene.targets)
+        raise UserError(f"--target {asked.target}: the scene has {names}.")
     scene = _asked_scene(setup.scene, asked)
     with open_bench(replace(setup, scene=scene)) as bench:
         world = _set(bench, asked)
@@ -122,9 +125,6 @@ def _set(bench: Bench, asked: AskedPicture) -> World:
     world = bench.world
     assert world is not None
     if asked.target is not None:
-        if asked.target not in world.scene.targets:
-            names = ", ".join(world.scene.targets)
-            raise UserError(f"--target {asked.target}: the scene has {names}.")
         world.target = asked.target
     if asked.wavelength is not None:
         bench.filter.set_wavelength(asked.wavelength)

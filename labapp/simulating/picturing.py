@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labapp.console import out, say, watched
 from labapp.errors import UserError
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import write_whole
 from labapp.simulating.asked import AskedPicture, stage
 from labapp.simulating.explaining import told
 from optics.progress import Progress
@@ -27,15 +27,10 @@ from simulator.world import World
 Frames = NDArray[np.uint16]
 
 
-def simulate(asked: AskedPicture, path: Path, *, frames: int, seed: int, force: bool) -> None:
-    """Write frames of a scene: raw digital numbers, 16 bits.
-
-    UserError for an ending that isn't .h5, .tiff or .png, or more than one frame in a .png.
-    """
-    write = _writer(path, frames)
+def simulate(asked: AskedPicture, path: Path, kind: str, *, frames: int, seed: int) -> None:
+    """Write frames of a scene: raw digital numbers, 16 bits. kind: of the file, as in _WRITERS."""
     if seed < 0:
         raise UserError(f"--seed {seed}: give 0 or more.")
-    require_writable(path, force=force)
     with watched() as progress, stage(asked, progress.part(0.0, 0.3)) as staged:
         world, situation = staged.world, staged.situation
         progress.report(0.3, "deciding")
@@ -43,6 +38,7 @@ def simulate(asked: AskedPicture, path: Path, *, frames: int, seed: int, force: 
         progress.report(0.35, "forming the picture")
         picture = world.imaging.picture(situation, plan.recipe, progress.check)
         drawn = _drawn(world, situation, plan, frames, seed, progress.part(0.8, 1.0))
+    write = _WRITERS[kind]
     write(path, drawn, picture, {"effect_plan": json.dumps(told(situation, plan)), **staged.files})
     brightest = int(drawn.max())
     out.print(
@@ -63,21 +59,6 @@ def _drawn(
         world.begin(seed, 0, number)
         drawn[number] = stream.frame(world.chance())
     return drawn
-
-
-def _writer(path: Path, frames: int) -> Callable[[Path, Frames, Picture, dict[str, str]], None]:
-    if frames < 1:
-        raise UserError(f"--frames {frames}: ask for one at least.")
-    ending = path.suffix.lower()
-    if ending == ".png":
-        if frames > 1:
-            raise UserError(f"--out {path}: a .png holds one frame; take .h5 or .tiff for more.")
-        return _write_png
-    if ending in (".tif", ".tiff"):
-        return _write_tiff
-    if ending in (".h5", ".hdf5"):
-        return _write_hdf5
-    raise UserError(f"--out {path}: the ending says the kind; choose .h5, .tiff or .png.")
 
 
 def _write_png(path: Path, frames: Frames, picture: Picture, said: dict[str, str]) -> None:
@@ -104,3 +85,10 @@ def _write_hdf5(path: Path, frames: Frames, picture: Picture, said: dict[str, st
         for name, text in said.items():
             file[name] = text
     write_whole(path, held.getvalue())
+
+
+_WRITERS: dict[str, Callable[[Path, Frames, Picture, dict[str, str]], None]] = {
+    "png": _write_png,
+    "tiff": _write_tiff,
+    "h5": _write_hdf5,
+}

@@ -15,15 +15,14 @@ from labapp.console import out, print_json, table, watched
 from labapp.errors import UserError
 from labapp.files.reading import bundled
 from labapp.files.writing import make_folder, require_free
+from labapp.places import RECORD, STUDY_FILES
 from labapp.record.reader import Record
 from labapp.running import Manner, attended, require_complete
 from labapp.stopwatch import Stopwatch
 from labapp.studies.contract import Results, Settings, Study
 from labapp.studies.finding import find_study, marked, read_settings, settings_of
-from labapp.studies.page import FILES, Account, as_data, write
+from labapp.studies.page import Account, as_data, write
 from optics.progress import Progress
-
-RECORD = "run.h5"
 
 _ACQUIRING = 0.7
 """Share of a study's progress."""
@@ -46,7 +45,7 @@ def run_study(asked: Asked, folder: Path, manner: Manner) -> None:
     """Take a study's record, evaluate it, write picture and page, print the table."""
     with attended(manner) as (progress, ask):
         account = study(asked, folder, manner, progress, ask)
-    _tell(account, folder, (RECORD, *FILES), manner)
+    _tell(account, folder, (RECORD, *STUDY_FILES), manner)
 
 
 def study(
@@ -64,7 +63,7 @@ def study(
     manner, progress = manner or Manner(), progress or Progress()
     found = find_study(asked.name)
     settings = read_settings(asked.name, asked.keys, quick=asked.quick)
-    require_free(folder, (RECORD, *FILES), force=manner.force)
+    require_free(folder, (RECORD, *STUDY_FILES), force=manner.force)
     files = BenchFiles(
         asked.bench or bundled(found.bench),
         asked.scene or bundled(found.scene),
@@ -92,13 +91,13 @@ def study(
 def evaluate_record(name: str, record: Path, folder: Path, manner: Manner) -> None:
     """Evaluate a study's record once more: after a resume, or elsewhere. Errors as above."""
     found = find_study(name)
-    require_free(folder, FILES, force=manner.force)
+    require_free(folder, STUDY_FILES, force=manner.force)
     with Record(record) as opened:
         settings = settings_of(opened, name)
     make_folder(folder)
     with watched() as progress:
         account = _evaluated(name, found, settings, record, folder, Stopwatch(), progress)
-    _tell(account, folder, FILES, manner)
+    _tell(account, folder, STUDY_FILES, manner)
 
 
 def _evaluated(

@@ -13,11 +13,10 @@ from typing import Any
 import labapp
 from labapp.files.keys import described_keys
 from labapp.files.writing import write_whole
+from labapp.places import STUDY_FILES
 from labapp.report.html import document, footer, heading, html_figure, html_table
 from labapp.report.pictures import png
 from labapp.studies.contract import Results, Settings, Study
-
-FILES = ("study.png", "study.html", "study.json")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +39,12 @@ class Account:
 
 
 def write(account: Account, folder: Path) -> None:
-    """Write the files of FILES; each takes its name only when it is whole."""
+    """Write the files of STUDY_FILES; each takes its name only when it is whole."""
     pictures = [png(plate.figure) for plate in account.results.plates]
-    write_whole(folder / FILES[0], pictures[0])
-    write_whole(folder / FILES[1], page(account, pictures).encode())
+    write_whole(folder / STUDY_FILES[0], pictures[0])
+    write_whole(folder / STUDY_FILES[1], page(account, pictures).encode())
     text = json.dumps(as_data(account), indent=2, allow_nan=False, ensure_ascii=False)
-    write_whole(folder / FILES[2], f"{text}\n".encode())
+    write_whole(folder / STUDY_FILES[2], f"{text}\n".encode())
 
 
 def page(account: Account, pictures: list[bytes]) -> str:

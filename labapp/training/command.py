@@ -10,8 +10,7 @@ from pathlib import Path
 import torch
 
 from labapp.console import out, watched
-from labapp.errors import UserError
-from labapp.files.writing import require_writable, write_whole
+from labapp.files.writing import write_whole
 from labapp.networks import weights_file
 from labapp.training.denoiser import train
 from labapp.training.patches import pictures_in
@@ -19,17 +18,11 @@ from optics.threads import single_threaded
 
 
 @single_threaded
-def train_denoiser(
-    folders: Sequence[Path], weights: Path, *, steps: int, seed: int, force: bool
-) -> None:
+def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: int) -> None:
     """Train and write the weights; what was done so far is kept beside them, to go on from.
 
-    UserError for a file of another name than .npz, one that is there already, or pictures that
-    can't be learned from.
+    UserError for pictures that can't be learned from.
     """
-    if weights.suffix != ".npz":
-        raise UserError(f"--out {weights}: weights are written as .npz. Name such a file.")
-    require_writable(weights, force=force)
     pictures = pictures_in(folders)
     kept = weights.with_suffix(".training")
     many = sum(picture[0].size for picture in pictures) / 1e6

@@ -6,6 +6,7 @@ import sys
 
 import forked
 import pytest
+from small_bench.files import Size, bench_text
 
 _FAULTS = """
 import resource, sys
@@ -80,11 +81,8 @@ exposures_ms = [1]
 
 @glibc
 def test_a_bench_that_has_closed_gives_its_memory_back(small):
-    panel = "width = 192\nheight = 108\npitch_um = 80.0"
-    large = "width = 768\nheight = 432\npitch_um = 20.0"
-    described = small.bench.read_text()
-    assert panel in described
-    (small.folder / "large.toml").write_text(described.replace(panel, large))
+    large = Size(panel=(432, 768), panel_pitch_um=20.0)
+    (small.folder / "large.toml").write_text(bench_text(large))
     small.plan.write_text(_TWO_FRAMES)
     done = forked.run(
         [sys.executable, "-c", _RUNS, str(small.folder)], capture_output=True, text=True, check=True

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.retrieval import RetrievalRow, asked_goal, measure_retrieval
+from labapp.designing.kinds import read_psf
 from optics.accuracy import MachineSpeed
 from optics.progress import Cancelled, Progress
 from optics.retrieval import METHODS
@@ -53,7 +54,7 @@ def test_the_diagram_of_a_retrieval(labapp, bench, tmp_path, quickly, frames):
 
 def test_what_does_not_serve_the_target_is_a_row(small, quickly):
     """A ring isn't made of spots."""
-    goal, name = asked_goal(*RING[:1], RING[1:], 550.0, small.bench)
+    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     rows = measure_retrieval(goal, name, 1, 10.0, MachineSpeed(), Progress())
     spots = [row for row in rows if row.method == "weighted"]
     assert spots
@@ -61,14 +62,14 @@ def test_what_does_not_serve_the_target_is_a_row(small, quickly):
 
 
 def test_a_small_budget_leaves_out_what_takes_longer(small, quickly):
-    goal, name = asked_goal(*RING[:1], RING[1:], 550.0, small.bench)
+    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     dear = MachineSpeed(fft=1.0)
     rows = measure_retrieval(goal, name, 1, 1e-3, dear, Progress())
     assert {row.iterations for row in rows} == {1}
 
 
 def test_the_goal_is_the_target_on_the_benchs_panel(small):
-    goal, name = asked_goal(*RING[:1], RING[1:], 550.0, small.bench)
+    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     assert goal.camera.panel.shape == (108, 192)
     assert name == "ring 40/6 µm, 550 nm"
     y, x = (axis.numpy() for axis in goal.plane.mesh())
@@ -91,7 +92,7 @@ def test_bad_questions_are_refused_by_name(labapp, bench, tmp_path):
 
 
 def test_measuring_can_be_cancelled(small, quickly):
-    goal, name = asked_goal(*RING[:1], RING[1:], 550.0, small.bench)
+    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     progress = Progress()
     progress.cancel()
     with pytest.raises(Cancelled):

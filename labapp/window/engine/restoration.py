@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.errors import UserError
-from labapp.files.photograph_file import Light, coded, require_ending, written
+from labapp.files.photograph_file import Light, coded, written
 from labapp.files.writing import write_whole
+from labapp.places import require_photograph
 from labapp.reconstructing.asked import AskedProblem
 from labapp.reconstructing.methods import Wish
 from labapp.reconstructing.problem import Problem
@@ -50,7 +51,7 @@ class Restoration:
 
     def save(self, path: Path) -> None:
         """By the file's ending; UserError for one that isn't known."""
-        require_ending(path)
+        require_photograph(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
         problem = self.problem
