@@ -35,7 +35,7 @@ gui: $(VENV)/run
 
 # Measure what labapp claims, all of it or ONLY="psf demo", and write tests/figures/RESULTS.md.
 figures: $(VENV)/dev
-	cd tests && ../$(BIN)/python -m figures $(ONLY) $(if $(JSON),--json)
+	PYTHONPATH=tests $(BIN)/python -m figures $(ONLY) $(if $(JSON),--json)
 
 # Small bugs in one module, and which of them its tests notice: make mutants MODULE=optics/plane.py
 .PHONY: mutants

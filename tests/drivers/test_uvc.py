@@ -186,7 +186,7 @@ def test_latencies_of_levels():
 
 def test_a_stream_that_stops_is_named_within_a_second_and_begins_again(monkeypatch):
     """A second has 50 looks at whether the wait was cancelled. The system says nothing by then."""
-    monkeypatch.setattr("simulator.machines.uvc_camera._SELECT", 10.0)
+    monkeypatch.setattr("uvc_camera_machine._SELECT", 10.0)
     behind, looks = machine(), []
     with camera(behind) as one:
         one.set_exposure(2e-3)

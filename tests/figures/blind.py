@@ -15,6 +15,7 @@ import torch
 
 from figures import Figure
 from labapp.accuracy.blurs import Array, shake, taken
+from labapp.files.reading import bundled
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.found import FAIR
 from optics.deconvolution.measured import measured
@@ -22,7 +23,7 @@ from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
 
 _SHARED = Path(__file__).parents[3] / "shared/data"
-_PHOTOGRAPH = Path(__file__).parents[1] / "data/photograph.jpg"
+_PHOTOGRAPH = bundled("photograph.jpg")
 
 _SEED, _CASES, _SIDE, _NOISE = 20, 20, 255, 0.01
 

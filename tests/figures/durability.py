@@ -23,6 +23,9 @@ from labapp.record.reader import Record
 
 _KILLS = 200
 
+_PATIENCE = 60.0
+"""Seconds after which a run that hasn't begun won't."""
+
 
 def same_seed(folder: Path) -> list[Figure]:
     """Two runs of a plan, array by array."""
@@ -111,6 +114,7 @@ def _kill_one(folder: Path, rng: np.random.Generator, victims: Victims) -> Kille
         file.unlink(missing_ok=True)
     plan = random_plan(rng)
     victims.begin(reference, acknowledged, plan)
+    _wait_for(reference)
     began = time.perf_counter()
     victims.end()
     lasts = time.perf_counter() - began
@@ -136,10 +140,19 @@ def _kill_one(folder: Path, rng: np.random.Generator, victims: Victims) -> Kille
 def _kill(
     plan: PlanFile | None, path: Path, acknowledged: Path, after: float, victims: Victims
 ) -> bool:
-    """Begin a run and kill it after some seconds; False if it had ended by then."""
+    """Begin a run and kill it some seconds after its record has a name; False if it had ended by
+    then."""
     process = victims.begin(path, acknowledged, plan)
+    _wait_for(path)
     time.sleep(after)
     return victims.kill(process)
+
+
+def _wait_for(path: Path) -> None:
+    """Until a file is there: what comes before it is planning, and leaves nothing behind."""
+    late = time.monotonic() + _PATIENCE
+    while not path.is_file() and time.monotonic() < late:
+        time.sleep(0.001)
 
 
 def _look(path: Path, acknowledged: Path) -> tuple[str, int]:

@@ -20,6 +20,7 @@ from small_bench.setups import random_plan, small_setup
 from drivers.interfaces import Frame
 from figures import Figure
 from figures.durability import differing_arrays, run_small
+from figures.where import ENVIRONMENT, ROOT
 from labapp.acquisition import keeping
 from labapp.acquisition.runner import Outcome, run_plan
 from labapp.acquisition.state import State
@@ -55,7 +56,8 @@ def fill_often(folder: Path, moments: int, seed: int = 0) -> tuple[list[str] | N
     command = [unshare, *private, sys.executable, "-m", "figures.full_disk"]
     answer = subprocess.run(
         [*command, str(folder), str(moments), str(seed)],
-        cwd=Path(__file__).parents[1],
+        cwd=ROOT,
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from small_bench.setups import small_setup
 
+from figures.where import ENVIRONMENT, ROOT
 from labapp.acquisition.runner import resume_run, run_plan
 from labapp.bench import open_bench
 from labapp.files.plan_file import PlanFile
@@ -24,7 +25,8 @@ class Victims:
     def __enter__(self) -> Self:
         self._parent = subprocess.Popen(
             [sys.executable, "-m", "figures.victim"],
-            cwd=Path(__file__).parents[1],
+            cwd=ROOT,
+            env=ENVIRONMENT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

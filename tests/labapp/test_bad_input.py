@@ -236,9 +236,3 @@ def test_a_traceback_is_shown_only_on_request(labapp, tmp_path):
     assert "Traceback" not in said
     with pytest.raises(Exception, match="no such file"):
         labapp("show", tmp_path / "none.h5", "--debug")
-
-
-def test_an_unknown_figure_is_refused(labapp):
-    code, _, said = labapp("figures", "--only", "beauty")
-    assert code == 1
-    assert "quadrature" in said

@@ -366,10 +366,10 @@ def test_what_a_record_lacks_is_named(labapp, run, options, words):
 def test_an_unknown_blur_is_looked_for_written_and_judged(labapp, tmp_path):
     """A stroke over disks: the picture gets nearer to the truth than it was."""
     rng = np.random.default_rng(8)
-    y, x = np.mgrid[:170, :180]
-    sharp = np.full((170, 180), 0.3)
-    for _ in range(40):
-        at = np.hypot(y - rng.uniform(0, 170), x - rng.uniform(0, 180)) < rng.uniform(4, 25)
+    y, x = np.mgrid[:120, :130]
+    sharp = np.full((120, 130), 0.3)
+    for _ in range(30):
+        at = np.hypot(y - rng.uniform(0, 120), x - rng.uniform(0, 130)) < rng.uniform(4, 20)
         sharp[at] = rng.uniform(0, 1)
     stroke = np.zeros((9, 9))
     stroke[range(1, 8), range(1, 8)] = 1 / 7

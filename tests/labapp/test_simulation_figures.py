@@ -40,6 +40,7 @@ def test_a_scene_that_is_not_there_is_named(tmp_path):
         quick_setup(tmp_path / "none.toml")
 
 
+@pytest.mark.sweep
 def test_everything_on_leaves_nothing_out_and_a_plan_tells_its_work(star):
     whole, planned = with_everything(star), by_plan(star, 1e-2)
     assert planned.plan is not None
@@ -70,6 +71,7 @@ def test_live_frames_are_counted_by_the_wall_and_the_processor():
     assert found.first > 1 / found.rate
 
 
+@pytest.mark.sweep
 def test_emva_figures_are_those_of_any_sensor(monkeypatch):
     """Of one with other figures than the goal was set for."""
     other = replace(
@@ -80,6 +82,7 @@ def test_emva_figures_are_those_of_any_sensor(monkeypatch):
     assert figure.met, figure.measured
 
 
+@pytest.mark.sweep
 def test_an_edge_out_of_focus_is_not_taken_for_one_in_focus(monkeypatch):
     """The formula's own distance matters: the deviation isn't small whatever is compared."""
     sensor = replace(edge_mtf.CAMERA.sensor, shape=(96, 104))
