@@ -29,19 +29,22 @@ def kept_speed(tmp_path_factory):
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
+_plans = Cache(256)
+
+
+@pytest.fixture(scope="module", autouse=True)
 def kept_plans():
     """What effects a picture of a small bench calls for is decided once, not for every test.
 
     The decision follows from its causes alone, and takes ten times as long as the frames do.
+    Other rooms' tests, which may follow in the same process, are left without.
     """
-    kept = Cache(256)
 
     def plan(self: Imaging, s: Situation) -> EffectPlan:
         if math.prod(s.camera.sensor.shape) > 1e4:
             return decided(self, s)
         forced = tuple(sorted(self.forced.items()))
-        return kept.get((self.tol, forced, causes(s)), lambda: decided(self, s))
+        return _plans.get((self.tol, forced, causes(s)), lambda: decided(self, s))
 
     decided = Imaging.plan
     with pytest.MonkeyPatch.context() as patch:

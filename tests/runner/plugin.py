@@ -11,6 +11,7 @@ import pytest
 
 from runner.costs import Meter
 from runner.distribution import Distribution, Worker, words_file
+from runner.heap import Heap
 from runner.limits import Limits
 from runner.report import Reporter
 
@@ -38,6 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
     else:
         plugins.register(Limits(config, words))
         plugins.register(Meter())
+        plugins.register(Heap())
 
 
 def _distribute(config: pytest.Config) -> None:

@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,9 @@ from window_bench import Bench
 from window_scene import write_bench
 
 from labapp.bench import BenchFiles
+from labapp.speed import keep
 from labapp.window import theme
+from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb
 
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
@@ -82,6 +85,22 @@ def _phase(seconds: float) -> Iterator[None]:
         dialogues.note_on(error)
         raise
     dialogues.require_none()
+
+
+@pytest.fixture(scope="session")
+def slow_machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is kept of a machine on which no picture is restored in a hundredth of a second."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        keep(replace(MachineSpeed(), call=5e-3))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def on_a_slow_machine(slow_machine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Engines read it instead of measuring this one, and nobody's cache is written."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(slow_machine))
 
 
 @pytest.fixture(scope="session")
