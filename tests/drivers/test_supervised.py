@@ -695,6 +695,18 @@ def test_an_exposure_that_takes_longer_than_it_was_set_to_is_a_hang(make):
             camera.set_exposure(0.1)
 
 
+@pytest.mark.parametrize(
+    ("pace", "exposure", "allowed"), [(20.0, 0.01, 0.2 + 0.4), (0.05, 0.1, 0.1 + 0.4)]
+)
+def test_a_bench_whose_seconds_are_long_is_given_as_long(make, pace, exposure, allowed):
+    """Twenty of the wall in one of its own; those of a quick one are no shorter."""
+    make.then(Killable, ["capture"])
+    with SupervisedCamera("camera", make, pace) as camera:
+        camera.set_exposure(exposure)
+        with pytest.raises(DeviceError, match=rf"no answer within {allowed:.1f} s"):
+            camera.capture(never)
+
+
 def test_a_camera_may_hang_when_its_exposure_is_set(make):
     with SupervisedCamera("camera", make.then(Killable, ["set_exposure"])) as camera:
         with pytest.raises(DeviceError, match="modest: set exposure: hangs"):

@@ -351,6 +351,22 @@ def test_refreshing_waits_for_a_power_up():
         assert 59 < bench.clock.now() - began < 63
 
 
+@pytest.mark.parametrize("completely", [True, False])
+def test_refreshing_leaves_the_filter_at_its_wavelength(completely):
+    """Who goes on measuring sees the light that was set, and waits as the cold asks for now."""
+    tuned, heat = [], [25.0]
+    bench = Bench(tuned=tuned.append, heat=lambda t: heat[0])
+    with bench.filter(settling_ms=100.0) as device:
+        device.set_wavelength(633e-9)
+        tuned.clear()
+        heat[0] = 5.0
+        device.refresh(completely=completely)
+        assert set(tuned) == {633e-9}
+        assert device.wavelength == 633e-9
+        assert device.settling == pytest.approx(0.1 * slowdown(5.0))
+    assert slowdown(5.0) > 1.2
+
+
 def test_a_filter_that_lost_its_power_is_ready_once_opened_again():
     bench = Bench()
     supervised = Supervised("filter", bench.filter)

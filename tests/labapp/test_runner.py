@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from figures.durability import differing_arrays
+from plans import block, plan_of
 
 from drivers.errors import DeviceError
 from labapp.acquisition import checking, hooks, keeping
@@ -25,6 +26,7 @@ from labapp.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.record.reader import Record
+from optics.light import Waveform
 from optics.progress import Progress
 from simulator.devices import SimulatedFilter
 
@@ -239,6 +241,46 @@ def test_same_seed_same_arrays_and_another_seed_others(small, plan, tmp_path):
             run_plan(bench, plan.model_copy(update={"seed": seed}), path)
     assert differing_arrays(paths[0], paths[1]) == []
     assert "entry/data/images" in differing_arrays(paths[0], paths[2])
+
+
+FLICKER = """
+[lights.mains]
+kind = "broadband"
+[lights.mains.flicker]
+shape = "sine"
+depth = 0.6
+[targets.wall]
+kind = "flat"
+distance_m = 2.0
+radiance = 1.0
+light = "mains"
+"""
+
+
+def test_each_frame_sees_a_lamp_as_it_is_at_its_moment_of_the_plan(tiny, tmp_path):
+    """Also the frames that a resumption takes, whenever that is."""
+    scene = tiny.scene.read_text().replace("version = 1", "version = 2")
+    tiny.scene.write_text(scene + FLICKER)
+    plan = plan_of(block(targets=["wall"], wavelengths_nm=[550], repeats=6))
+    progress, path = Progress(), tmp_path / "run.h5"
+
+    def stop(shot, frame):
+        if shot.index == 2:
+            progress.cancel()
+
+    with open_bench(tiny.bench_files) as bench:
+        run_plan(bench, plan, path, progress=progress, on_frame=stop)
+        listed = shots(plan, Abilities.of(bench))
+    with open_bench(tiny.bench_files) as bench:
+        assert resume_run(bench, path).state is State.COMPLETE
+    with Record(path) as record:
+        images = np.array([record.image(index) for index in range(6)], dtype=float)
+        np.testing.assert_allclose(record.column("time"), [one.moment for one in listed])
+    seen = images.mean((1, 2)) - 64.0
+    lamp = Waveform("sine", 100.0, 0.6)
+    lit = np.array([float(lamp.mean(one.moment, one.moment + one.exposure)) for one in listed])
+    assert np.ptp(lit) > 0.3
+    np.testing.assert_allclose(seen / seen.mean(), lit / lit.mean(), rtol=0.01)
 
 
 def test_a_run_that_cannot_be_done_moves_nothing(small, plan, bench, tmp_path, monkeypatch):

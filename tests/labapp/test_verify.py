@@ -172,6 +172,16 @@ def swap_times(file):
     times[3], times[4] = times[4], times[3]
 
 
+def begin_early(frame):
+    """An exposure before the last one has ended, though later than that has begun."""
+
+    def change(file):
+        times, exposures = file["entry/data/time"], file["entry/data/exposure"]
+        times[frame] = times[frame - 1] + 0.5 * exposures[frame - 1]
+
+    return change
+
+
 def shorten(file):
     del file["entry/data/gain"]
     file["entry/data/gain"] = np.ones(11)
@@ -195,6 +205,9 @@ def bend_axis(file):
         (set_column("wavelength", 4, 551e-9), "settings", "wavelength of frames 4: 551 instead"),
         (set_column("gain", 4, 0), "settings", "no gain: of frames 4"),
         (swap_times, "camera", "time runs backwards"),
+        (begin_early(1), "camera", "exposures begin before the last one has ended"),
+        (begin_early(6), "camera", "exposures begin before the last one has ended"),
+        (begin_early(11), "camera", "exposures begin before the last one has ended"),
         (set_column("time", 3, np.nan), "camera", "no time: of frames 3"),
         (set_column("time", 3, -1.0), "camera", "no time: of frames 3"),
         (set_column("timestamp", 3, 0), "camera", "no timestamp: of frames 3"),

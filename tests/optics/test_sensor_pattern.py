@@ -84,6 +84,60 @@ def test_nothing_clips_where_clipping_is_off():
     assert int(frame) == round(64 + 1e6 / 2.6)
 
 
+def test_numbers_end_where_well_and_converter_do():
+    """A well of 1000 electrons reads 64 + 500, and a deeper one 4095; below 0 there is nothing,
+    however far noise and offsets reach: half of a dark frame is 0."""
+    sensor = Sensor(shape=(100, 100), bits=12, gain=2.0, full_well=1000.0, dark_current=0.0,
+                    read_noise=20.0, black_level=64.0)  # fmt: skip
+    bright, dark = torch.full(sensor.shape, 1e6), torch.zeros(sensor.shape)
+
+    def frame(light, sensor, read_noise=True):
+        generator = torch.Generator().manual_seed(1)
+        return draw(light, 1.0, sensor, generator, read_noise=read_noise)
+
+    assert (frame(bright, sensor, False) == 64 + 500).all()
+    deep = replace(sensor, full_well=1e5)
+    assert (frame(bright, deep) == 4095).all()
+    nothing = frame(dark, replace(sensor, black_level=0.0, dsnu=10.0))
+    assert nothing.min() == 0
+    # What rounds to 0 as well: a step of 2 electrons under a normal curve of 22.
+    assert float((nothing == 0).float().mean()) == pytest.approx(0.52, abs=0.02)
+
+
+def test_a_frame_without_noise_is_the_rounded_mean():
+    """round(electrons / gain + black level), written out; with what each pixel reads too much."""
+    sensor = Sensor(shape=(1, 5), gain=2.5, black_level=100.0, dark_current=500.0)
+    light = torch.tensor([[0.0, 1.0, 2.4, 3.8, 5000.0]])
+
+    def quiet(sensor):
+        return draw(light, 1.0, sensor, torch.Generator(), shot="none", read_noise=False,
+                    dark_current=False)  # fmt: skip
+
+    assert quiet(sensor).tolist() == [[100, 100, 101, 102, 2100]]
+    uneven = replace(sensor, dsnu=50.0, fixed_seed=2)
+    pattern = fixed_pattern(uneven)
+    too_much = torch.round(light / 2.5 + pattern.steps * pattern.step / 2.5 + 100)
+    assert torch.equal(quiet(uneven), too_much.to(torch.int32))
+    assert bool((pattern.steps < 0).any() and (pattern.steps > 0).any())
+
+
+@pytest.mark.parametrize("shot", ["Poisson", "skewed", "Gaussian"])
+def test_dim_pixels_beside_bright_ones_are_drawn_as_poissons(shot):
+    """exp(-0.3) of them hold nothing; of a normal distribution, 0.64 would."""
+    sensor = Sensor(shape=(2, 20_000), gain=1.0, black_level=0.0, dark_current=0.0, full_well=1e4)
+    light = torch.tensor([[0.3], [400.0]]).expand(sensor.shape)
+
+    def drawn(seed):
+        generator = torch.Generator().manual_seed(seed)
+        return draw(light, 1.0, sensor, generator, shot=shot, read_noise=False)
+
+    dim, bright = drawn(1).double()
+    assert float((dim == 0).double().mean()) == pytest.approx(math.exp(-0.3), abs=0.02)
+    assert float(bright.var() / bright.mean()) == pytest.approx(1, abs=0.05)
+    assert torch.equal(drawn(1), drawn(1))
+    assert not torch.equal(drawn(1), drawn(2))
+
+
 @pytest.mark.parametrize("shot", ["Poisson", "skewed", "Gaussian"])
 @pytest.mark.parametrize("electrons", [3.0, 40.0])
 def test_electrons_come_as_poissons_or_nearly_so(shot, electrons):
