@@ -1,4 +1,4 @@
-"""Measure the figures and keep what was seen: `make figures`; in tests, `python -m figures`."""
+"""Measure the figures and keep what was seen, as `make figures` does: `python -m figures`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue as a table in Markdown: `cd tests && python -m hard_cases`."""
+"""The catalogue as a table in Markdown: `PYTHONPATH=tests python -m hard_cases`."""
 
 from __future__ import annotations
 
