@@ -105,6 +105,17 @@ def test_every_effect_has_its_worst():
     assert {one.effect for one in WORST} == {effect.name for effect in EFFECTS}
 
 
+def test_rounding_moves_a_quiet_number_by_half_a_step_at_most():
+    """3.999 electrons without any noise are 0 in steps of 8."""
+    sensor, light = pixels(8.0), even(3.999)
+    rounded, exact = (read(light, sensor, EXPOSURE, one)
+                      for one in (BARE.having(quantisation=True), BARE))  # fmt: skip
+    moved = changes(rounded, exact)[0]
+    effect = next(effect for effect in EFFECTS if effect.name == "quantisation")
+    assert moved == pytest.approx(3.999 * SIDE)
+    assert moved <= effect.bound(situation(light, sensor, EXPOSURE), 0).mean <= 1.001 * moved
+
+
 @pytest.mark.parametrize(("level", "shot"), [(1, "Gaussian"), (2, "skewed")])
 def test_a_distributions_distance_is_near_its_bound_at_ten_electrons(level, shot):
     """Where a normal distribution may take over; what it is by scipy."""

@@ -16,7 +16,10 @@ from sensor_situations import BARE, EFFECTS, UNEVEN, changes, picture, read, sen
 from optics.camera import Sensor
 from optics.sensor.drawing import electrons_of
 from simulator.effects.clipping import Clipping
+from simulator.effects.dark_current import DarkCurrent
+from simulator.effects.fixed_pattern import FixedPattern
 from simulator.effects.on_pixels import near_limit, through_sensor
+from simulator.effects.quantisation import Quantisation
 from simulator.effects.read_noise import ReadNoise
 from simulator.effects.shot_noise import ShotNoise
 
@@ -124,3 +127,39 @@ def test_effects_say_what_they_are(effect):
     assert works[0] == 0
     assert works == sorted(works)
     assert effect.estimate(s, len(effect.levels) - 1) == 0
+
+
+ADDED = {
+    "dark current": {"dark_current": True},
+    "shot noise": {"shot": "Gaussian"},
+    "clipping": {"clipping": True},
+    "read noise": {"read_noise": True},
+    "fixed pattern": {"fixed_pattern": True},
+    "quantisation": {"quantisation": True},
+}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
+def test_an_effect_adds_its_stage_and_no_other(effect):
+    assert effect.apply(BARE, None, 1) == BARE.having(**ADDED[effect.name])
+
+
+def test_what_comes_by_chance_or_follows_from_it_is_done_for_each_frame():
+    each = {one.name for one in EFFECTS if one.each_frame}
+    assert each == {"shot noise", "clipping", "read noise", "quantisation"}
+
+
+def test_estimates_are_shares_of_the_variance():
+    """Of 400 electrons, read with 10 and in steps of 12: 400 + 100 + 12 electrons²; of 4000 in a
+    well of 3000, the fourth that is lost."""
+    one = Sensor(shape=(12, 12), full_well=3000.0, gain=12.0, read_noise=10.0, dark_current=32.0)
+    s = situation(torch.full((12, 12), 800.0), one)
+    assert Quantisation().estimate(s, 0) == pytest.approx(12 / 512)
+    assert ReadNoise().estimate(s, 0) == pytest.approx(100 / 500)
+    assert DarkCurrent().estimate(s, 0) == pytest.approx(math.sqrt(16 / (100 + 144)))
+    # Of what may come from elsewhere, a tenth more, and dark current.
+    full = situation(torch.full((12, 12), 8000.0), replace(one, dark_current=0.0))
+    assert Clipping().estimate(full, 0) == pytest.approx(0.25, abs=0.1)
+    uneven = replace(one, prnu=0.02, dead=0.01)
+    assert FixedPattern().estimate(situation(torch.ones(12, 12), uneven), 0) == 0.03
+    assert all(effect.estimate(s, len(effect.levels) - 1) == 0 for effect in EFFECTS)
