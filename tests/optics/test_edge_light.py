@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
-from optics.psf.edge_light import EdgeLight
+from optics.psf.edge_light import EdgeLight, _distances, window_frequencies
 from optics.psf.question import Question
+from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9
 
@@ -75,3 +77,177 @@ def test_samples_are_not_averaged():
     tiny = replace(single._q, pixel=(1e-9, 1e-9))
     camera = single._camera
     assert EdgeLight(tiny, camera).relative(1.0) == pytest.approx(single.relative(1.0), rel=1e-6)
+
+
+# Rays from the panel to the lens, by geometry.
+
+ROWS, COLUMNS, PITCH, APART, AWAY = 100, 130, 8e-6, 5e-3, 1.5
+STOP = 0.6e-3
+FIELD = (1e-4, -2e-4)
+
+
+def off_the_axis(**more) -> EdgeLight:
+    lens = Lens(0.05, 0.05 / (2 * STOP), 2.0)
+    camera = Camera(Panel((ROWS, COLUMNS), PITCH, fill_factor=0.81), lens, separation=APART)
+    window = Plane((42, 32), (SPECKLE, 2 * SPECKLE), more.pop("centre", (0.0, 0.0)))
+    question = Question(
+        lens, AWAY, WAVELENGTH, window, 1e-3, Budget(), margin=1, separation=APART,
+        **{"field": FIELD} | more,
+    )  # fmt: skip
+    return EdgeLight(question, camera)
+
+
+def test_rays_go_straight_from_the_object_through_the_panel_and_turn_by_their_frequency():
+    edge, z = off_the_axis(), off_the_axis()._q.lens.image_distance
+    panel, frequency = np.array([1e-4, 2e-4]), np.array([300.0, -900.0])
+    source = -np.array(FIELD) / z * (AWAY + APART)
+    slope = (panel - source) / AWAY + WAVELENGTH * frequency
+    rays = edge.rays(panel + APART * slope, frequency / edge.spread)
+    np.testing.assert_allclose(rays.start, panel, rtol=1e-9)
+    np.testing.assert_allclose(rays.frequency, frequency)
+    assert edge.spread == pytest.approx(1 + APART / AWAY)
+    # Over a Fresnel zone, light of that many cycles a metre is as wide as it has moved.
+    assert APART * WAVELENGTH * edge.zone == pytest.approx(edge.spread / edge.zone)
+
+
+def test_beside_the_panel_there_is_what_its_edges_bend():
+    """1 / (2 pi)² of the light at a Fresnel zone from the edge; nothing is lost on the panel."""
+    edge = off_the_axis(field=(0.0, 0.0))
+    zone = np.sqrt(WAVELENGTH * APART / edge.spread)
+    # Of an even number of pixels the first lies half of them from the axis.
+    low, high = -(ROWS / 2 + 0.5) * PITCH, (COLUMNS / 2 - 0.5) * PITCH
+    starts = [(0, 0), (low + 1e-7, 0), (0, high - 1e-7), (low - zone, 0), (0, high + 2 * zone),
+              (low - zone, high + 2 * zone), (low - 1e-9, 0)]  # fmt: skip
+    rays = edge.rays(np.array(starts) * edge.spread, np.zeros((len(starts), 2)))
+    one, two = 1 / (2 * np.pi) ** 2, 1 / (4 * np.pi) ** 2
+    np.testing.assert_allclose(rays.light, [1, 1, 1, one, two, one * two, 1], rtol=1e-6)
+    assert (rays.anywhere == 1).all()
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.4, 0.9, 1.5, 7.0])
+def test_pixels_send_their_envelope_and_the_mean_of_its_lobes(turns):
+    edge = off_the_axis()
+    side = 0.9 * PITCH
+    behind = np.array([turns, 0.3]) / side / edge.spread
+    light = float(edge.rays(np.zeros(2), behind).anywhere)
+    envelope = np.sinc(turns) ** 2 if turns < 1 else 0.5 / (np.pi * turns) ** 2
+    assert light == pytest.approx(envelope * np.sinc(0.3) ** 2)
+
+
+@pytest.mark.parametrize("stop", [Stop(), Stop(Circle(0.5), (Circle(0.2),))])
+def test_all_of_a_stop_is_lit_by_a_panel_that_is_larger_than_it(stop):
+    """And what goes into the window is that share of what passes, which is what the panel sends
+    to a unit of frequency area: a pixel's own area, of a panel that is lit alike."""
+    wide = Camera(Panel((400, 400), PITCH), Lens(0.05, 50.0, 2.0, stop), separation=1e-4)
+    window = Plane((12, 22), (3e-6, 4e-6))
+    question = Question(wide.lens, 2.0, WAVELENGTH, window, 1e-3, Budget(), margin=1,
+                        separation=1e-4)  # fmt: skip
+    edge = EdgeLight(question, wide)
+    area = np.pi * 0.5e-3**2 * (1.0 if stop == Stop() else 0.25 - 0.04)
+    assert edge.straight == pytest.approx(area, rel=0.03)
+    seen = 10 * 20 * 3e-6 * 4e-6 / (WAVELENGTH * wide.lens.image_distance) ** 2
+    assert edge.share == pytest.approx(PITCH**2 * wide.panel.fill_factor, rel=0.04)
+    assert edge.window_share == pytest.approx(edge.share * seen)
+    assert edge.speckles == pytest.approx(max(1.0, area * seen), rel=0.03)
+
+
+def test_a_window_is_looked_at_in_its_middle_and_a_third_of_the_way_to_its_sides():
+    edge = off_the_axis(centre=(40 * SPECKLE, 0.0))
+    # Of 42 and 32 samples, one at each side is margin, and the origin is at half of them.
+    middle = np.array([40 * SPECKLE - 0.5 * SPECKLE, -0.5 * 2 * SPECKLE])
+    third = np.array([39 / 2 * SPECKLE, 29 / 2 * 2 * SPECKLE]) * 2 / 3
+    scale = WAVELENGTH * edge._q.lens.image_distance
+    signs = [(0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+    expected = [(middle + third * sign) / scale for sign in np.array(signs)]
+    np.testing.assert_allclose(window_frequencies(edge._q), expected, rtol=1e-9)
+
+
+def test_what_passes_straight_is_what_the_lens_turns_into_the_window():
+    """Out of focus by Δ dioptres, the lens turns light at its rim by Δ R / wavelength."""
+    edge = off_the_axis(field=(0.0, 0.0))
+    rim = np.array([[STOP, 0.0], [0.0, -STOP]])
+    blur = (1 / (AWAY + APART) - 1 / 2.0) * STOP / WAVELENGTH
+    np.testing.assert_allclose(edge.slope(rim), np.array([[blur, 0], [0, -blur]]), atol=1e-9)
+    low, high = edge.passing
+    seen, third = edge.reach * edge.spread, abs(window_frequencies(edge._q)).max(axis=0)
+    # A place in the window's middle third, turned at the rim; and half of the window around it.
+    most = edge.spread * (third + abs(blur))
+    assert (high > 0).all()
+    assert (low < 0).all()
+    assert (high <= most + seen / 2 + 1e-6).all()
+    # Only what the panel lights counts, and it ends before the stop does along y.
+    assert (high > 0.5 * (most + seen / 2)).all()
+    scale = WAVELENGTH * edge._q.lens.image_distance
+    np.testing.assert_allclose(edge.reach, np.array([21, 32]) * SPECKLE / scale)
+
+
+def fields() -> torch.Tensor:
+    y, x = np.mgrid[:ROWS, :COLUMNS]
+    random = np.exp(2j * np.pi * np.random.default_rng(1).random((ROWS, COLUMNS)))
+    return torch.from_numpy(np.stack([np.ones_like(random), (-1.0) ** (x + y) + 0j, random]))
+
+
+def test_a_pattern_is_as_bright_where_light_passes_as_its_spectrum_says():
+    """By a direct sum over frequencies in the band, of each pixel's wave under its envelope."""
+    edge = off_the_axis(field=(0.0, 0.0))
+    low, high = edge.passing
+    side, found = 0.9 * PITCH, []
+    lines = [np.linspace(low[k], high[k], 301) for k in (0, 1)]
+    steps = [line[1] - line[0] for line in lines]
+    even = [(np.sinc(line * side) ** 2).sum() * step * side for line, step in
+            zip(lines, steps, strict=True)]  # fmt: skip
+    y, x = ((np.arange(n) - n // 2) * PITCH for n in (ROWS, COLUMNS))
+    waves = [np.exp(-2j * np.pi * np.outer(f, at)) for f, at in zip(lines, (y, x), strict=True)]
+    envelope = np.outer(*(np.sinc(line * side) ** 2 for line in lines))
+    for field in fields().numpy():
+        sent = np.abs(waves[0] @ field @ waves[1].T) ** 2 * envelope
+        sent = sent.sum() * np.prod(steps) * side**2 / (np.abs(field) ** 2).sum()
+        found.append(sent / np.prod(even))
+    assert edge.passing_share == pytest.approx(np.prod(even), rel=0.02)
+    for field, expected in zip(fields(), found, strict=True):
+        least, most = edge.inside(field)
+        assert least == most == pytest.approx(expected, rel=0.03, abs=1e-3)
+    assert edge.inside(fields()) == pytest.approx((min(found), max(found)), rel=0.03, abs=1e-3)
+    assert found[0] > 2 * found[2]
+    assert edge.inside(fields()[:0]) == (1.0, 1.0)
+
+
+def test_steps_in_distance_are_even_near_the_edges_own_frequency_and_then_by_a_factor():
+    steps = _distances(10.0, 1000.0, 89)
+    np.testing.assert_allclose(steps[:, :7], np.broadcast_to(np.arange(7) / 6 * 10, (89, 7)))
+    assert (np.diff(steps[:, 7:], axis=1) > 0).all()
+    factors = steps[:, 8:] / steps[:, 7:-1]
+    np.testing.assert_allclose(factors, 100 ** (1 / 48))
+    # The first of each piece: neighbours fill each other's gaps, so that all are met evenly.
+    first = np.sort(np.log(steps[:, 7] / 10.0) / np.log(100) * 48)
+    assert 0 <= first[0] < 0.05
+    assert 0.95 < first[-1] < 1
+    assert np.diff(first).max() < 2.7 / 89
+
+
+def test_a_few_speckles_may_be_wronger_than_many():
+    edge = off_the_axis()
+    assert edge.of_share(1e-4) == pytest.approx(0.01 * (0.95 + 2.5 / np.sqrt(edge.speckles)))
+    assert edge.relative(edge.allowed(0.02)) == pytest.approx(0.02)
+
+
+def test_a_collapsed_stop_is_wrong_by_the_phase_that_its_scattered_light_has_run_on():
+    """So little apart that no phase turns far, its error goes with the way between both planes;
+    of light that is scattered by a way that passes, only a part."""
+    errors = []
+    for apart in (1e-7, 2e-7):
+        camera = Camera(Panel((400, 400), PITCH), Lens(0.05, 50.0, 2.0), separation=apart)
+        window = Plane((20, 20), (3e-6, 3e-6))
+        question = Question(camera.lens, 2.0, WAVELENGTH, window, 1e-3, Budget(),
+                            separation=apart)  # fmt: skip
+        edge = EdgeLight(question, camera)
+        rays = edge.scattered
+        behind = edge._window - edge.slope(edge._at)[:, None]
+        goes = (edge.spread * behind) ** 2
+        apart_by = (rays.frequency**2).sum(-1) - goes.sum(-1)[:, :, None]
+        turned = np.pi * WAVELENGTH * apart / edge.spread * apart_by
+        lost = float((rays.light * 4 * np.sin(turned / 2) ** 2).sum())
+        errors.append(edge.of_collapse())
+        assert errors[-1] == pytest.approx(edge.relative(lost), rel=0.02)
+        assert 0 < edge.collapse_within < 1
+    assert errors[1] == pytest.approx(2 * errors[0], rel=0.05)
