@@ -10,18 +10,23 @@ import pytest
 
 from labapp.memory import give_back_freed_memory
 
-_MUCH = 700 << 20
-"""Bytes that a process may hold after a test before it looks what it can do without."""
+_MUCH = 500 << 20
+"""Bytes by which a process may grow before it looks what it can do without: looking takes a good
+part of a second, so what stays isn't looked at after every test."""
 
 
 class Heap:
     """A plugin for where tests run."""
 
+    def __init__(self) -> None:
+        self._needed = 0
+
     @pytest.hookimpl(trylast=True)
     def pytest_runtest_logfinish(self) -> None:
-        if resident() > _MUCH:
+        if resident() > self._needed + _MUCH:
             gc.collect()
             give_back_freed_memory()
+            self._needed = resident()
 
 
 def resident() -> int:

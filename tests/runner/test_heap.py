@@ -25,3 +25,13 @@ def test_little_is_left_alone(monkeypatch):
     monkeypatch.setattr(heap, "give_back_freed_memory", refuse)
     monkeypatch.setattr(heap, "_MUCH", 1 << 50)
     Heap().pytest_runtest_logfinish()
+
+
+def test_what_stays_is_not_looked_at_after_every_test(monkeypatch):
+    looked = []
+    monkeypatch.setattr(heap, "give_back_freed_memory", lambda: looked.append(resident()))
+    monkeypatch.setattr(heap, "_MUCH", 10_000_000)
+    plugin = Heap()
+    for _ in range(3):
+        plugin.pytest_runtest_logfinish()
+    assert len(looked) == 1
