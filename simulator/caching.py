@@ -7,9 +7,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import TypeVar
 
-from optics.caching import ByteCache as ByteCache
-from optics.caching import bytes_of as bytes_of
-
 T = TypeVar("T")
 
 

@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass, replace
 
 import torch
 
+from optics.caching import ByteCache
 from optics.sensor import moments
 from optics.slm import max_phase
-from simulator.caching import ByteCache, Cache
+from simulator.caching import Cache
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected
 from simulator.ledger import Ledger

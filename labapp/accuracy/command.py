@@ -43,12 +43,12 @@ def accuracy_psf(
     Ends with exit code 1 if a point is worse than the stored one that it is compared with.
     """
     stored = read_stored(compare) if compare else None
+    adapters = installed_peers("psf") if peers else []
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         truth = exact(case, progress.part(0.1, 0.2))
         found = list(candidates(case, Budget(speed=speed)))
-        if peers:
-            found += [one for peer in installed_peers("psf") for one in peer(case)]
+        found += [one for adapter in adapters for one in adapter(case)]
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
         worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
     print_rows("PSF", case.name, measured.rows)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -57,9 +58,11 @@ def accuracy_deconvolve(
     plot: Path | None,
 ) -> None:
     """Measure every method on a photograph, print the table, and write rows and plot if asked."""
+    adapters = installed_peers("deconvolve") if peers else []
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
-        rows = measure_deconvolution(case, denoise, speed, progress.part(0.1, 1.0), peers=peers)
+        rest = progress.part(0.1, 1.0)
+        rows = measure_deconvolution(case, denoise, speed, rest, adapters)
     _print(case, rows)
     write_rows(data, rows)
     write_plot(plot, lambda: draw(case, rows))
@@ -70,12 +73,14 @@ def measure_deconvolution(
     denoise: Denoise | None,
     speed: MachineSpeed,
     progress: Progress,
-    *,
-    peers: bool = False,
+    adapters: Sequence[Callable[..., Any]] = (),
 ) -> list[DeconvolutionRow]:
-    """Every method after more and more iterations; the front is marked. What fails is a row too."""
+    """Every method after more and more iterations; the front is marked. What fails is a row too.
+
+    adapters: to other libraries, see labapp.accuracy.peers.
+    """
     settings = list(_settings(denoise))
-    theirs = [one for peer in installed_peers("deconvolve") for one in peer(case)] if peers else []
+    theirs = [one for adapter in adapters for one in adapter(case)]
     rows, total = [_row(case, "as it is", 0, lambda: case.frame)], len(settings) + len(theirs)
     for number, (name, count) in enumerate(settings):
         progress.report(number / total, f"{name}, {count}")

@@ -224,13 +224,12 @@ def accuracy_propagate(
     case: FieldCase, *, peers: bool, data: Path | None, plot: Path | None
 ) -> None:
     """Measure every method for a case, print the table, and write rows and plot if asked."""
+    adapters = installed_peers("propagate") if peers else []
     with watched() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
         reference = Reference(case)
         found = list(candidates(case, reference, budget))
-        if peers:
-            adapters = installed_peers("propagate")
-            found += [one for peer in adapters for one in peer(case, reference.of)]
+        found += [one for adapter in adapters for one in adapter(case, reference.of)]
         measured = measure(found, reference.truth, progress.part(0.2, 1.0))
     print_rows("Free space", case.name, measured.rows)
     write_measured(case.name, measured, data, plot)

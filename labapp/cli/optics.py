@@ -15,6 +15,7 @@ from labapp.cli.options import (
     BenchOption,
     ForceOption,
     JsonOption,
+    PeersOption,
     PlotOption,
     RowsOption,
     readable,
@@ -121,10 +122,7 @@ def one_thread() -> None:
 )
 def accuracy_psf_(
     case: Callable[[], Any],
-    peers: Annotated[
-        bool,
-        typer.Option("--peers", help="Also prysm, poppy, hcipy and torchoptics, where installed."),
-    ] = False,
+    peers: PeersOption = False,
     compare: Annotated[
         str | None,
         typer.Option(
@@ -180,9 +178,7 @@ def accuracy_propagate_(
     paraxial: Annotated[
         bool, typer.Option("--paraxial", help="Fresnel's model, not a scalar wave.")
     ] = False,
-    peers: Annotated[
-        bool, typer.Option("--peers", help="Also hcipy, DeepLens and torchoptics, if installed.")
-    ] = False,
+    peers: PeersOption = False,
     json: RowsOption = None,
     plot: PlotOption = None,
     force: ForceOption = False,
@@ -351,9 +347,7 @@ def accuracy_deconvolve_(
         int, typer.Option(min=32, help="Pixels of a side that are cut from the middle, at most.")
     ] = 512,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
-    peers: Annotated[
-        bool, typer.Option("--peers", help="Also scikit-image, where installed.")
-    ] = False,
+    peers: PeersOption = False,
     json: RowsOption = None,
     plot: PlotOption = None,
     force: ForceOption = False,

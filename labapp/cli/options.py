@@ -100,3 +100,7 @@ StarDistanceOption = Annotated[
 RecordArgument = Annotated[
     Path, typer.Argument(metavar="RUN.h5", callback=existing, help="Record of a run.")
 ]
+PeersOption = Annotated[
+    bool,
+    typer.Option("--peers", help="Also other libraries, by installed adapters (tests/peers)."),
+]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from optics.accuracy import ToleranceError
+from optics.caching import ByteCache
 from optics.camera import Camera
 from optics.edge import as_number
 from optics.plane import Plane
@@ -17,7 +18,6 @@ from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator
 from optics.slm.reflection import front_share
 from optics.stop.shadow import share_through
-from simulator.caching import ByteCache
 from simulator.formation.panels import Fields, fields_of, modulator_at
 from simulator.formation.rays import RayOperator
 from simulator.formation.windows import psf_window

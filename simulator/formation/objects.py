@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from simulator.caching import ByteCache
+from optics.caching import ByteCache
 from simulator.formation.gathering import Gathering
 from simulator.formation.kernels import Kernels
 from simulator.formation.nodes import place_weights, places

@@ -6,6 +6,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
+from wall import Wall
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
@@ -55,19 +56,6 @@ def test_a_device_error_survives_the_way_from_another_process():
     error = pickle.loads(pickle.dumps(DeviceError("a", "b", "c", "d")))
     assert isinstance(error, DeviceError)
     assert str(error) == "a: b: c. d"
-
-
-class Wall:
-    """The wall's clock, which stands still but for those who sleep, each a little too long."""
-
-    def __init__(self):
-        self.now = 1000.0
-
-    def monotonic(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds + 1e-6
 
 
 def test_the_real_clock_waits_until_its_time(monkeypatch):

@@ -4,7 +4,6 @@ often one is refused, and what the choice of a method costs."""
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -23,6 +22,7 @@ from figures.problems import (
     random_stop,
     times_of,
 )
+from figures.regret import median_and_high, regret
 from labapp.accuracy.references.chain_psf import ChainProblem
 from labapp.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
@@ -233,10 +233,10 @@ def chain_regret_figure(folder: Path) -> list[Figure]:
     for problem in islice(source, 3 * _TIMED):
         times = dict(times_of(problem, budget, (0.0, _TIMED_SECONDS)))
         if times and min(times.values()) > 0.005:
-            regrets.append(next(iter(times.values())) / min(times.values()))
+            regrets.append(regret(times))
         if len(regrets) == _TIMED:
             break
-    median, high = statistics.median(regrets), float(np.quantile(regrets, 0.95))
+    median, high = median_and_high(regrets)
     return [
         Figure(
             "time of the chosen method over the fastest that meets tol, chains",

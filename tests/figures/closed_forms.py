@@ -6,11 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from judges import relative
 from judges.transfer import clear_stop, hopkins_series
 from numpy.typing import NDArray
 from scipy.special import j0, j1
 
 from figures import Figure
+from figures.free_space import positions
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.psf import PSFOperator
@@ -40,29 +42,20 @@ def _light(lens: Lens, plane: Plane, distance: float = 2.0) -> Array:
     return np.asarray(operator(), dtype=np.float64)
 
 
-def _relative(value: Array, truth: Array) -> float:
-    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
-
-
-def _positions(plane: Plane) -> tuple[Array, Array]:
-    y, x = plane.mesh()
-    return y.numpy(), x.numpy()
-
-
 def _airy() -> float:
     """(2 J1(v) / v)² (Born and Wolf 8.5.2)."""
     plane = Plane((65, 64), (1.1e-6, 1.3e-6))
-    y, x = _positions(plane)
+    y, x = positions(plane)
     v = 2 * np.pi * _RADIUS * np.hypot(y, x) / _SCALE
     safe = np.where(v > 0, v, 1.0)
     peak = np.pi * _RADIUS**2 / _SCALE**2 * plane.pitch[0] * plane.pitch[1]
-    return _relative(_light(_LENS, plane), peak * np.where(v > 0, 2 * j1(safe) / safe, 1.0) ** 2)
+    return relative(_light(_LENS, plane), peak * np.where(v > 0, 2 * j1(safe) / safe, 1.0) ** 2)
 
 
 def _sinc() -> float:
     """sinc² along each axis, of a rectangular stop and of a panel's pixels."""
     plane, (height, width) = Plane((65, 64), (1.1e-6, 1.3e-6)), (1.2, 0.9)
-    y, x = _positions(plane)
+    y, x = positions(plane)
     area = plane.pitch[0] * plane.pitch[1]
 
     def truth(a: float, b: float) -> Array:
@@ -71,11 +64,11 @@ def _sinc() -> float:
         )
 
     lens = Lens(0.1, 5.6, 2.0, Stop(rectangle(height, width)))
-    alone = _relative(_light(lens, plane), truth(height * _RADIUS, width * _RADIUS))
+    alone = relative(_light(lens, plane), truth(height * _RADIUS, width * _RADIUS))
     panel = Panel((300, 400), 8e-6, fill_factor=1.0, unmodulated=0.0)
     camera = Camera(panel, Lens(0.1, 5.6, 2.0))
     operator = PSFOperator(camera, 2.0, _WAVELENGTH, plane, integrate=False, tol=_TOL)
-    behind = _relative(np.asarray(operator()), truth(300 * 8e-6, 400 * 8e-6))
+    behind = relative(np.asarray(operator()), truth(300 * 8e-6, 400 * 8e-6))
     return max(alone, behind)
 
 

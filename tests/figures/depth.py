@@ -10,10 +10,10 @@ from judges.rays import Thing, ray_traced
 from numpy.typing import NDArray
 
 from figures import Figure
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum
 from optics.threads import single_threaded
-from simulator.caching import ByteCache
 from simulator.formation import expected
 from simulator.ledger import Ledger
 from simulator.mount import Mount

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from judges import relative
 from judges.fields import Complex, Real, panels, slit
 from scipy.special import erfc, j0, roots_hermite
 
@@ -75,10 +76,6 @@ class Form:
             except ValueError:
                 continue
             yield name, error
-
-
-def relative(value: Complex, truth: Complex) -> float:
-    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
 
 
 def positions(plane: Plane) -> tuple[Real, Real]:

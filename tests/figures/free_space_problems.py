@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import signal
-import statistics
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from judges.fields import (
 )
 
 from figures import Figure
+from figures.regret import median_and_high, regret
 from figures.stopwatch import processor_seconds
 from labapp.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
@@ -420,8 +420,8 @@ def regret_figure(folder: Path) -> list[Figure]:
     while len(regrets) < _TIMED:
         times = _times(next(source), budget)
         if len(times) > 1 and min(times.values()) > _SHORT:
-            regrets.append(next(iter(times.values())) / min(times.values()))
-    median, high = statistics.median(regrets), float(np.quantile(regrets, 0.95))
+            regrets.append(regret(times))
+    median, high = median_and_high(regrets)
     return [
         Figure(
             "time of the chosen method over the fastest that accepts, ways through free space",

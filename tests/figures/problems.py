@@ -4,7 +4,6 @@ of a method costs."""
 from __future__ import annotations
 
 import math
-import statistics
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from figures import Figure
+from figures.regret import median_and_high, regret
 from figures.stopwatch import processor_seconds
 from labapp.accuracy.references.lens import terms
 from labapp.accuracy.references.psf import Judge, Problem, farthest
@@ -198,8 +198,8 @@ def regret_figure(folder: Path) -> list[Figure]:
             continue
         times = dict(_times(problem, budget))
         if times and min(times.values()) > 0.005:
-            regrets.append(next(iter(times.values())) / min(times.values()))
-    median, high = statistics.median(regrets), float(np.quantile(regrets, 0.95))
+            regrets.append(regret(times))
+    median, high = median_and_high(regrets)
     return [
         Figure(
             "time of the chosen method over the fastest that meets tol, 100 PSFs over 5 ms",

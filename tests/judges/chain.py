@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,13 @@ import scipy.special
 from numpy.typing import NDArray
 
 from judges.basics import positions
-from judges.panel import pixel_coverage
+from judges.panel import pixel_coverage, with_unmodulated
 from judges.pixels import lines_of, on_pixels, scale_of
 from judges.stops import scan_lines
 from judges.sums import Array, gauss, phasor, times
 from judges.view import View
 from judges.wave import steepest, turns
 from optics.camera import Camera
-from optics.psf import PSFOperator
 
 _AT_ONCE = 16
 """Lines of a stop, of some hundred nodes each."""
@@ -34,18 +34,9 @@ class Apart(View):
     off_axis: tuple[Any, Any] = (0.0, 0.0)
     sphere: bool = False
 
-    def operator(self, tol: float) -> PSFOperator:
-        return PSFOperator(
-            self.optics,
-            self.distance,
-            self.wavelength,
-            self.pixels,
-            field=self.off_axis,
-            sphere=self.sphere,
-            integrate=self.integrate,
-            method=self.method,
-            tol=tol,
-        )
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"field": self.off_axis, "sphere": self.sphere}
 
     def __str__(self) -> str:
         assert isinstance(self.optics, Camera)
@@ -60,12 +51,7 @@ class Apart(View):
 def by_chain(view: View) -> Array:
     """Fresnel's integrals to the lens and on to the sensor, line by line"""
     assert isinstance(view, Apart)
-    assert isinstance(view.optics, Camera)
-    share = view.optics.panel.unmodulated
-    lit = _chain_light(view, view.modulation())
-    if not share:
-        return lit
-    return (1 - share) * lit + share * _chain_light(view, view.modulation(modulated=False))
+    return with_unmodulated(view, partial(_chain_light, view))
 
 
 def _chain_light(view: Apart, modulation: NDArray[np.complex128]) -> Array:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +20,17 @@ from optics.camera import Camera
 
 def by_panel(view: View) -> Array:
     """Gauss-Legendre over every pixel of the panel and of the sensor"""
+    return with_unmodulated(view, partial(_panel_light, view))
+
+
+def with_unmodulated(view: View, light: Callable[[NDArray[np.complex128]], Array]) -> Array:
+    """The light of a view's modulation, and its share that the pattern doesn't turn."""
     assert isinstance(view.optics, Camera)
     share = view.optics.panel.unmodulated
-    lit = _panel_light(view, view.modulation())
+    lit = light(view.modulation())
     if not share:
         return lit
-    return (1 - share) * lit + share * _panel_light(view, view.modulation(modulated=False))
+    return (1 - share) * lit + share * light(view.modulation(modulated=False))
 
 
 def _panel_light(view: View, modulation: NDArray[np.complex128]) -> Array:

@@ -54,7 +54,13 @@ class View:
             method=self.method,
             phase_slope=self.phase_slope,
             tol=tol,
+            **self.settings,
         )
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What PSFOperator is told besides."""
+        return {}
 
     def shown(self, operator: PSFOperator) -> torch.Tensor | None:
         """The phase that the operator is given."""

@@ -131,3 +131,18 @@ def test_what_needs_too_much_memory_is_not_tried(monkeypatch):
     stand_in(monkeypatch, "torchoptics", __version__="9.9")
     (row,) = measured(small_case(f_number=1.0), "torchoptics.*at the pixels")
     assert re.search(r"take 5\d\.\d GB: more than is tried", row.failure)
+
+
+@pytest.mark.parametrize("operation", ["psf", "propagate", "deconvolve"])
+def test_without_adapters_peers_are_refused_before_anything_is_measured(
+    labapp, monkeypatch, operation
+):
+    def measured(*_):
+        raise AssertionError("something was measured")
+
+    monkeypatch.setattr("labapp.accuracy.peers.entry_points", lambda **_: ())
+    for module in ("command", "propagate", "deconvolve"):
+        monkeypatch.setattr(f"labapp.accuracy.{module}.machine_speed", measured)
+    code, _, said = labapp("accuracy", operation, "--peers")
+    assert code == 1
+    assert "pip install -e tests/peers" in said

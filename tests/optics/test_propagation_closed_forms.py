@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from figures import free_space
-from figures.free_space import FORMS, Form, gaussian_beam, relative, talbot, talbot_distance
+from figures.free_space import FORMS, Form, gaussian_beam, talbot, talbot_distance
+from judges import relative
 from judges.fields import slit
 from scipy.integrate import quad
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import Map, Response
-from simulator.caching import ByteCache
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion

@@ -15,12 +15,12 @@ import pytest
 import torch
 from optical_situations import EFFECTS, PANEL, finest, rendered, situation
 
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.slm import Map, Response
 from optics.slm.dispersion import max_phase
-from simulator.caching import ByteCache
 from simulator.scene import Flat, Photograph, Star, Target
 from simulator.shown import Shown
 from simulator.situation import Situation

@@ -5,6 +5,7 @@ from collections import Counter
 from functools import partial
 
 import pytest
+from wall import Wall
 
 from simulator.clock import VirtualClock
 
@@ -37,19 +38,6 @@ def test_a_clock_never_goes_back(speed):
     for past in (0.002, 0.001, 0.0, -5.0, math.nan):
         clock.wait_until(past, never)
         assert clock.now() == 0.002
-
-
-class Wall:
-    """The wall's clock, which stands still but for those who sleep, each a little too long."""
-
-    def __init__(self):
-        self.now = 1000.0
-
-    def monotonic(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds + 1e-6
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])

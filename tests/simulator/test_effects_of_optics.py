@@ -21,11 +21,11 @@ from optical_situations import (
     situation,
 )
 
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
-from simulator.caching import ByteCache
 from simulator.effects.costs import operations
 from simulator.effects.interference import Interference
 from simulator.effects.places import FieldPosition

@@ -10,13 +10,13 @@ from judges import relative
 from optical_situations import colour_curve, pattern, situation
 
 from optics.accuracy import ToleranceError
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from optics.sensor import Mosaic
 from optics.slm import Map, Response
-from simulator.caching import ByteCache
 from simulator.formation.kernels import Kernels, Point
 from simulator.formation.picture import expected
 from simulator.formation.reference import Finest, reference

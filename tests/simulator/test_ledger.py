@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from simulator.caching import ByteCache, bytes_of
+from optics.caching import ByteCache, bytes_of
 from simulator.ledger import Ledger
 
 
