@@ -69,6 +69,8 @@ def become(request: dict[str, Any], files: list[int]) -> None:
         os._exit(1)
     _take_files(request["files"], files)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    # After nohup all processes would ignore it.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if request["session"]:
         os.setsid()
     elif request["group"] >= 0:

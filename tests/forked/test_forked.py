@@ -108,7 +108,16 @@ def test_it_is_a_child_in_the_group_that_is_asked_for(kind, options, groups):
     assert done.stdout == f"{os.getpid()} {groups}\n"
 
 
+@pytest.fixture
+def as_at_a_terminal():
+    """Processes begin as at a terminal, also where these tests run after nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @KINDS
+@pytest.mark.usefixtures("as_at_a_terminal")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
 def test_it_is_killed_by_signals(kind, number):
     with kind.Popen(
