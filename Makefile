@@ -23,9 +23,9 @@ test: $(VENV)/dev system style
 	@$(BIN)/mypy >$(VENV)/types 2>&1 & types=$$!; \
 	trap 'kill $$types 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 	$(BIN)/python -m pytest -n $(WORKERS); tests=$$?; \
-	wait $$types; types=$$?; \
+	wait $$types; found=$$?; trap - EXIT; \
 	cat $(VENV)/types; \
-	exit $$((tests ? tests : types))
+	exit $$((tests ? tests : found))
 
 test-all: test
 	$(BIN)/python -m pytest -n $(WORKERS) -m sweep
