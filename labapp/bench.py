@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, cast
@@ -178,6 +179,7 @@ class BenchSetup:
     faults: tuple[Fault, ...] = ()
 
 
+@cache
 def drivers() -> dict[str, EntryPoint]:
     """The device drivers that are installed, by name."""
     return {entry.name: entry for entry in entry_points(group=GROUP)}

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Camera
 from optics.edge import as_number, require_positive
+from optics.gauss_legendre import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def optical_transfer(
 @functools.lru_cache(maxsize=64)
 def _gauss(count: int) -> tuple[Array, Array]:
     """Nodes between -1 and 1, and their weights; not to be changed."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = gauss_legendre(count)
     return np.asarray(nodes), np.asarray(weights)
 
 

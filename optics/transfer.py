@@ -15,7 +15,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch.utils.checkpoint import checkpoint
 
@@ -23,6 +22,7 @@ from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError
 from optics.camera import Lens
 from optics.edge import floating, require_finite, rounded_up, tensors_inside
 from optics.formation import spectrum_of_samples
+from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.pupil import defocus_curvature, require_light
 
@@ -347,7 +347,7 @@ class _Slit(_Integral):
 
 @functools.cache
 def _panel(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
-    points, weights = np.polynomial.legendre.leggauss(nodes)
+    points, weights = gauss_legendre(nodes)
     return torch.from_numpy(points), torch.from_numpy(weights)
 
 

@@ -99,7 +99,7 @@ def checked_shots(plan: PlanFile, abilities: Abilities, source: str) -> list[Sho
 
 
 def _check_hooks(plan: PlanFile, source: str) -> None:
-    known = entry_points(group=GROUP).names
+    known = entry_points(group=GROUP).names if plan.hooks else set()
     for name in plan.hooks:
         if name not in known:
             raise UserError(

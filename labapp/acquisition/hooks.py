@@ -31,8 +31,8 @@ class Hooks:
     @staticmethod
     def of(plan: PlanFile, bench: Bench) -> Hooks:
         """UserError if one can't be loaded or made; nothing has moved then."""
-        known = {entry.name: entry for entry in entry_points(group=GROUP)}
         hooks = []
+        known = {entry.name: entry for entry in entry_points(group=GROUP)} if plan.hooks else {}
         for name in plan.hooks:
             try:
                 hooks.append((name, known[name].load()(plan, bench)))

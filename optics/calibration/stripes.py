@@ -11,6 +11,7 @@ from scipy.ndimage import correlate1d
 from scipy.special import ndtr
 
 from optics.edge import require_positive
+from optics.gauss_legendre import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ _BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, MOST_BLUR)
 _REACH = 5.0
 """Standard deviations beyond which a blur reaches nothing."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+_NODES, _WEIGHTS = gauss_legendre(7)
 """Along an axis of a pixel's active area, at which the phase is looked at."""
 
 _PATCH = 160

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.special import wofz
 
 from optics.fourier import unit_phasor
+from optics.gauss_legendre import gauss_legendre
 
 _Reals = NDArray[np.float64]
 _Complexes = NDArray[np.complex128]
 
 _DIAGONAL = cmath.exp(0.25j * math.pi)
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(14)
+_NODES, _WEIGHTS = gauss_legendre(14)
 _FEW_RADIANS = 2.0
 """Half a turn of phase up to which 14 Gauss-Legendre nodes are exact to rounding."""
 

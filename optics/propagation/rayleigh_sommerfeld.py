@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import torch
 from torch.utils.checkpoint import checkpoint
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier import unit_phasor
+from optics.gauss_legendre import gauss_legendre
 from optics.propagation.finer import finer, finer_adjoint
 from optics.propagation.gauss import gauss_nodes
 from optics.propagation.precision import working_precision
@@ -200,7 +200,7 @@ class DirectQuadrature(Propagator):
     def _weights(self, axis: int, device: torch.device) -> torch.Tensor:
         """Gauss's and Legendre's, metres of a cell's side."""
         assert self.span.cells is not None
-        weights = np.polynomial.legendre.leggauss(self._factors[axis])[1] / 2
+        weights = gauss_legendre(self._factors[axis])[1] / 2
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
     def _place(self, axis: int) -> torch.Tensor:
@@ -208,7 +208,7 @@ class DirectQuadrature(Propagator):
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
         if self.span.cells is not None:
-            nodes = torch.from_numpy(np.polynomial.legendre.leggauss(factor)[0])
+            nodes = torch.tensor(gauss_legendre(factor)[0])
             inside = nodes * self.span.cells[axis] / 2
         else:
             inside = torch.arange(factor, dtype=torch.float64) * (source.pitch[axis] / factor)

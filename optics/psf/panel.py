@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import torch
 
 from optics.accuracy import (
@@ -29,6 +28,7 @@ from optics.fourier import (
     transforms,
 )
 from optics.fourier.gridded import FINEST_GRIDDING
+from optics.gauss_legendre import gauss_legendre
 from optics.plane import Lattice
 from optics.psf.engine import Engine, Lit, within_a_turn
 from optics.psf.pixels import CurvedPixelTransform
@@ -122,7 +122,7 @@ class PanelEngine(Lit, Engine):
         n, panel = self._question.numeric, self._camera.panel
         if nodes == 1:
             return Geometry(panel.plane, n.samples, n.scale)
-        inside = np.polynomial.legendre.leggauss(nodes)[0] * panel.active_side / 2
+        inside = gauss_legendre(nodes)[0] * panel.active_side / 2
         y, x = (
             (panel.plane.coordinates(axis)[:, None] + torch.from_numpy(inside)).ravel()
             for axis in (0, 1)
@@ -213,7 +213,7 @@ class PanelEngine(Lit, Engine):
         radius = q.radius
         y, x = self._transform.positions()
         phase = wave_phase(q.lens, q.distance, q.wavelength, y / radius, x / radius)
-        weight = torch.from_numpy(np.polynomial.legendre.leggauss(k)[1] / 2)
+        weight = torch.from_numpy(gauss_legendre(k)[1] / 2)
         rows, columns = self._camera.panel.shape
         shares = weight.tile(rows)[:, None] * weight.tile(columns)
         return torch.polar(_divided(amplitude, k) * shares, within_a_turn(phase))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import torch
 
 from optics.fourier import Geometry, MatrixTransform, unit_phasor
+from optics.gauss_legendre import gauss_legendre
 
 _SPARE_NODES = 10
 """Gauss-Legendre nodes beyond half a radian each, for full precision."""
@@ -45,7 +45,7 @@ class CurvedPixelTransform(MatrixTransform):
     def _kernel(self, axis: int) -> torch.Tensor:
         g = self.geometry
         u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
-        points, weights = np.polynomial.legendre.leggauss(self.nodes(axis))
+        points, weights = gauss_legendre(self.nodes(axis))
         d = torch.from_numpy(points) * self._side / 2
         weight = torch.from_numpy(weights / 2)
         turns = self._curvature / (2 * math.pi) * (x[:, None] + d) ** 2

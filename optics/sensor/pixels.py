@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
+from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, centred_crop
 
 PIXEL_OVERSAMPLING = 1.5
@@ -58,7 +59,7 @@ def _pixel_kernel(factor: int) -> torch.Tensor:
     a Kaiser window (Kaiser 1974): light below a third of the sampling rate passes.
     """
     sample = np.arange(-_REACH - factor // 2, _REACH + factor // 2 + 1)
-    nodes, weights = np.polynomial.legendre.leggauss(8)
+    nodes, weights = gauss_legendre(8)
     parts = np.arange(2 * factor)[:, None] / 2 - factor / 2 + 0.25
     away = sample[:, None] - (parts + nodes / 4).ravel()
     inside = np.sqrt(np.clip(1 - (away / _REACH) ** 2, 0, None))

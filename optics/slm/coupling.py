@@ -19,6 +19,8 @@ from scipy.special import ndtr
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
+from optics.gauss_legendre import gauss_legendre
+
 TOL = 3e-3
 """Of the mean over a pixel beside the largest step of the phase; elsewhere it is better."""
 
@@ -156,7 +158,7 @@ def _offered(sigma: float, side: float, count: int) -> Iterator[Places]:
 
 
 def _spread(ends: tuple[float, float], count: int) -> Places:
-    place, weight = np.polynomial.legendre.leggauss(count)
+    place, weight = gauss_legendre(count)
     return (ends[0] + ends[1] + place * (ends[1] - ends[0])) / 2, weight / 2
 
 

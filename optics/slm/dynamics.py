@@ -12,6 +12,8 @@ from functools import lru_cache
 import numpy as np
 import torch
 
+from optics.gauss_legendre import gauss_legendre
+
 _LONGEST = 36.0
 """Time constants after which nothing is left in double precision."""
 
@@ -100,7 +102,7 @@ def _rule(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ..
     method finds on many nodes in time.
     """
     seen = min(frames, _LONGEST)
-    time, weight = np.polynomial.legendre.leggauss(_FINE)
+    time, weight = gauss_legendre(_FINE)
     left, weight = np.exp(-seen * (time + 1) / 2), weight / 2 * (seen / frames)
     # After that it stands.
     left, weight = np.append(left, math.exp(-seen)), np.append(weight, 1 - seen / frames)

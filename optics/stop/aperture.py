@@ -17,6 +17,8 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.gauss_legendre import gauss_legendre
+
 Point = tuple[float, float]
 Array = NDArray[np.float64]
 
@@ -165,7 +167,7 @@ class Loop:
     @property
     def area(self) -> float:
         """Half the turn of the radius vector; 24 nodes are exact for arcs and segments."""
-        nodes, weights = np.polynomial.legendre.leggauss(24)
+        nodes, weights = gauss_legendre(24)
         t, total = (nodes + 1) / 2, 0.0
         for piece in self.pieces:
             (y, x), (dy, dx) = piece.points(t), piece.velocity(t)

@@ -6,13 +6,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.stop.aperture import Array, Piece, Stop
 
 _ROUNDING = 2e-14
 """Of an area that is walked around, in square stop radii."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_NODES, _WEIGHTS = gauss_legendre(16)
 
 
 def coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:

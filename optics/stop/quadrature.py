@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.gauss_legendre import gauss_legendre
 from optics.stop.aperture import Array, Stop
 from optics.stop.arcs import break_radii, open_arcs
 
@@ -69,7 +70,7 @@ class Nodes:
 
 @functools.cache
 def _legendre(count: int) -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = gauss_legendre(count)
     return (nodes + 1) / 2, weights / 2
 
 

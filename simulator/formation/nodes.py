@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Camera
+from optics.gauss_legendre import gauss_legendre
 from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
 from optics.light.bands import Band
 from optics.pupil import open_area
@@ -123,7 +124,7 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
     edges = np.array(sorted(kinks))
     # Tables may have a hundred kinks: as many points in all, whatever there are.
     count = max(4, min(_FINE, 4000 // len(edges)))
-    node, weight = np.polynomial.legendre.leggauss(count)
+    node, weight = gauss_legendre(count)
     half = np.diff(edges)[:, None] / 2
     x = (edges[:-1] + edges[1:])[:, None] / 2 + half * node
     return x.ravel(), (half * weight).ravel()

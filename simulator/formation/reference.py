@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Panel
+from optics.gauss_legendre import gauss_legendre
 from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
 from optics.plane import Plane
 from optics.psf import PSFOperator
@@ -340,7 +341,7 @@ def _like(field: torch.Tensor | None, shape: tuple[int, int]) -> torch.Tensor:
 
 
 def _gauss(low: float, high: float, count: int) -> Weighted:
-    node, weight = np.polynomial.legendre.leggauss(count)
+    node, weight = gauss_legendre(count)
     half = (high - low) / 2
     for x, w in zip(node.tolist(), weight.tolist(), strict=True):
         yield (low + high) / 2 + half * x, half * w

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import sys
-import time
 
 import cv2
-import forked
 import numpy as np
 import pytest
 from figures.first_light import prediction_error
@@ -173,37 +169,3 @@ def test_a_users_own_photograph_is_taken(labapp, tmp_path):
         image = record.image(index).astype(float)
     corners = [image[:60, :60], image[:60, -60:], image[-60:, :60], image[-60:, -60:]]
     assert all(corner.std() > 100 for corner in corners)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_leaves_a_readable_record_marked_cancelled(small, tmp_path, number):
-    text = small.plan.read_text().replace(
-        "exposures_ms = [1, 8]", "exposures_ms = [1]\nrepeats = 5000"
-    )
-    small.plan.write_text(text)
-    out = tmp_path / "run.h5"
-    command = [sys.executable, "-m", "labapp", "run", str(small.plan), "--out", str(out)]
-    with forked.Popen(
-        command + small.arguments(), stdout=forked.PIPE, stderr=forked.PIPE, text=True
-    ) as process:
-        deadline = time.monotonic() + 60
-        while not (out.exists() and _some_stored(out)) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        process.send_signal(number)
-        _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in said
-    assert "cancelled" in said
-    with Record(out) as record:
-        assert record.state is State.CANCELLED
-        stored = int(record.column("stored").sum())
-        assert 0 < stored < record.frames
-        assert record.missing() == list(range(stored, record.frames))
-
-
-def _some_stored(path) -> bool:
-    try:
-        with Record(path) as record:
-            return bool(record.column("stored").any())
-    except (OSError, KeyError):
-        return False  # looked at between two of the writer's first writes

@@ -13,11 +13,8 @@ import pytest
 
 _ASK = """
 import contextlib, io, json, sys
-import typer
 from labapp import cli
 
-# Once, and not for each question.
-cli.app = typer.main.get_command(cli.app)
 HEAVY = ("torch", "scipy", "h5py", "matplotlib", "cv2", "simulator", "labapp.bench")
 answers = []
 for words in json.loads(sys.stdin.read()):

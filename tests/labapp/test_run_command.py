@@ -249,8 +249,15 @@ def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_p
     ) as process:
         wait_until(lambda: stored(path) >= 1)
         process.send_signal(wish)
-        assert process.wait(60) == 130
-    assert state_of(path) is State.CANCELLED
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+    assert b"cancelled" in said
+    assert b"Traceback" not in said
+    with Record(path) as record:
+        assert record.state is State.CANCELLED
+        count = int(record.column("stored").sum())
+        assert 0 < count < record.frames
+        assert record.missing() == list(range(count, record.frames))
     done = forked.run(command("resume", path), stdin=forked.DEVNULL, timeout=60)
     assert done.returncode == 0
     assert state_of(path) is State.COMPLETE

@@ -24,19 +24,22 @@ TERMS = 4e8
 BUDGET = Budget(1 << 30)
 
 
-def small(seed: int, tol: float = 0.0) -> Iterator[ChainProblem]:
+def small(seed: int, tol: float = 0.0, most: float = TERMS) -> Iterator[ChainProblem]:
     """Random chains that the judge is soon done with; tol: for all, where it isn't 0."""
     for problem in chains(seed, most=60):
-        quick = problem.judge(np.ones(problem.pixels.shape)).terms < TERMS
+        quick = problem.judge(np.ones(problem.pixels.shape)).terms < most
         if quick and problem.camera.separation and max(problem.pixels.shape) < 120:
             yield replace(problem, tol=tol or problem.tol)
 
 
-def test_random_chains_keep_their_tolerance():
-    found = tally(small(11), 12, BUDGET, most=TERMS)
+@pytest.mark.parametrize(
+    ("count", "most"), [(6, TERMS), pytest.param(30, 2e9, marks=pytest.mark.sweep)]
+)
+def test_random_chains_keep_their_tolerance(count, most):
+    found = tally(small(11, most=most), count, BUDGET, most=most)
     assert found.wrong == ()
     assert found.unreal == ()
-    assert found.accepted >= 11
+    assert found.accepted >= 0.9 * count
     assert found.judged == found.accepted
 
 
@@ -44,7 +47,7 @@ def test_random_chains_keep_their_tolerance():
     ("method", "tol"), [("chain", 3e-2), ("chain", 1e-3), ("chain, quadrature", 1e-3)]
 )
 def test_each_method_keeps_what_it_promises(method, tol):
-    for problem in islice(small(12, tol), 4):
+    for problem in islice(small(12, tol), 2):
         operator = problem.operator(tol, method=method, budget=BUDGET)
         light = problem.light(operator)
         assert problem.judge(light).error(light) <= tol, problem.words

@@ -39,7 +39,9 @@ def around(rng, effect, s):
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize(
+    "seed", [*range(30), *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(30, 120))]
+)
 def test_no_bound_is_ever_broken(effect, seed):
     rng = np.random.default_rng(seed)
     one = sensor(rng, **(UNEVEN if seed % 3 == 0 else {}))
