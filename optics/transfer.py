@@ -348,7 +348,7 @@ class _Slit(_Integral):
 @functools.cache
 def _panel(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
     points, weights = gauss_legendre(nodes)
-    return torch.from_numpy(points), torch.from_numpy(weights)
+    return torch.tensor(points), torch.tensor(weights)
 
 
 def _rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:

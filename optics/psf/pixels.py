@@ -46,7 +46,7 @@ class CurvedPixelTransform(MatrixTransform):
         g = self.geometry
         u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
         points, weights = gauss_legendre(self.nodes(axis))
-        d = torch.from_numpy(points) * self._side / 2
+        d = torch.from_numpy(points * self._side / 2)
         weight = torch.from_numpy(weights / 2)
         turns = self._curvature / (2 * math.pi) * (x[:, None] + d) ** 2
         bent = unit_phasor(turns, torch.complex128) * weight
