@@ -26,8 +26,8 @@ from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.psf.modulated import modulated_psf
+from optics.shadow import share_through
 from optics.slm import Modulator, Panel, require_grey
-from optics.stop.shadow import share_through
 from optics.threads import single_threaded
 
 _NOTHING = 1e-9

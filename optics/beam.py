@@ -19,13 +19,12 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_finite, tensors_inside
+from optics.edge import require_finite, require_share, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.span import Span
 from optics.pupil import require_light, wave_phase
-from optics.slm.panel import require_share
 from optics.stop.coverage import coverage
 
 _TOL = 1e-3

@@ -72,6 +72,13 @@ def require_positive(name: str, value: Any, unit: str) -> None:
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
+def require_share(name: str, value: Any) -> None:
+    """Raise a ValueError for a number that isn't between 0 and 1."""
+    value = as_number(value)
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
+
+
 def rounded_up(value: float) -> str:
     """Three digits of a positive number, for advice of "at least": never below it."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)

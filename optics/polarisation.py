@@ -18,8 +18,7 @@ from typing import Any, Literal, NamedTuple
 
 import torch
 
-from optics.edge import as_number, recorded, require_positive
-from optics.slm.panel import require_share
+from optics.edge import as_number, recorded, require_positive, require_share
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""

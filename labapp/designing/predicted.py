@@ -12,8 +12,8 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.psf.modulated import modulated_psf
+from optics.shadow import in_focus
 from optics.slm import Modulator
-from optics.stop.shadow import in_focus
 
 Exposure = tuple[int, float, torch.Tensor]
 """The frame, its share of the whole time, and what the panel does to the light meanwhile."""

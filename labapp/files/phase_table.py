@@ -272,7 +272,7 @@ class ZernikePattern(FormulaPattern):
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
-        from optics.stop.shadow import shadowed
+        from optics.shadow import shadowed
 
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
         corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2

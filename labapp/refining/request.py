@@ -10,7 +10,7 @@ from labapp.bench import Bench
 from labapp.errors import UserError
 from labapp.files.reading import FileModel, explain
 from labapp.files.scene_file import StarTable
-from optics.stop.shadow import in_focus
+from optics.shadow import in_focus
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

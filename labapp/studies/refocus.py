@@ -23,7 +23,7 @@ from labapp.studies.focusing import DefocusedStar, Focus, focus_of, opening
 from labapp.studies.stars import NEUTRAL
 from optics.camera import Camera
 from optics.progress import Progress
-from optics.stop.shadow import in_focus
+from optics.shadow import in_focus
 
 
 def power(settings: RefocusSettings, camera: Camera) -> float:

@@ -14,8 +14,8 @@ import torch
 from optics.progress import Progress
 from optics.pupil import pupil_amplitude
 from optics.retrieval.goal import Goal
+from optics.shadow import shadowed
 from optics.slm.modulator import Modulator
-from optics.stop.shadow import shadowed
 
 _RATE = 0.03
 """Radians of a step at first; the last ones are ten times smaller."""

@@ -13,7 +13,7 @@ from optics.plane import Plane
 from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
 from optics.retrieval.grid import design_plane, far_length
-from optics.stop.shadow import shadowed
+from optics.shadow import shadowed
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import scipy.fft
 from optics.camera import Camera
 from optics.edge import require_positive, rounded_down
 from optics.plane import Plane
-from optics.stop.shadow import in_focus
+from optics.shadow import in_focus
 
 OVERSAMPLING = 2
 """The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle

@@ -7,9 +7,9 @@ from typing import Literal
 
 import torch
 
-from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
 from optics.sensor.fixed_pattern import fixed_pattern, uneven
+from optics.sensor.sensor import Sensor
 
 Shot = Literal["none", "Gaussian", "skewed", "Poisson"]
 

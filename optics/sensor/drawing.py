@@ -6,9 +6,9 @@ from typing import Literal
 
 import torch
 
-from optics.camera import Sensor
 from optics.edge import require_finite, require_positive
 from optics.sensor.chain import FEW, Shot, Stages, collected
+from optics.sensor.sensor import Sensor
 
 _SURELY_FULL = 4.0
 """Full wells of light after which more makes no difference; without an end to it Poisson's

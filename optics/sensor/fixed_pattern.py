@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import torch
 
-from optics.camera import Sensor
+from optics.sensor.sensor import Sensor
 
 OFFSET_STEPS = 4
 """Steps of offset a standard deviation: whole steps let moments be tabulated exactly."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from optics.camera import Sensor
 from optics.sensor.chain import FEW, Collected, Shot, Stages, collected
 from optics.sensor.reading import read_out
+from optics.sensor.sensor import Sensor
 from optics.sensor.table import pieces
 
 _AT_ONCE = 1 << 17

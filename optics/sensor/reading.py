@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from optics.camera import Sensor
 from optics.sensor.chain import Stages
+from optics.sensor.sensor import Sensor
 
 Numbers = NDArray[np.float64]
 

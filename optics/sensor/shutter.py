@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from optics.camera import Sensor
 from optics.edge import require_positive
+from optics.sensor.sensor import Sensor
 
 
 def row_starts(sensor: Sensor, moment: float = 0.0, *, rolling: bool = True) -> torch.Tensor:

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
 
-from optics.camera import Sensor
 from optics.sensor.chain import Shot, Stages
 from optics.sensor.counting import Numbers, likelihoods, window
 from optics.sensor.reading import read_out
+from optics.sensor.sensor import Sensor
 
 _FINENESS = 16
 """Nodes of a table for a unit of sqrt(electrons), which is two standard deviations."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from optics.edge import require_positive
+from optics.edge import require_positive, require_share
 from optics.plane import Plane
 from optics.slm.maps import Map
 from optics.slm.response import Response
@@ -124,12 +124,6 @@ class Panel:
     def active_side(self) -> float:
         """Side of the square of a pixel that modulates, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
-
-
-def require_share(name: str, value: float) -> None:
-    """Raise a ValueError for a number that isn't between 0 and 1."""
-    if not 0 <= value <= 1:
-        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
 
 
 def _require_amount(name: str, value: float, unit: str) -> None:

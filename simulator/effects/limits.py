@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from optics.edge import as_number
 from optics.plane import Plane
 from optics.pupil import open_area
-from optics.stop.shadow import share_through
+from optics.shadow import share_through
 from simulator.effects.keeping import once
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import span

@@ -15,9 +15,9 @@ from optics.camera import Camera
 from optics.edge import as_number
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
+from optics.shadow import share_through
 from optics.slm import Modulator
 from optics.slm.reflection import front_share
-from optics.stop.shadow import share_through
 from simulator.formation.panels import Fields, fields_of, modulator_at
 from simulator.formation.rays import RayOperator
 from simulator.formation.windows import psf_window

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import constants
 
 from optics.camera import Camera
 from optics.gauss_legendre import gauss_legendre
-from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
+from optics.light import Spectrum
 from optics.light.bands import Band
 from optics.pupil import open_area
 from optics.sensor import Mosaic
@@ -132,7 +133,7 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
     """Electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
-    photons = x / (PLANCK * SPEED_OF_LIGHT)
+    photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
     return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
@@ -178,7 +179,7 @@ def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
 
 def electrons(camera: Camera, distance: float) -> float:
     """What turns radiance times photons' electrons into electrons per second and pixel, m² sr:
-    the camera equation of optics.light.electron_rate, without its light."""
+    the camera equation of optics.throughput.electron_rate, without its light."""
     spread = 1 + camera.separation / distance
     area = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return area * camera.panel.reflectivity * camera.transmission * camera.sensor.pitch**2

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import constants
 
 from optics.camera import Camera, Panel
 from optics.gauss_legendre import gauss_legendre
-from optics.light import PLANCK, SPEED_OF_LIGHT, Spectrum
+from optics.light import Spectrum
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.pupil import open_area, pupil_amplitude
@@ -90,7 +91,7 @@ class _Reference:
         total = np.zeros((len(channels), *sensor.shape))
         for wavelength, passed in self._wavelengths():
             psfs: dict[tuple[float, int, float], Array] = {}
-            photons = passed * wavelength / (PLANCK * SPEED_OF_LIGHT)
+            photons = passed * wavelength / (constants.h * constants.c)
             for rows, moment in self._rows():
                 for begin, end, frame in self._stretches(moment):
                     for time, seconds in _gauss(begin, end, self._nodes_in_time):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.plane import Plane
-from optics.stop.shadow import share_through
+from optics.shadow import share_through
 from simulator.mount import Mount
 
 _PLACES = 33

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
 from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
 from simulator.machines.cs2000_settings import Settings
-from simulator.wire.machine import Reply
+from simulator.machines.machine import Reply
 
 _LATENCY = 0.02
 """Seconds from a command to its answer."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from simulator.wire.machine import Reply
+from simulator.machines.machine import Reply
 
 _PROMPT = b"> "
 _NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"

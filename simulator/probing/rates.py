@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import constants
 
 from optics.camera import Camera, Sensor
 from optics.light.bands import Band
 from optics.light.spectrum import Spectrum
-from optics.light.throughput import PLANCK, SPEED_OF_LIGHT
 from optics.pupil import open_area
 
 _NODES = 1001
@@ -28,12 +28,12 @@ def electron_rates(
     """Electrons per second and square metre of sensor, of each colour channel, near the axis.
 
     spectrum: radiance, W / (sr m² m). distance: metres to the panel. leak: with what the filter
-    passes beside its band. It's the camera equation of optics.light.electron_rate() integrated
+    passes beside its band. It's the camera equation of optics.throughput.electron_rate() integrated
     over wavelengths.
     """
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.passes(nodes) if leak else band.transmission(nodes)
-    photons = spectrum.at(nodes) * passed * nodes / (PLANCK * SPEED_OF_LIGHT)
+    photons = spectrum.at(nodes) * passed * nodes / (constants.h * constants.c)
     return tuple(
         float(np.trapezoid(photons * _efficiency(one, nodes, camera.sensor), nodes))
         * collected(camera, distance)

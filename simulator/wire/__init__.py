@@ -2,7 +2,6 @@
 
 from simulator.wire.faults import WIRE_KINDS, WireFault
 from simulator.wire.line import Line
-from simulator.wire.machine import Machine, Reply
 from simulator.wire.protocol_sim import plug_in, unplug
 
-__all__ = ["WIRE_KINDS", "Line", "Machine", "Reply", "WireFault", "plug_in", "unplug"]
+__all__ = ["WIRE_KINDS", "Line", "WireFault", "plug_in", "unplug"]

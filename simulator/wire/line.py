@@ -9,8 +9,8 @@ import threading
 
 import numpy as np
 
+from simulator.machines.machine import Machine, Reply
 from simulator.wire.faults import WIRE_KINDS, WireFault
-from simulator.wire.machine import Machine, Reply
 
 _PAUSE = 0.02
 """Seconds between two bytes of a reply that comes byte by byte."""

@@ -16,7 +16,8 @@ from drivers.interfaces import Spectroradiometer, Surroundings
 from drivers.supervised import Supervised
 from simulator.clock import VirtualClock
 from simulator.machines.cs2000 import CS2000Machine
-from simulator.wire import Reply, plug_in
+from simulator.machines.machine import Reply
+from simulator.wire import plug_in
 
 
 def light(wavelengths):

@@ -11,7 +11,8 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.serial_line import SerialLine
 from simulator.clock import VirtualClock
-from simulator.wire import Line, Reply, WireFault, plug_in, unplug
+from simulator.machines.machine import Reply
+from simulator.wire import Line, WireFault, plug_in, unplug
 from simulator.wire.pty import ServedLine
 
 

@@ -11,8 +11,9 @@ from drivers.errors import DeviceError
 from drivers.interfaces import FilterWheel, Surroundings
 from drivers.thorlabs_wheel import ThorlabsWheel
 from simulator.clock import VirtualClock
+from simulator.machines.machine import Reply
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
-from simulator.wire import Reply, plug_in
+from simulator.wire import plug_in
 
 SIX = [[450, 10], [500, 10], [550, 10], [600, 10], [650, 10], [700, 10]]
 IDN = b"THORLABS FW102C/FW212C Filter Wheel version 1.07"

@@ -19,8 +19,9 @@ from drivers.supervised import Supervised
 from drivers.varispec import VariSpec
 from drivers.varispec.settling import slowdown
 from simulator.clock import VirtualClock
+from simulator.machines.machine import Reply
 from simulator.machines.varispec import VariSpecMachine
-from simulator.wire import Line, Reply, WireFault, plug_in, unplug
+from simulator.wire import Line, WireFault, plug_in, unplug
 from simulator.wire.pty import ServedLine
 
 

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from simulator.wire.machine import Machine, Reply
+from simulator.machines.machine import Machine, Reply
 
 _KEPT = 16
 

@@ -24,11 +24,12 @@ from drivers.x11 import ScreenReader, XError
 from labapp.acquisition.steps import Shot
 from labapp.bench import BenchSetup
 from labapp.files.bench_file import DeviceTable
+from simulator.machines.machine import Machine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.screens import xvfb
-from simulator.wire import Line, Machine, WireFault
+from simulator.wire import Line, WireFault
 from simulator.wire.camera_faults import CameraFault
 from simulator.wire.fake_gige import FakeGigE
 from simulator.wire.pty import ServedLine

@@ -20,6 +20,7 @@ FOR_CALLERS = {
     "optics.sensor.emva1288": "photon transfer as EMVA 1288 measures it, for Python",
     "optics.slanted_edge": "a camera's MTF from a picture of an edge, for Python",
     "optics.system_mtf": "a camera's MTF from its description, for Python",
+    "optics.throughput": "the camera equation: electrons from a radiance, for Python",
 }
 """Modules of the engine that people call from Python, with the reason; no command does."""
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.light import electron_rate
+from optics.throughput import electron_rate
 
 
 def bright_camera(f_number: float) -> Camera:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from optical_situations import CAMERA, PANEL, STAR, colour_curve, pattern, situation
 
-from optics.light import Band, Spectrum, Waveform, electron_rate, halogen
+from optics.light import Band, Spectrum, Waveform, halogen
 from optics.sensor import Mosaic
+from optics.throughput import electron_rate
 from simulator.formation.nodes import (
     depth_nodes,
     electrons,

@@ -8,11 +8,12 @@ import pytest
 import torch
 from judges import relative
 from optical_situations import colour_curve, pattern, situation
+from scipy import constants
 
 from optics.accuracy import ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.light import PLANCK, SPEED_OF_LIGHT, Band, Waveform, halogen
+from optics.light import Band, Waveform, halogen
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from optics.sensor import Mosaic
@@ -228,7 +229,7 @@ def test_an_even_field_is_the_camera_equation():
     width = 20e-9 * math.sqrt(math.pi / math.log(2)) / 2
     area = 8 * 60e-6 * 10 * 60e-6  # the panel's, which is smaller than the stop
     watts = 1e9 * width * area / z**2 * (40e-6) ** 2 * 0.6 * 0.6
-    electrons = watts * 550e-9 / (PLANCK * SPEED_OF_LIGHT) * 0.62 * 0.02
+    electrons = watts * 550e-9 / (constants.h * constants.c) * 0.62 * 0.02
     assert float(light.mean()) == pytest.approx(electrons, rel=0.01)
     assert float(light.mean()) < electrons * 1.001
 

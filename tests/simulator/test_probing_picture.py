@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from optics.camera import Camera, Lens, Sensor
-from optics.light import Band, Spectrum, electron_rate, halogen
+from optics.light import Band, Spectrum, halogen
 from optics.plane import Plane
 from optics.sensor import Mosaic
+from optics.throughput import electron_rate
 from simulator.probing.picture import MARGIN, PictureProbe
 from simulator.probing.radial import RadialProfile
 from simulator.probing.rates import electron_rates

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from simulator.wire import WIRE_KINDS, Line, Reply, WireFault
+from simulator.machines.machine import Reply
+from simulator.wire import WIRE_KINDS, Line, WireFault
 
 
 class Parrot:

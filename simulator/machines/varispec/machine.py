@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Literal
 
+from simulator.machines.machine import Reply
 from simulator.machines.varispec.commands import carry_out, parse, values, whole
 from simulator.machines.varispec.state import Fault, VariSpecState
-from simulator.wire.machine import Reply
 
 _INITIALISING = 30.0
 _CYCLE = 12.0

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from scipy import constants
+
+from optics.camera import Camera
 from optics.edge import require_positive
-
-if TYPE_CHECKING:
-    from optics.camera import Camera
-
-PLANCK = 6.62607015e-34
-SPEED_OF_LIGHT = 299792458.0
+from optics.pupil import open_area
 
 
 def electron_rate(
@@ -35,14 +32,11 @@ def electron_rate(
         raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
     require_positive("bandwidth", bandwidth, "m")
     require_positive("wavelength", wavelength, "m")
-    # A camera's sensor holds spectra, and so can't be imported by what it is described with.
-    from optics.pupil import open_area
-
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
     spread = 1 + camera.separation / distance
     irradiance = radiance * bandwidth * open_area(camera) * spread**2 / lens.image_distance**2
     passed = irradiance * panel.reflectivity * camera.transmission
-    photons = passed * wavelength / (PLANCK * SPEED_OF_LIGHT)
+    photons = passed * wavelength / (constants.h * constants.c)
     return photons * sensor.quantum_efficiency

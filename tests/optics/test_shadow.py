@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import constants
 
 from optics.camera import Camera, Lens, Panel
-from optics.light import PLANCK, SPEED_OF_LIGHT, electron_rate
 from optics.pupil import open_area, open_radius, pupil_amplitude
 from optics.retrieval.grid import design_plane, far_length
+from optics.shadow import in_focus, shadowed, share_through
 from optics.stop.aperture import Circle, Stop, regular_polygon
-from optics.stop.shadow import in_focus, shadowed, share_through
+from optics.throughput import electron_rate
 
 Z1 = 0.05
 CAMERA = Camera(Panel((108, 192), 80e-6), Lens(0.1, 10.0, 2.0), separation=Z1)
@@ -81,7 +82,7 @@ def test_light_through_a_panel_that_is_all_open_is_counted_by_its_cone(distance)
     z2 = camera.lens.image_distance
     seen = 1 / z2 if math.isinf(distance) else (distance + Z1) / distance / z2
     irradiance = 2.0 * 1e-8 * 50 * 60 * 80e-6**2 * seen**2
-    electrons = irradiance * 0.6 * 0.6 * 550e-9 / (PLANCK * SPEED_OF_LIGHT) * 0.62
+    electrons = irradiance * 0.6 * 0.6 * 550e-9 / (constants.h * constants.c) * 0.62
     assert electron_rate(camera, 2.0, 1e-8, 550e-9, distance) == pytest.approx(electrons)
     assert open_area(camera) == pytest.approx(50 * 60 * 80e-6**2)
 
