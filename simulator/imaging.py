@@ -14,13 +14,13 @@ from optics.caching import ByteCache
 from optics.sensor import moments
 from optics.slm import max_phase
 from simulator.caching import Cache
+from simulator.effects.floor import floor
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected
 from simulator.ledger import Ledger
 from simulator.planning import EffectPlan
 from simulator.planning.forcing import forced_level, settled
 from simulator.planning.plan import planned
-from simulator.probing.floor import floor
 from simulator.probing.pattern import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation

@@ -16,7 +16,7 @@ from simulator.effects.panel_effects import blurred
 from simulator.effects.spectra import measure
 from simulator.effects.wavefronts import MARGIN, of_phase, sampled
 from simulator.formation.nodes import interpolating
-from simulator.formation.panels import modulator_at
+from simulator.panel import modulator_at
 from simulator.planning import Bound, Effect
 
 if TYPE_CHECKING:

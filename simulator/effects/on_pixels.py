@@ -131,7 +131,7 @@ def near_limit(s: Situation) -> bool:
 
 def deep(s: Situation, recipe: Recipe) -> Recipe:
     """The same with wells and a converter without an end, where any may be full: what a full well
-    clips counts as before it does (see simulator.probing.floor)."""
+    clips counts as before it does (see simulator.effects.floor)."""
     return recipe.having(clipping=False) if near_limit(s) else recipe
 
 

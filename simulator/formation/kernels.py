@@ -18,11 +18,12 @@ from optics.psf import PSFOperator, modulated_psf
 from optics.shadow import share_through
 from optics.slm import Modulator
 from optics.slm.reflection import front_share
-from simulator.formation.panels import Fields, fields_of, modulator_at
 from simulator.formation.rays import RayOperator
 from simulator.formation.windows import psf_window
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
+from simulator.motion import Exposures, exposures
+from simulator.panel import modulator_at
 from simulator.recipe import Recipe
 from simulator.shown import Mixture, Procession
 
@@ -144,7 +145,7 @@ class Kernels:
         return light
 
     def _light(
-        self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: Fields
+        self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: Exposures
     ) -> torch.Tensor:
         if isinstance(operator, RayOperator):
             return _of_rays(operator, modulator, parts)
@@ -153,7 +154,7 @@ class Kernels:
         return _interfering(operator, modulator, parts, complex(self._s.path.interference))
 
     def _beside(
-        self, point: Point, order: Order, modulator: Modulator, parts: Fields
+        self, point: Point, order: Order, modulator: Modulator, parts: Exposures
     ) -> torch.Tensor:
         """Of an order beside the middle one. Where next to nothing of the light goes, errors are
         a share of next to nothing: it may be more of them than of the picture."""
@@ -215,7 +216,7 @@ class Kernels:
         modulator: Modulator,
         effect: str,
         shape: tuple[int, int],
-    ) -> Fields:
+    ) -> Exposures:
         """The fields of a cell, with a check and an entry for each: they are made in between."""
         count = psf_operations if self._recipe.wave else ray_operations
         panel = self.camera.panel
@@ -234,9 +235,9 @@ class Kernels:
         if not r.dispersion:
             modulator = modulator_at(panel, s.wavelength)
         elif r.depths == 1 and r.places == 1 and not r.orders:
-            return fields_of(modulator, seen, pictures, tol)
+            return exposures(modulator, seen, pictures, tol)
         causes = ("fields", panel, modulator.wavelength, seen, tol)
-        return self._cache.get(causes, lambda: list(fields_of(modulator, seen, pictures, tol)))
+        return self._cache.get(causes, lambda: list(exposures(modulator, seen, pictures, tol)))
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
         """How much of the light on each sample counts as an order's own, in the panel's axes.
@@ -253,7 +254,7 @@ class Kernels:
         return inside[0] * inside[1]
 
 
-def _of_rays(operator: RayOperator, modulator: Modulator, parts: Fields) -> torch.Tensor:
+def _of_rays(operator: RayOperator, modulator: Modulator, parts: Exposures) -> torch.Tensor:
     """As modulated_psf(): what jitter scatters goes evenly over all orders, beyond the picture."""
     light, time = torch.zeros(operator.pixels.shape, dtype=torch.float64), 0.0
     for share, field in parts:
@@ -266,7 +267,7 @@ def _of_rays(operator: RayOperator, modulator: Modulator, parts: Fields) -> torc
 
 
 def _interfering(
-    operator: PSFOperator, modulator: Modulator, parts: Fields, strength: complex
+    operator: PSFOperator, modulator: Modulator, parts: Exposures, strength: complex
 ) -> torch.Tensor:
     """modulated_psf(), and Re(strength conj(p) q) of the pattern's field p and that of light that
     the panel doesn't turn, q (see optics.polarisation.PathEffect).

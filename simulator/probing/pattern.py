@@ -19,7 +19,7 @@ from optics.fourier import NonuniformTransform
 from optics.plane import Plane
 from optics.slm import Modulator
 from optics.slm.dispersion import max_phase
-from simulator.formation.panels import modulator_at
+from simulator.panel import modulator_at
 from simulator.probing.far_field import FarField
 from simulator.probing.lens import LensProbe
 from simulator.probing.transfer import Transfer, rings

@@ -27,13 +27,13 @@ from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from simulator.effects.costs import operations
+from simulator.effects.floor import floor
 from simulator.effects.interference import Interference
 from simulator.effects.places import FieldPosition
 from simulator.effects.wavelengths import Bandwidth
 from simulator.formation import expected
 from simulator.ledger import Ledger
 from simulator.planning import Effect
-from simulator.probing.floor import floor
 from simulator.probing.pattern import PatternProbe
 from simulator.recipe import Recipe
 from simulator.scene import Flat, Photograph, Star

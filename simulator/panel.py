@@ -1,22 +1,15 @@
-"""What leaves the panel at a wavelength: its effects that are on, with dispersion or without."""
+"""The panel at any wavelength: within its table of phase ranges, and beyond it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-
-import torch
 
 from optics.camera import Panel
 from optics.slm import Modulator, Response
 from optics.slm.dispersion import max_phase
-from simulator.motion import Pictures, exposures
-from simulator.shown import Mixture, Procession
 
 LOWEST, HIGHEST = 0.9, 1.15
 """Of the shortest and longest wavelength of a panel's table: where it is trusted."""
-
-Fields = Iterator[tuple[float, torch.Tensor]]
 
 
 def known_range(panel: Panel) -> tuple[float, float]:
@@ -48,10 +41,3 @@ def standing_in(panel: Panel, known: float, wavelength: float, factor: float) ->
 
 def modulator_at(panel: Panel, wavelength: float) -> Modulator:
     return Modulator(panel_at(panel, wavelength), wavelength)
-
-
-def fields_of(
-    modulator: Modulator, seen: Mixture | Procession, pictures: Pictures, tol: float
-) -> Fields:
-    """Shares of a cell and fields on the panel's pixels, one after the other."""
-    return exposures(modulator, seen, pictures, tol)
