@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 PATTERNS = ("random", "cubic", "neutral")
 """On a chain's panel."""

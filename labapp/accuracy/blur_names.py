@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 BLUR_NAMES: dict[str, tuple[str, tuple[Any, ...]]] = {
     "disk of 3": ("disk", (3.0,)),

@@ -16,11 +16,11 @@ from scipy.fft import irfft2, rfft2
 from scipy.signal import fftconvolve
 
 from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.photograph_file import read_photograph
 from labapp.files.reading import bundled
-from labapp.reconstructing.psfs import psf_of_file
-from labapp.reconstructing.records import Choice
+from labapp.pictures.reconstructing.psfs import psf_of_file
+from labapp.pictures.reconstructing.records import Choice
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.metrics import psnr, ssim

@@ -15,10 +15,10 @@ from labapp.accuracy.asked import require_pattern
 from labapp.accuracy.command import print_rows, write_measured
 from labapp.accuracy.references.chain_psf import ChainProblem
 from labapp.accuracy.rows import Candidate, Row, measure, refuse
-from labapp.asked import Case, read_panel
-from labapp.console import watched
-from labapp.errors import UserError
-from labapp.speed import machine_speed
+from labapp.common.console import watched
+from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
+from labapp.light.asked import Case, read_panel
 from optics.accuracy import Budget
 from optics.camera import Camera, Panel
 from optics.psf import PSFOperator

@@ -21,9 +21,9 @@ from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
 from labapp.accuracy.writing import machine, write_plot, write_rows
-from labapp.asked import Case
-from labapp.console import out, table, watched
-from labapp.speed import machine_speed
+from labapp.common.console import out, table, watched
+from labapp.common.speed import machine_speed
+from labapp.light.asked import Case
 from optics.accuracy import Budget
 from optics.progress import Progress
 from optics.threads import single_threaded

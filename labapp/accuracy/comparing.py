@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.accuracy.rows import Row
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 SLOWER, LESS_ACCURATE = 1.2, 2.0
 

@@ -17,8 +17,8 @@ from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
 from labapp.accuracy.writing import machine, write_plot, write_rows
-from labapp.console import out, table, watched
-from labapp.speed import machine_speed
+from labapp.common.console import out, table, watched
+from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
 from optics.deconvolution.plug_and_play import Denoise

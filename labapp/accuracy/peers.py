@@ -2,7 +2,7 @@
 
 An adapter of an entry point in the group `labapp.peers` is called by the operation's name:
 
-    psf         adapter(case) -> Candidates for a `labapp.asked.Case`
+    psf         adapter(case) -> Candidates for a `labapp.light.asked.Case`
     propagate   adapter(case, seen) -> Candidates for a `labapp.accuracy.propagate.FieldCase`; their
                 calls give seen(answer)
     deconvolve  adapter(case) -> (name, iterations, call) for a `labapp.accuracy.blurs.Taken`
@@ -17,7 +17,7 @@ from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import Any
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 GROUP = "labapp.peers"
 

@@ -29,9 +29,9 @@ from labapp.accuracy.references.free_space import (
 )
 from labapp.accuracy.references.samples import draw_samples
 from labapp.accuracy.rows import Candidate, Row, measure, refuse
-from labapp.console import watched
-from labapp.errors import UserError
-from labapp.speed import machine_speed
+from labapp.common.console import watched
+from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.propagation.operator import METHODS, FreeSpace

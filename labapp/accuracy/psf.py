@@ -12,7 +12,7 @@ import torch
 from labapp.accuracy.references.lens import lens_picture
 from labapp.accuracy.references.round_lens import Picture, round_lens_picture
 from labapp.accuracy.rows import Candidate, Row
-from labapp.asked import Case
+from labapp.light.asked import Case
 from optics.accuracy import Budget
 from optics.fourier import Geometry, plan_transform, transforms
 from optics.plane import Plane

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
 from labapp.accuracy.writing import machine, write_plot, write_rows
-from labapp.bench import BenchFiles
-from labapp.console import out, table, watched
+from labapp.bench.opening import BenchFiles
+from labapp.common.console import out, table, watched
+from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_bench
 from labapp.files.pattern_table import PSFPattern
-from labapp.patterns import designed
-from labapp.speed import machine_speed
+from labapp.patterns.grey_levels import designed
 from optics.accuracy import MachineSpeed
 from optics.progress import Progress
 from optics.retrieval import METHODS, Retrieved, retrieve

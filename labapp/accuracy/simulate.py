@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.accuracy.writing import machine, write_rows
-from labapp.console import out, table, watched
-from labapp.simulating.asked import AskedPicture, stage, stage_of
-from labapp.simulating.everything import Deviation, Rendered, by_plan, with_everything
-from labapp.simulating.quick import quick_setup
+from labapp.common.console import out, table, watched
+from labapp.light.simulating.asked import AskedPicture, stage, stage_of
+from labapp.light.simulating.everything import Deviation, Rendered, by_plan, with_everything
+from labapp.light.simulating.quick import quick_setup
 from optics.progress import Progress
 from optics.threads import single_threaded
 from simulator.situation import Situation

@@ -13,7 +13,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from labapp.console import out
+from labapp.common.console import out
 from labapp.files.writing import write_whole
 
 

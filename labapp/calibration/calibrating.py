@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labapp.acquisition.runner import Outcome, run_plan
-from labapp.acquisition.taking import Ask
-from labapp.bench import Bench
+from labapp.bench.opening import Bench
 from labapp.calibration import designing
 from labapp.calibration.exposing import (
     Found,
@@ -22,15 +20,17 @@ from labapp.calibration.exposing import (
 )
 from labapp.calibration.filing import calibration_of
 from labapp.calibration.fitting import Fits, fit_record
-from labapp.calibration.plan_folder import PICTURES, write_plan
 from labapp.calibration.request import Exposures, Request
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile, as_json
 from labapp.files.plan_file import PlanFile
+from labapp.files.plan_folder import PICTURES, write_plan
 from labapp.files.scene_file import StarTable
 from labapp.files.writing import make_folder, require_free, write_whole
-from labapp.record.reader import Record
-from labapp.running import require_complete
+from labapp.runs.acquisition.runner import Outcome, run_plan
+from labapp.runs.acquisition.taking import Ask
+from labapp.runs.record.reader import Record
+from labapp.runs.running import require_complete
 from optics.camera import Camera
 from optics.progress import Progress
 
@@ -120,7 +120,7 @@ def prepare_only(bench: Bench, request: Request, folder: Path, *, force: bool = 
 def conclude(record: Path, progress: Progress | None = None) -> Calibrated:
     """Fit a record, and write calibration.json and calibration.png beside it."""
     from labapp.calibration.pictures import overview
-    from labapp.report.pictures import png
+    from labapp.common.drawing import png
 
     progress = progress or Progress()
     fits = fit_record(record, progress.part(0.0, 0.9))

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from labapp.bench import BenchFiles, open_bench
+from labapp.bench.opening import BenchFiles, open_bench
 from labapp.calibration.calibrating import (
     FILE,
     PICTURE,
@@ -21,11 +21,11 @@ from labapp.calibration.calibrating import (
 )
 from labapp.calibration.request import Request
 from labapp.calibration.telling import as_data, print_tables
-from labapp.console import out, print_json, watched
-from labapp.errors import UserError
+from labapp.common.console import out, print_json, watched
+from labapp.common.errors import UserError
 from labapp.files.reading import explain
 from labapp.files.writing import require_free
-from labapp.running import Manner, attended
+from labapp.runs.running import Manner, attended
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.calibration import request as names
 from labapp.calibration.request import Design, Exposures, Request
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from optics.calibration.gratings import (
     compass_vectors,

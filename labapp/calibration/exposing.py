@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.calibration import request as names
 from labapp.calibration.request import Exposures, Request
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor

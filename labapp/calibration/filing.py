@@ -17,7 +17,7 @@ from labapp.files.calibration_file import (
     WavefrontTable,
     ZerothTable,
 )
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
 from optics.calibration.registration import Registration
 from optics.calibration.wavefront import WavefrontFit
 from optics.calibration.zeroth import ZerothOrder

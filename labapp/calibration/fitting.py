@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from labapp.calibration import request as names
 from labapp.calibration.frames import Frames
 from labapp.calibration.request import Design
-from labapp.errors import UserError
-from labapp.record.reader import Record
+from labapp.common.errors import UserError
+from labapp.runs.record.reader import Record
 from optics.calibration.gratings import region_slices, striped
 from optics.calibration.orders import first_orders
 from optics.calibration.registration import Registration, register

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.acquisition.state import State
 from labapp.calibration import request as names
 from labapp.calibration.request import Design
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from optics.calibration.spots import frame_variance
 from optics.camera import Camera
 

@@ -14,7 +14,7 @@ from labapp.calibration import request as names
 from labapp.calibration.fitting import Fits, Region
 from labapp.calibration.frames import Frames
 from labapp.files.calibration_file import CalibrationFile
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
 from optics.pupil import pupil_amplitude
 from optics.slm import grey_to_phase
 

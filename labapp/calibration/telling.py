@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.calibration.calibrating import FILE, Calibrated
-from labapp.console import out, say, table
+from labapp.common.console import out, say, table
 from labapp.files.calibration_file import (
     CalibrationFile,
     CurveTable,

@@ -17,7 +17,7 @@ from typer.main import get_command
 from labapp.cli.app import app
 from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
 from labapp.cli import reconstructing, studying, training, plans, bench, virtual_bench
-from labapp.memory import keep_freed_memory
+from labapp.common.memory import keep_freed_memory
 
 # isort: on
 
@@ -67,7 +67,7 @@ def main() -> None:
 
 def _explain(error: BaseException) -> int:
     """Print an error for a person; the exit code that says what kind it was."""
-    from labapp.console import complain
+    from labapp.common.console import complain
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
@@ -83,7 +83,7 @@ def _explain(error: BaseException) -> int:
 
 def _in_words(error: Any) -> str:
     from drivers.errors import DeviceError
-    from labapp.errors import UserError
+    from labapp.common.errors import UserError
 
     if isinstance(error, UserError | DeviceError | ValueError):
         return str(error)

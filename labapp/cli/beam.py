@@ -36,12 +36,12 @@ def beam(
     stop cuts off, where a pattern's orders go, and how deep the focus is can be seen at a
     glance.
     """
-    from labapp.asked import read_field
-    from labapp.places import place_of_beam
+    from labapp.files.places import place_of_beam
+    from labapp.light.asked import read_field
 
     off_axis, place = read_field(field), place_of_beam(out, force=force)
-    from labapp.beam import AskedBeam, draw_beam
     from labapp.files.bench_file import read_camera
+    from labapp.light.beam import AskedBeam, draw_beam
 
     asked = AskedBeam(
         read_camera(camera), pattern, distance, wavelength_nm * 1e-9, off_axis, slices

@@ -38,7 +38,7 @@ def devices_(
     """
     if context.invoked_subcommand is not None:
         return
-    from labapp.listing import list_devices
+    from labapp.bench.listing import list_devices
 
     list_devices(bench, scene, as_json=json)
 
@@ -60,7 +60,7 @@ def devices_test_(
     pictures of several exposures, the spectroradiometer measures twice. Exit code 1 if a check
     fails.
     """
-    from labapp.selftest.command import run_selftest
+    from labapp.bench.selftest.command import run_selftest
 
     if not run_selftest(name, bench, scene, report, as_json=json, force=force):
         raise typer.Exit(1)
@@ -100,7 +100,7 @@ def bench_check_(
     Each device by itself, so that one that is missing hides no other. Exit code 1 if anything
     is wrong.
     """
-    from labapp.bench_check import check_bench
+    from labapp.bench.checking import check_bench
 
     if not check_bench(bench, scene, opening=opening, as_json=json):
         raise typer.Exit(1)

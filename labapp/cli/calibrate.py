@@ -22,7 +22,7 @@ from labapp.cli.options import (
     YesOption,
     existing,
 )
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 
 @app.command()
@@ -82,9 +82,9 @@ def calibrate(
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    from labapp.bench import BenchFiles
+    from labapp.bench.opening import BenchFiles
     from labapp.calibration.command import Asked, calibrate_bench, fit_again, write_plan_only
-    from labapp.running import Manner
+    from labapp.runs.running import Manner
 
     manner = Manner(force, yes, speed, json)
     if fit is not None:

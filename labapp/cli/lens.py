@@ -80,7 +80,7 @@ def _case(
     lens: LensKind = "thin",
 ) -> Any:
     """The options of a lens and a window, read."""
-    from labapp.asked import Case, read_aberrations, read_stop, read_window
+    from labapp.light.asked import Case, read_aberrations, read_stop, read_window
 
     aberrations, stop = read_aberrations(zernike or []), read_stop(blades, obscuration, rectangle)
     window = read_window(size, pitch_um * 1e-6, centre)
@@ -138,8 +138,8 @@ def _case_of(camera: Path | None, values: dict[str, Any], chosen: set[str]) -> A
     that are given count more than the file."""
     if camera is None:
         return _case(**values)
-    from labapp.asked import behind_panel, words_of
     from labapp.files.bench_file import read_camera_file
+    from labapp.light.asked import behind_panel, words_of
 
     file = read_camera_file(camera)
     described = file.build_camera()

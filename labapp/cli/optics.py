@@ -74,13 +74,13 @@ def psf(
     pattern alone: the lens behind the panel of the virtual bench. Values are shares of the
     light, one a pixel; a picture of five decades is written beside the data.
     """
-    from labapp.asked import read_field
-    from labapp.places import places_of_psf
+    from labapp.files.places import places_of_psf
+    from labapp.light.asked import read_field
 
     off_axis, places = read_field(field), places_of_psf(out, force=force)
     one_thread()
     described = case()
-    from labapp.predicting import Asked, predict
+    from labapp.light.predicting import Asked, predict
 
     memory = memory_mb * 1_000_000
     asked = Asked(described, tol, points, method, memory, pattern, off_axis, sphere)
@@ -190,7 +190,7 @@ def accuracy_propagate_(
     and error.
     """
     from labapp.accuracy.asked import require_pitch, require_way
-    from labapp.asked import read_window
+    from labapp.light.asked import read_window
 
     target_size = size if target_size is None else target_size
     target_pitch_um = pitch_um if target_pitch_um is None else target_pitch_um
@@ -257,7 +257,7 @@ def accuracy_chain_(
     front in both time and error.
     """
     from labapp.accuracy.asked import require_pattern
-    from labapp.asked import read_field, read_panel
+    from labapp.light.asked import read_field, read_panel
 
     off_axis = read_field(field)
     require_pattern(pattern)
@@ -305,7 +305,7 @@ def accuracy_retrieval_(
     the error of the shape are measured, and no other row beats one on the front in both time
     and error. What doesn't serve the target is a row too.
     """
-    from labapp.designing.kinds import read_psf
+    from labapp.patterns.designing.kinds import read_psf
 
     spec = read_psf(target, keys or [], wavelength_nm, {})
     _require_writable(json, plot, force=force)
@@ -364,7 +364,7 @@ def accuracy_deconvolve_(
     _require_writable(json, plot, force=force)
     from labapp.accuracy.blurs import asked_photograph
     from labapp.accuracy.deconvolve import accuracy_deconvolve
-    from labapp.networks import packaged_denoiser
+    from labapp.pictures.networks import packaged_denoiser
 
     case = asked_photograph(picture, blur, psf, noise, border, size, seed)
     accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot)

@@ -58,7 +58,7 @@ def pattern(
     writes lens.png, grey levels of the panel's size, and lens_psf.png. A pattern that is steeper
     than the pixels allow is refused, with the limit.
     """
-    from labapp.designing.kinds import list_patterns, read_pattern
+    from labapp.patterns.designing.kinds import list_patterns, read_pattern
 
     if name == "list":
         list_patterns(as_json=json)
@@ -100,7 +100,7 @@ def retrieve(
     The frames of a video know of each other: their mean has the shape, with hardly any speckle.
     There is no right answer: the quality reached is measured and printed.
     """
-    from labapp.designing.kinds import list_targets, read_psf
+    from labapp.patterns.designing.kinds import list_targets, read_psf
 
     if target == "list":
         list_targets(as_json=json)
@@ -122,9 +122,9 @@ def _make(
     force: bool,
     json: bool,
 ) -> None:
-    from labapp.designing.asked import AskedDesign
-    from labapp.errors import UserError
-    from labapp.places import places_of_pattern
+    from labapp.common.errors import UserError
+    from labapp.files.places import places_of_pattern
+    from labapp.patterns.designing.asked import AskedDesign
 
     if path is None:
         raise UserError("there is no --out. Name a .png or .h5 file to write.")
@@ -132,6 +132,6 @@ def _make(
     asked = AskedDesign(spec, wavelength, frames, seed, bench, side)
     files, drawn = places_of_pattern(path, frames, force=force)
     one_thread()
-    from labapp.designing.command import make
+    from labapp.patterns.designing.command import make
 
     make(asked, files, drawn, as_json=json)

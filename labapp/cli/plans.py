@@ -43,7 +43,7 @@ def plan_check_(
     from labapp.files.plan_file import read_plan
 
     asked = read_plan(plan)
-    from labapp.planning import check_plan
+    from labapp.runs.planning import check_plan
 
     check_plan(asked, bench, scene, as_json=json)
 
@@ -66,7 +66,7 @@ def plan_show_(
     from labapp.files.plan_file import read_plan
 
     asked = read_plan(plan)
-    from labapp.planning import show_plan
+    from labapp.runs.planning import show_plan
 
     show_plan(asked, bench, scene, every_row=every_row, as_json=json)
 
@@ -78,6 +78,6 @@ def plan_list_(json: JsonOption = False) -> None:
     They run as they are on the virtual bench. Each file's comments say what to change for a
     bench of your own: copy it, and pass the copy's path.
     """
-    from labapp.ready import list_plans
+    from labapp.runs.ready import list_plans
 
     list_plans(as_json=json)

@@ -127,17 +127,17 @@ def reconstruct(
     says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.
     """
-    from labapp.places import places_of_restored
+    from labapp.files.places import places_of_restored
 
     places = places_of_restored(
         source, out, picture, (psf, truth), blind=blind is not None, force=force
     )
     one_thread()
-    from labapp.reconstructing.asked import AskedProblem
-    from labapp.reconstructing.command import Files
-    from labapp.reconstructing.command import reconstruct as restore
-    from labapp.reconstructing.methods import Wish
-    from labapp.reconstructing.records import Choice
+    from labapp.pictures.reconstructing.asked import AskedProblem
+    from labapp.pictures.reconstructing.command import Files
+    from labapp.pictures.reconstructing.command import reconstruct as restore
+    from labapp.pictures.reconstructing.methods import Wish
+    from labapp.pictures.reconstructing.records import Choice
 
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     chosen = Choice(target, pattern, wavelength, frame, star)

@@ -18,7 +18,7 @@ from labapp.cli.options import (
 @app.command()
 def show(record: RecordArgument, json: JsonOption = False) -> None:
     """Say what a record holds: state, devices, frames, the simulator's decisions, log."""
-    from labapp.showing import show_record
+    from labapp.runs.showing import show_record
 
     show_record(record, as_json=json)
 
@@ -33,12 +33,12 @@ def report(
     json: JsonOption = False,
 ) -> None:
     """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
+    from labapp.files.places import REPORT_FILES
     from labapp.files.writing import require_free
-    from labapp.places import REPORT_FILES
 
     folder = out or record.parent
     require_free(folder, REPORT_FILES, force=force)
-    from labapp.report import report_record
+    from labapp.pictures.report import report_record
 
     report_record(record, folder, force=force, as_json=json)
 
@@ -50,7 +50,7 @@ def verify(record: RecordArgument, json: JsonOption = False) -> None:
     The exit code is 0 only if all is well. For a record that isn't, the last line says what
     to do about it.
     """
-    from labapp.verifying import verify_record
+    from labapp.runs.verifying import verify_record
 
     raise typer.Exit(0 if verify_record(record, as_json=json) else 1)
 
@@ -75,6 +75,6 @@ def export(
     look dark in a viewer that doesn't stretch them. Frames that the record lacks are named,
     and the exit code is 1.
     """
-    from labapp.export import Choice, export_record
+    from labapp.runs.export import Choice, export_record
 
     export_record(record, to, out, Choice(frames, target, pattern), force=force)

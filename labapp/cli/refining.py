@@ -23,7 +23,7 @@ from labapp.cli.options import (
     YesOption,
     existing,
 )
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 
 @app.command()
@@ -69,10 +69,10 @@ def refine(
         raise UserError("there is no --out. Name an .h5 file to write.")
     existing(design)
     one_thread()
-    from labapp.bench import BenchFiles
+    from labapp.bench.opening import BenchFiles
     from labapp.refining.command import refine_design
     from labapp.refining.request import Request, milliseconds
-    from labapp.running import Manner
+    from labapp.runs.running import Manner
 
     request = Request.of(
         pictures=pictures,

@@ -36,11 +36,11 @@ def demo(
     A ring-shaped PSF is computed for the SLM, measured on an artificial star, and used to
     photograph and to reconstruct. Takes a few seconds; writes a record and a report.
     """
+    from labapp.files.places import RECORD, REPORT_FILES
     from labapp.files.writing import require_free
-    from labapp.places import RECORD, REPORT_FILES
 
     require_free(out, (RECORD, *REPORT_FILES), force=force)
-    from labapp.demo import run_demo
+    from labapp.studies.demo import run_demo
 
     run_demo(out, image=image, seed=seed, force=force, as_json=json)
 
@@ -74,13 +74,13 @@ def run(
     ended a run, **labapp resume** takes the frames that it lacks. **labapp plan check** says
     beforehand what a run will take.
     """
+    from labapp.files.places import places_of_runs
     from labapp.files.plan_file import read_plan
-    from labapp.places import places_of_runs
 
     asked = [read_plan(plan) for plan in plans]
     records = places_of_runs([one.path for one in asked], out, force=force)
-    from labapp.bench import BenchFiles
-    from labapp.running import Manner, run_files
+    from labapp.bench.opening import BenchFiles
+    from labapp.runs.running import Manner, run_files
 
     files = BenchFiles.default(bench, scene, image, faults)
     run_files(asked, records, files, Manner(force, yes, speed, json))
@@ -100,6 +100,6 @@ def resume(
     Plan, patterns, seed and bench are the record's own, so that it ends as if nothing had
     happened. Frames that don't read back as they were stored are taken again.
     """
-    from labapp.running import Manner, resume_file
+    from labapp.runs.running import Manner, resume_file
 
     resume_file(record, bench, faults, Manner(False, yes, speed, json))

@@ -12,7 +12,7 @@ from labapp.cli.optics import accuracy
 from labapp.cli.options import BenchOption, ForceOption, JsonOption, RowsOption, readable, scene_of
 
 if TYPE_CHECKING:
-    from labapp.simulating.asked import AskedPicture
+    from labapp.light.simulating.asked import AskedPicture
 
 SceneArgument = Annotated[
     Path | None,
@@ -56,7 +56,7 @@ def _asked(
     forced: list[str] | None,
     everything: bool = False,
 ) -> AskedPicture:
-    from labapp.simulating.asked import AskedPicture, read_forced
+    from labapp.light.simulating.asked import AskedPicture, read_forced
 
     return AskedPicture(
         scene,
@@ -93,7 +93,7 @@ def explain(
     beyond that, and the physics in a sentence. The sum of all bounds stays within the
     tolerance. The exit code is 1 if **--audit** finds a bound broken.
     """
-    from labapp.simulating.explaining import explain as explained
+    from labapp.light.simulating.explaining import explain as explained
 
     asked = _asked(scene, bench, target, pattern, wavelength_nm, exposure_ms, tol, set_)
     if not explained(asked, audited=audit, pairs=pairs, as_json=json):
@@ -124,10 +124,10 @@ def simulate(
     viewer that takes them for 16 bits. **.h5** holds the mean picture and the variance as well,
     and what was decided.
     """
-    from labapp.places import place_of_frames
+    from labapp.files.places import place_of_frames
 
     place, kind = place_of_frames(out, frames, force=force)
-    from labapp.simulating.picturing import simulate as simulated
+    from labapp.light.simulating.picturing import simulate as simulated
 
     asked = _asked(scene, bench, target, pattern, wavelength_nm, exposure_ms, tol, set_, everything)
     simulated(asked, place, kind, frames=frames, seed=seed)

@@ -73,9 +73,9 @@ def study(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    from labapp.errors import UserError
+    from labapp.common.errors import UserError
+    from labapp.files.places import RECORD, STUDY_FILES
     from labapp.files.writing import require_free
-    from labapp.places import RECORD, STUDY_FILES
     from labapp.studies.finding import find_study, read_settings
     from labapp.studies.listing import list_studies
 
@@ -91,7 +91,7 @@ def study(
         raise UserError("--record: its settings are in it. Leave the others out.")
     names = STUDY_FILES if record else (RECORD, *STUDY_FILES)
     require_free(out, names, force=force)
-    from labapp.running import Manner
+    from labapp.runs.running import Manner
     from labapp.studies.command import Asked, evaluate_record, run_study
 
     manner = Manner(force, yes, speed, json)

@@ -36,10 +36,10 @@ def train(
     every 200 steps: interrupt it when you like, and give the same command again to go on.
     The weights that come with the project were trained so; labapp/data/SOURCES.txt says on what.
     """
-    from labapp.places import place_of_weights
+    from labapp.files.places import place_of_weights
 
     place = place_of_weights(out, force=force)
     one_thread()
-    from labapp.training.command import train_denoiser
+    from labapp.pictures.training.command import train_denoiser
 
     train_denoiser(folders, place, steps=steps, seed=seed)

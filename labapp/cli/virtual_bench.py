@@ -74,8 +74,8 @@ def serve(
     It needs Linux; the camera needs Aravis (sudo apt-get install python3-gi
     gir1.2-aravis-0.8), the SLM without --display Xvfb (sudo apt-get install xvfb).
     """
-    from labapp.bench import BenchFiles
-    from labapp.virtual_bench.serving import Wished, serve
+    from labapp.bench.opening import BenchFiles
+    from labapp.bench.virtual_bench.serving import Wished, serve
 
     files = BenchFiles.default(bench, scene, image)
     serve(

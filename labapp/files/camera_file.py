@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import ConfigDict, Field, model_validator
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable

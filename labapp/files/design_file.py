@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import labapp
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files import nexus
 
 DEFINITION = "labapp_design"

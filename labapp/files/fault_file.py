@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import FileModel, read_file
 from simulator.faults import Fault, Kind, Role
 

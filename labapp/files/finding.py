@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import bundled
 
 

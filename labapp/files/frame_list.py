@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import FileModel
 
 _UNITS = {

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import FileModel, read_file
 from optics.slm import Panel, Response
 

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import Field
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import FileModel
 from optics.slm import Map
 

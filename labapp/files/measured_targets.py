@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import picture_of
 from labapp.files.reflectance_table import basis

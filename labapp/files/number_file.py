@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import find_part
 from labapp.files.lut_file import ResponseTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable

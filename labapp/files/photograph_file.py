@@ -12,7 +12,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 Light = NDArray[np.float32]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.light_table import LightTable
 from labapp.files.measured_targets import CubeTable, DisplayTable, ReliefTable
 from labapp.files.paths_in import files_of, with_folder

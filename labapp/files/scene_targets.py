@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import torch
 from pydantic import Field
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.chart_table import Brick, Chart, ColorChecker, Patch, Siemens, SlantedEdge, Usaf
 from labapp.files.light_table import Lamp
 from labapp.files.picture_cache import picture_of

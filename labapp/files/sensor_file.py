@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import find_part
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum

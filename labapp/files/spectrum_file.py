@@ -6,7 +6,7 @@ import csv
 from functools import lru_cache
 from pathlib import Path
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import bundled
 from optics.light.spectrum import Spectrum
 

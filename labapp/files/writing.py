@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 
 def require_writable(path: Path, *, force: bool) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labapp.acquisition.taking import Ask
-from labapp.bench import Bench, BenchFiles, open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import Bench, BenchFiles, open_bench
+from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, read_design, write_design
+from labapp.files.places import is_design
 from labapp.files.writing import make_folder, require_free, require_writable, write_whole
-from labapp.places import is_design
 from labapp.refining.exposing import record_of
 from labapp.refining.request import Request, completed
 from labapp.refining.result import Result, contents_of
@@ -17,7 +16,8 @@ from labapp.refining.start import start_from
 from labapp.refining.telling import tell, warn_of_description
 from labapp.refining.view import view_of
 from labapp.refining.watching import Watcher
-from labapp.running import Manner, attended
+from labapp.runs.acquisition.taking import Ask
+from labapp.runs.running import Manner, attended
 from optics.progress import Progress
 from optics.retrieval import refine
 

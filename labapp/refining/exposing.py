@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.taking import Ask
-from labapp.analysis.brackets import Bracket, find, merge_all
-from labapp.bench import Bench
-from labapp.calibration.plan_folder import PICTURES, write_plan
+from labapp.bench.opening import Bench
 from labapp.files.plan_file import PlanFile
-from labapp.record.reader import Record
+from labapp.files.plan_folder import PICTURES, write_plan
+from labapp.pictures.analysis.brackets import Bracket, find, merge_all
 from labapp.refining.request import Request
-from labapp.running import require_complete
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.acquisition.taking import Ask
+from labapp.runs.record.reader import Record
+from labapp.runs.running import require_complete
 from optics.progress import Progress
 
 _DARKS = 2

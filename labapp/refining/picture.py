@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from labapp.common.drawing import png
 from labapp.refining.result import Result
-from labapp.report.pictures import png
 
 _WHITE = 1.5
 """Times the target's peak that is white: speckle is brighter than what it should be."""

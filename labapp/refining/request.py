@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field, ValidationError
 
-from labapp.bench import Bench
-from labapp.errors import UserError
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
 from labapp.files.reading import FileModel, explain
 from labapp.files.scene_file import StarTable
 from optics.shadow import in_focus

@@ -10,9 +10,9 @@ from typing import Any
 
 import torch
 
-from labapp.designing.predicted import predicted_psf
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid
+from labapp.light.predicted import predicted_psf
 from labapp.refining.request import Request
 from labapp.refining.start import Start
 from labapp.refining.view import View

@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents
 from labapp.files.pattern_table import Pattern, PSFPattern, VideoPattern
-from labapp.patterns import designed
+from labapp.patterns.grey_levels import designed
 from optics.camera import Camera
 from optics.retrieval.goal import Goal
 from optics.retrieval.slow_crystal import orders_of, shown_ways

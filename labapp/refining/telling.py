@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labapp.console import out, print_json, say, table
+from labapp.common.console import out, print_json, say, table
 from labapp.refining.result import Result
 
 _NOISY = 0.5

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
 from optics.calibration.registration import Registration
 from optics.camera import Camera

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from labapp.acquisition.taking import Ask
-from labapp.analysis.brackets import Bracket
-from labapp.bench import Bench
-from labapp.errors import UserError
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
+from labapp.pictures.analysis.brackets import Bracket
 from labapp.refining.exposing import expose, record_of
 from labapp.refining.request import Request
 from labapp.refining.start import Start
 from labapp.refining.view import View
+from labapp.runs.acquisition.taking import Ask
 from optics.metrics import shape_error, speckle_contrast
 from optics.progress import Progress
 from optics.retrieval.feedback import BRIGHT

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labapp.analysis.brackets import Picture
 from labapp.files.scene_targets import LayersTable
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture
+from labapp.runs.record.reader import Record
 from labapp.studies.contract import Row
 from optics.camera import Camera
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.acquisition.taking import Ask
-from labapp.bench import BenchFiles, open_bench
-from labapp.console import out, print_json, table, watched
-from labapp.errors import UserError
+from labapp.bench.opening import BenchFiles, open_bench
+from labapp.common.console import out, print_json, table, watched
+from labapp.common.errors import UserError
+from labapp.common.stopwatch import Stopwatch
+from labapp.files.places import RECORD, STUDY_FILES
 from labapp.files.reading import bundled
 from labapp.files.writing import make_folder, require_free
-from labapp.places import RECORD, STUDY_FILES
-from labapp.record.reader import Record
-from labapp.running import Manner, attended, require_complete
-from labapp.stopwatch import Stopwatch
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.acquisition.taking import Ask
+from labapp.runs.record.reader import Record
+from labapp.runs.running import Manner, attended, require_complete
+from labapp.runs.state import State
 from labapp.studies.contract import Results, Settings, Study
 from labapp.studies.finding import find_study, marked, read_settings, settings_of
 from labapp.studies.page import Account, as_data, write

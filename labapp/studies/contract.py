@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from labapp.files.plan_file import PlanFile
-    from labapp.record.reader import Record
+    from labapp.runs.record.reader import Record
     from optics.camera import Camera
     from optics.progress import Progress
 

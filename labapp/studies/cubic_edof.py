@@ -10,12 +10,12 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labapp.analysis.brackets import Bracket, Picture, find, merge_all
-from labapp.analysis.photograph import Score, score
-from labapp.analysis.star import measure_psf
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import bundled, read_grey, validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
+from labapp.pictures.analysis.photograph import Score, score
+from labapp.pictures.analysis.star import measure_psf
+from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.cubic_edof import STUDY
 from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
 from labapp.studies.contract import Plate, Results, Row

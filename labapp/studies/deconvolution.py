@@ -11,12 +11,12 @@ import torch
 from matplotlib.figure import Figure
 from scipy.ndimage import shift
 
-from labapp.analysis.brackets import Picture, find, merge_all
-from labapp.analysis.photograph import Score, score
-from labapp.analysis.star import measure_psf
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture, find, merge_all
+from labapp.pictures.analysis.photograph import Score, score
+from labapp.pictures.analysis.star import measure_psf
+from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_tone

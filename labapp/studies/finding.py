@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.keys import read_keys
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
@@ -15,7 +15,7 @@ from labapp.studies import STUDIES, catalogue
 from labapp.studies.contract import Settings, Study
 
 if TYPE_CHECKING:
-    from labapp.record.reader import Record
+    from labapp.runs.record.reader import Record
 
 _NAME, _SETTINGS = "study", "study_settings"
 """Keys of the plan's metadata, by which a record knows what it was taken for."""

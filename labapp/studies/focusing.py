@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labapp.analysis.brackets import Picture
-from labapp.analysis.star import centre_of, cut
-from labapp.errors import UserError
+from labapp.common.errors import UserError
+from labapp.pictures.analysis.brackets import Picture
+from labapp.pictures.analysis.star import centre_of, cut
 from optics.camera import Camera
 
 _WINDOW = 192

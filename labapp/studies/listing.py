@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.console import out, print_json
+from labapp.common.console import out, print_json
 from labapp.files.keys import described_keys
 from labapp.studies import STUDIES
 from labapp.studies.finding import find_study

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import labapp
+from labapp.common.drawing import png
 from labapp.files.keys import described_keys
+from labapp.files.places import STUDY_FILES
 from labapp.files.writing import write_whole
-from labapp.places import STUDY_FILES
-from labapp.report.html import document, footer, heading, html_figure, html_table
-from labapp.report.pictures import png
+from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
 from labapp.studies.contract import Results, Settings, Study
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from labapp.analysis.brackets import Picture
-from labapp.analysis.star import PSFReport
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture
+from labapp.pictures.analysis.star import PSFReport
+from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_shapes import PUBLISHED, STUDY, Shape, ShapesSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_log, draw_tone

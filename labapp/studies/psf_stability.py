@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labapp.analysis.brackets import Picture
-from labapp.analysis.star import PSFReport
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture
+from labapp.pictures.analysis.star import PSFReport
+from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_stability import STUDY, StabilitySettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_tone

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from labapp.analysis.brackets import Picture
-from labapp.analysis.star import PSFReport
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture
+from labapp.pictures.analysis.star import PSFReport
+from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_video import STUDY, VideoSettings
 from labapp.studies.contract import Movie, Plate, Results, Row
 from labapp.studies.drawing import animated, draw_log, draw_tone

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labapp.analysis.brackets import Bracket, Picture, find, merge_all
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
+from labapp.runs.record.reader import Record
 from labapp.studies.bricks import BRICKS, Region, regions_of, sharpened
 from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
 from labapp.studies.contract import Plate, Results, Row

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from labapp.analysis.brackets import Picture, find, merge_all
-from labapp.analysis.star import PSFReport, centre_of, cut, measure_psf
 from labapp.files.plan_file import Reconstruction
-from labapp.record.reader import Record
+from labapp.pictures.analysis.brackets import Picture, find, merge_all
+from labapp.pictures.analysis.star import PSFReport, centre_of, cut, measure_psf
+from labapp.runs.record.reader import Record
 from optics.progress import Progress
 
 NEUTRAL: Mapping[str, Any] = {"kind": "constant", "grey": 0}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QApplication
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.window import startup, theme
 from labapp.window.connection import Connection
 from labapp.window.main_window import MainWindow

@@ -12,8 +12,8 @@ from figures import Figure
 from figures.photographs import squares
 from labapp.accuracy.blurs import BLURS, taken
 from labapp.accuracy.deconvolve import DeconvolutionRow, measure_deconvolution
-from labapp.networks import packaged_denoiser
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
+from labapp.pictures.networks import packaged_denoiser
 from optics.deconvolution.choice import METHODS
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from figures import Figure
-from labapp.bench import BenchSetup, open_bench
+from labapp.bench.opening import BenchSetup, open_bench
 from labapp.calibration.calibrating import Calibrated, calibrate
 from labapp.calibration.request import Request
 from labapp.files.bench_file import read_bench

@@ -15,7 +15,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from figures import Figure
-from labapp.console import say
+from labapp.common.console import say
 from simulator.wire.camera_faults import KINDS, CameraFault, CameraFaultKind
 from simulator.wire.fake_gige import FakeGigE
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from figures import Figure
 from figures.chains import ChainProblem
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
 from optics.psf.stack import PSFStack

@@ -24,7 +24,7 @@ from figures.problems import (
 )
 from figures.regret import median_and_high, regret
 from labapp.accuracy.references.chain_psf import ChainProblem
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane

@@ -15,7 +15,7 @@ from figures.photographs import camera, squares
 from figures.stopwatch import processor_seconds
 from labapp.accuracy.blurs import BLURS, Array, Taken, circle, disk, taken
 from labapp.accuracy.deconvolve import inside
-from labapp.networks import packaged_denoiser
+from labapp.pictures.networks import packaged_denoiser
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.deconvolution.plug_and_play import plug_and_play

@@ -14,12 +14,12 @@ from small_bench.setups import random_plan, small_setup
 
 from figures import Figure
 from figures.victim import Victims
-from labapp.acquisition.runner import Outcome, resume_run, run_plan
-from labapp.acquisition.state import State
-from labapp.bench import open_bench
-from labapp.console import say
+from labapp.bench.opening import open_bench
+from labapp.common.console import say
 from labapp.files.plan_file import PlanFile
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import Outcome, resume_run, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 
 _KILLS = 200
 

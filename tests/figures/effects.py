@@ -14,7 +14,7 @@ import torch
 
 from figures import Figure
 from figures.random_pictures import Case, TooLong, cases, deviation, everything
-from labapp.console import say
+from labapp.common.console import say
 from optics.threads import single_threaded
 from simulator.effects.on_pixels import deep
 from simulator.imaging import Imaging, Picture

@@ -12,10 +12,10 @@ import numpy as np
 from judges.star import Star, star_picture
 
 from figures import Figure
-from labapp.analysis import analyse
-from labapp.demo import first_light
 from labapp.files.scene_file import StarTable
-from labapp.record.reader import Record
+from labapp.pictures.analysis import analyse
+from labapp.runs.record.reader import Record
+from labapp.studies.demo import first_light
 
 _SECONDS_GOAL, _GAIN_GOAL, _ERROR_GOAL = 60.0, 3.0, 0.05
 

@@ -10,7 +10,7 @@ from figures import Figure
 from figures.peers import told_ratios
 from labapp.accuracy.propagate import Reference, asked_field, candidates
 from labapp.accuracy.rows import measure
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.progress import Progress

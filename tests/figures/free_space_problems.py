@@ -27,7 +27,7 @@ from judges.fields import (
 from figures import Figure
 from figures.regret import median_and_high, regret
 from figures.stopwatch import processor_seconds
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation.operator import METHODS, FreeSpace

@@ -21,12 +21,12 @@ from drivers.interfaces import Frame
 from figures import Figure
 from figures.durability import differing_arrays, run_small
 from figures.where import ENVIRONMENT, ROOT
-from labapp.acquisition import keeping
-from labapp.acquisition.runner import Outcome, run_plan
-from labapp.acquisition.state import State
-from labapp.acquisition.steps import Shot
-from labapp.bench import open_bench
-from labapp.record.reader import Record
+from labapp.bench.opening import open_bench
+from labapp.runs.acquisition import keeping
+from labapp.runs.acquisition.runner import Outcome, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
 
 _MOMENTS = 50
 _DISK = "8m"

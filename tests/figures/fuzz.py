@@ -13,7 +13,7 @@ from figures import Figure
 from figures.fuzzed_machine import FuzzedMachine
 from figures.serial_cases import SERIAL_CASES
 from figures.wire_case import Rng, WireCase, unheard
-from labapp.console import say
+from labapp.common.console import say
 from simulator.clock import VirtualClock
 
 _REPLIES = 100_000

@@ -12,7 +12,7 @@ import torch
 
 from drivers.interfaces import Surroundings
 from figures import Figure
-from labapp.bench import BenchFiles, read_scene
+from labapp.bench.opening import BenchFiles, read_scene
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import bundled, read_file
 from optics.patterns import fresnel_lens

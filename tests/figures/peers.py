@@ -11,8 +11,8 @@ from labapp_peers.psf import candidates as peer_candidates
 from figures import Figure
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Row, measure
-from labapp.asked import Case
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
+from labapp.light.asked import Case
 from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.plane import Plane

@@ -21,9 +21,9 @@ from small_bench.setups import small_setup
 from drivers.clock import RealClock
 from drivers.interfaces import Frame
 from drivers.x11 import ScreenReader, XError
-from labapp.acquisition.steps import Shot
-from labapp.bench import BenchSetup
+from labapp.bench.opening import BenchSetup
 from labapp.files.bench_file import DeviceTable
+from labapp.runs.steps import Shot
 from simulator.machines.machine import Machine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine

@@ -17,7 +17,7 @@ from figures.regret import median_and_high, regret
 from figures.stopwatch import processor_seconds
 from labapp.accuracy.references.lens import terms
 from labapp.accuracy.references.psf import Judge, Problem, farthest
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane

@@ -17,13 +17,13 @@ from small_bench.setups import small_setup
 
 from drivers.interfaces import Frame
 from figures import Figure
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import ENDED, State
-from labapp.acquisition.steps import Shot
-from labapp.bench import Bench, BenchSetup, open_bench
+from labapp.bench.opening import Bench, BenchSetup, open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import to_disk
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import ENDED, State
+from labapp.runs.steps import Shot
 from optics.progress import Progress
 from simulator.devices import SimulatedCamera
 from simulator.faults import Fault

@@ -14,7 +14,7 @@ import numpy as np
 from figures.problems import log_uniform
 from figures.random_benches import random_bench
 from figures.random_targets import Chance
-from labapp.simulating.everything import FINE, Deviation
+from labapp.light.simulating.everything import FINE, Deviation
 from optics.accuracy import ToleranceError
 from optics.pupil import pupil_amplitude
 from simulator.effects.on_pixels import deep

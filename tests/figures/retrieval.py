@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from figures import Figure
 from figures.stopwatch import processor_seconds
-from labapp.speed import machine_speed
+from labapp.common.speed import machine_speed
 from optics.camera import Camera, Panel
 from optics.fourier import CommensurateTransform, Geometry
 from optics.plane import Plane, centred_crop

@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from figures import Figure
-from labapp.bench import GROUP
+from labapp.bench.opening import GROUP
 from simulator.screens import NoXServer, xvfb
 
 _REPEATS = 5

@@ -12,11 +12,11 @@ from small_bench.setups import random_plan, small_setup
 
 from figures import Figure
 from figures.durability import differing_arrays, run_small
-from labapp.acquisition.runner import Outcome, resume_run, run_plan
-from labapp.acquisition.state import State
-from labapp.bench import open_bench
-from labapp.console import say
-from labapp.record.reader import Record
+from labapp.bench.opening import open_bench
+from labapp.common.console import say
+from labapp.runs.acquisition.runner import Outcome, resume_run, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from simulator.faults import FRAME_KINDS, Fault, Kind, Role
 
 _MOMENTS = 20

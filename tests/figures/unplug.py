@@ -17,13 +17,13 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame
 from figures import Figure, plugs
 from figures.plugs import Plug, Seen, checksum_of
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.acquisition.steps import Shot
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
 from optics.progress import Progress
 
 _TIMES = 5

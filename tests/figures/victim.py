@@ -14,9 +14,9 @@ from typing import Any, Self
 from small_bench.setups import small_setup
 
 from figures.where import ENVIRONMENT, ROOT
-from labapp.acquisition.runner import resume_run, run_plan
-from labapp.bench import open_bench
+from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.runner import resume_run, run_plan
 
 
 class Victims:

@@ -15,7 +15,7 @@ from figures import Figure
 from figures.serial_cases import SERIAL_CASES
 from figures.usb_cases import USB_CASES
 from figures.wire_case import Cable, Command, Rng, WireCase, unheard
-from labapp.console import say
+from labapp.common.console import say
 from simulator.clock import VirtualClock
 from simulator.wire import WIRE_KINDS, WireFault
 

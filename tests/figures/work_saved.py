@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from figures import Figure
-from labapp.console import say
+from labapp.common.console import say
 from labapp.files.finding import ready_scenes
 from labapp.files.reading import bundled
-from labapp.simulating.asked import AskedPicture, stage_of
-from labapp.simulating.everything import by_plan, finest_levels, with_everything
-from labapp.simulating.quick import changed_setup
+from labapp.light.simulating.asked import AskedPicture, stage_of
+from labapp.light.simulating.everything import by_plan, finest_levels, with_everything
+from labapp.light.simulating.quick import changed_setup
 from optics.light import Band
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -28,10 +28,10 @@ __all__ = ["DEVNULL", "PIPE", "STDOUT", "CompletedProcess", "Popen", "TimeoutExp
 
 LOADED = (
     "labapp.cli",
-    "labapp.running",
-    "labapp.record.checks",
+    "labapp.runs.running",
+    "labapp.runs.record.checks",
     "labapp.studies.command",
-    "labapp.virtual_bench.serving",
+    "labapp.bench.virtual_bench.serving",
 )
 """What processes would spend their first seconds with. Nothing of it starts threads."""
 

@@ -12,7 +12,7 @@ from judges import gaussian_psf, natural_image
 from numpy.typing import NDArray
 
 from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
-from labapp.networks import packaged_denoiser
+from labapp.pictures.networks import packaged_denoiser
 from optics.deconvolution.bounded import bounded
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
 from optics.deconvolution.measured import measured

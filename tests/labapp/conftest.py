@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from small_bench.files import SmallFiles, write_small, write_tiny
 
-from labapp.analysis import Analysis
-from labapp.demo import first_light
-from labapp.speed import keep
+from labapp.common.speed import keep
+from labapp.pictures.analysis import Analysis
+from labapp.studies.demo import first_light
 from optics.accuracy import MachineSpeed
 from simulator.caching import Cache
 from simulator.imaging import Imaging, causes

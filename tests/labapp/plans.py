@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.acquisition.abilities import Abilities
 from labapp.files.plan_file import PlanFile
+from labapp.runs.abilities import Abilities
 
 PATTERNS: dict[str, Any] = {
     "neutral": {"kind": "constant"},

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.analysis import analyse
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
-from labapp.record.writer import RecordWriter
-from labapp.report.pictures import histogram_figure
+from labapp.pictures.analysis import analyse
+from labapp.pictures.report.pictures import histogram_figure
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.record.writer import RecordWriter
+from labapp.runs.state import State
 from optics.progress import Cancelled, Progress
 
 

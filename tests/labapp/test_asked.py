@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from judges import View, by_lines
 
-from labapp.asked import Case, read_aberrations, read_centre, read_stop, read_window
-from labapp.errors import UserError
+from labapp.common.errors import UserError
+from labapp.light.asked import Case, read_aberrations, read_centre, read_stop, read_window
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon

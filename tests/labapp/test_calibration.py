@@ -15,22 +15,22 @@ import pytest
 from small_bench.files import Size, bench_text
 
 from drivers.interfaces import Identity
-from labapp.acquisition.runner import run_plan
-from labapp.bench import BenchFiles, open_bench
+from labapp.bench.in_force import doubts, summary, wavelength_doubts
+from labapp.bench.opening import BenchFiles, open_bench
 from labapp.calibration.calibrating import Calibrated, calibrate, conclude, prepare_only
 from labapp.calibration.designing import sweep_levels
 from labapp.calibration.exposing import Found, Trial, exposures_of, first_bracket, judged
-from labapp.calibration.in_force import doubts, summary, wavelength_doubts
-from labapp.calibration.plan_folder import as_toml
 from labapp.calibration.request import Request
 from labapp.calibration.telling import advice, rows
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench
 from labapp.files.calibration_file import CalibrationFile, as_json
 from labapp.files.plan_file import PlanFile
+from labapp.files.plan_folder import as_toml
 from labapp.files.polarisation_table import PolarisationTable, PolariserTable
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
 from optics.camera import Camera, Sensor
 from optics.progress import Cancelled, Progress
 from optics.slm import grey_to_phase

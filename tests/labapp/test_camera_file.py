@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench, read_camera, read_camera_file
 from labapp.files.calibration_file import CalibrationFile, ZerothTable, as_json
 from labapp.files.camera_file import CameraFile, LensTable

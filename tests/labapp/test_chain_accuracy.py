@@ -15,8 +15,8 @@ from labapp.accuracy.chain import Reference, asked_chain
 from labapp.accuracy.references.chain import chain_density, chain_field
 from labapp.accuracy.references.panel import Chain
 from labapp.accuracy.rows import Row
-from labapp.asked import Case
-from labapp.errors import UserError
+from labapp.common.errors import UserError
+from labapp.light.asked import Case
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle

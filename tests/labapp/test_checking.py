@@ -8,16 +8,16 @@ from typing import Any, ClassVar
 import pytest
 from plans import abilities, block, plan_of, tunable
 
-from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import check, expect, prompts, prompts_by_frame
-from labapp.acquisition.hooks import HookError, Hooks
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.acquisition.steps import shots
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.runs.abilities import Abilities
+from labapp.runs.acquisition.checking import check, expect, prompts, prompts_by_frame
+from labapp.runs.acquisition.hooks import HookError, Hooks
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.state import State
+from labapp.runs.steps import shots
 
 WHEEL, TUNABLE = abilities(), tunable()
 
@@ -236,7 +236,8 @@ def installed(monkeypatch) -> None:
     )
     for module in ("checking", "hooks"):
         monkeypatch.setattr(
-            f"labapp.acquisition.{module}.entry_points", lambda *, group: found.select(group=group)
+            f"labapp.runs.acquisition.{module}.entry_points",
+            lambda *, group: found.select(group=group),
         )
     monkeypatch.setattr(Diary, "entries", [])
     monkeypatch.setattr(Diary, "fails_at", "")

@@ -9,7 +9,7 @@ import pytest
 
 from labapp.accuracy.comparing import read_stored, require_known, slower, verdicts
 from labapp.accuracy.rows import Row
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 
 ROW = Row("psf", "case", "way", "float64", 1e-3, error_achieved=1e-4, cpu_s=0.010)
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import torch
 
-from labapp.acquisition.runner import run_plan
-from labapp.bench import open_bench
-from labapp.designing.predicted import predicted_psf
+from labapp.bench.opening import open_bench
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
+from labapp.light.predicted import predicted_psf
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
 from optics import patterns
 from optics.camera import Camera, Panel
 from optics.psf import PSFOperator

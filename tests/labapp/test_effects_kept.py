@@ -8,18 +8,18 @@ import json
 import pytest
 
 import simulator.imaging
-from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import _DECISIONS
-from labapp.acquisition.effects import effect_plans
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.steps import shots
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.patterns import compute_patterns
-from labapp.record.reader import Record
-from labapp.showing_effects import show_effects
+from labapp.patterns.grey_levels import compute_patterns
+from labapp.runs.abilities import Abilities
+from labapp.runs.acquisition.checking import _DECISIONS
+from labapp.runs.acquisition.effects import effect_plans
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.showing_effects import show_effects
+from labapp.runs.steps import shots
 from optics.progress import Progress
 
 

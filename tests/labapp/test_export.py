@@ -15,17 +15,17 @@ import pytest
 import tifffile
 
 from drivers.interfaces import Frame, Identity
-from labapp.acquisition.steps import Shot
-from labapp.errors import UserError
-from labapp.export import KINDS, Choice, export, naming, ome_tiff
-from labapp.export.ome import NAMESPACE
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.frame_list import frame_list, read_frame_list
 from labapp.files.reading import bundled, read_file
-from labapp.record import layout
-from labapp.record.making import Contents, make
-from labapp.record.reader import Record
-from labapp.record.writer import RecordWriter
+from labapp.runs.export import KINDS, Choice, export, naming, ome_tiff
+from labapp.runs.export.ome import NAMESPACE
+from labapp.runs.record import layout
+from labapp.runs.record.making import Contents, make
+from labapp.runs.record.reader import Record
+from labapp.runs.record.writer import RecordWriter
+from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
 
 SHOTS = [

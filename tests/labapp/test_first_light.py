@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from figures.first_light import prediction_error
 
-from labapp.acquisition.state import State
 from labapp.files.reading import bundled
-from labapp.record.reader import Record
-from labapp.report.tables import as_data
+from labapp.pictures.report.tables import as_data
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 
 
 def test_the_best_reconstruction_gains_three_decibels_and_structure(demo):

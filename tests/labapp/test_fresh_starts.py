@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from labapp.acquisition.state import State
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import time
 PATIENCE = 60.0
 
 LISTENER = """
-from labapp.virtual_bench.listening import listen
+from labapp.bench.virtual_bench.listening import listen
 
 class Talk:
     over = False

@@ -11,12 +11,12 @@ from pathlib import Path
 import forked
 import pytest
 
-import labapp.bench
-from labapp.bench import open_bench
-from labapp.errors import UserError
+import labapp.bench.opening
+from labapp.bench.locking import lock_devices
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_file
-from labapp.locking import lock_devices
 
 PATIENCE = 60
 """Seconds after which a test that should have ended long ago is given up."""
@@ -27,7 +27,7 @@ warnings.simplefilter("error")
 from pathlib import Path
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_file
-from labapp.locking import lock_devices
+from labapp.bench.locking import lock_devices
 with lock_devices(read_file(Path({bench!r}), BenchFile).devices.tables):
     {then}
     print("locked", flush=True)
@@ -138,9 +138,9 @@ def test_a_bench_in_use_is_not_opened(bench, owner, small, monkeypatch):
 
     path = bench(camera=ACME)
     owner(path)
-    known = {**labapp.bench.drivers(), "acme-camera": Acme}
-    monkeypatch.setattr(labapp.bench, "drivers", lambda: known)
-    files = labapp.bench.BenchFiles(path, small.scene)
+    known = {**labapp.bench.opening.drivers(), "acme-camera": Acme}
+    monkeypatch.setattr(labapp.bench.opening, "drivers", lambda: known)
+    files = labapp.bench.opening.BenchFiles(path, small.scene)
     with (
         pytest.raises(UserError, match=r"the camera .* is in use by labapp run"),
         open_bench(files),

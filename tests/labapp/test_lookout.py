@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from labapp.acquisition import lookout
-from labapp.acquisition.lookout import Lookout
+from labapp.runs.acquisition import lookout
+from labapp.runs.acquisition.lookout import Lookout
 
 PATIENCE = 60
 

@@ -11,7 +11,7 @@ from small_bench.files import Size, bench_text
 _FAULTS = """
 import resource, sys
 import torch
-from labapp.memory import keep_freed_memory
+from labapp.common.memory import keep_freed_memory
 if sys.argv[1] == "kept":
     keep_freed_memory()
 def faults():
@@ -44,11 +44,11 @@ def test_large_arrays_take_the_memory_of_those_before_them():
 _RUNS = """
 import sys
 from pathlib import Path
-from labapp.acquisition.runner import run_plan
-from labapp.bench import BenchFiles, open_bench
+from labapp.runs.acquisition.runner import run_plan
+from labapp.bench.opening import BenchFiles, open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.memory import keep_freed_memory
+from labapp.common.memory import keep_freed_memory
 
 keep_freed_memory()
 folder = Path(sys.argv[1])

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import labapp.bench
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.bench import GROUP, open_bench
-from labapp.errors import UserError
+import labapp.bench.opening
+from labapp.bench.opening import GROUP, open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from optics.progress import Progress
 
 CAMERA = EntryPoint("strange-camera", "strange_camera:StrangeCamera", GROUP)
@@ -26,8 +26,8 @@ CAMERA = EntryPoint("strange-camera", "strange_camera:StrangeCamera", GROUP)
 @pytest.fixture
 def strange(small, tmp_path, monkeypatch):
     """The bench files with a third party's camera in place of the simulated one."""
-    known = labapp.bench.drivers()
-    monkeypatch.setattr(labapp.bench, "drivers", lambda: known | {CAMERA.name: CAMERA})
+    known = labapp.bench.opening.drivers()
+    monkeypatch.setattr(labapp.bench.opening, "drivers", lambda: known | {CAMERA.name: CAMERA})
     monkeypatch.syspath_prepend(Path(__file__).parent)
     text = small.bench.read_text().replace(
         'driver = "simulated-camera"',

@@ -12,8 +12,8 @@ from small_bench.files import SmallFiles, scene_text
 
 from labapp.files.bench_file import read_bench
 from labapp.files.phase_table import AxiconPattern, BlazePattern, ZernikePattern
-from labapp.record.reader import Record
 from labapp.refining.view import described
+from labapp.runs.record.reader import Record
 from optics.camera import Camera
 
 Z1 = 0.05

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.finding import bundled_parts
 from labapp.files.panel_file import PanelTable, read_panel

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.pattern_table import Method, Pattern, Phases
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.patterns import Work, compute_pattern, compute_patterns, retrieve_psf
+from labapp.patterns.grey_levels import Work, compute_pattern, compute_patterns, retrieve_psf
 from optics import patterns
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane

@@ -14,7 +14,7 @@ from labapp_peers.psf import candidates as peer_candidates
 
 from labapp.accuracy.psf import exact
 from labapp.accuracy.rows import Row, measure
-from labapp.asked import Case
+from labapp.light.asked import Case
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.progress import Progress

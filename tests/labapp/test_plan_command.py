@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 import labapp as package
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.bench import BenchFiles, open_bench
+from labapp.bench.opening import BenchFiles, open_bench
 from labapp.files.finding import ready_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.state import State
 
 READY = (
     "coded-snapshot",
@@ -141,7 +141,7 @@ def test_what_a_bench_cannot_do_is_said_in_a_line_or_two(labapp, small, old, new
 
 
 def test_a_disk_without_room_is_an_error(labapp, small, monkeypatch):
-    monkeypatch.setattr("labapp.acquisition.keeping.free_bytes", lambda path: 1000)
+    monkeypatch.setattr("labapp.runs.acquisition.keeping.free_bytes", lambda path: 1000)
     code, _, said = labapp("plan", "check", small.plan, *small.arguments())
     assert code == 1
     assert "Make space" in said

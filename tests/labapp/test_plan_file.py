@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import find_plan, ready_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file, validate

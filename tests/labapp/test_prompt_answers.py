@@ -15,12 +15,12 @@ _ASK = """
 import contextlib, io, json, sys
 from labapp import cli
 
-HEAVY = ("torch", "scipy", "h5py", "matplotlib", "cv2", "simulator", "labapp.bench")
+HEAVY = ("torch", "scipy", "h5py", "matplotlib", "cv2", "simulator", "labapp.bench.opening")
 answers = []
 for words in json.loads(sys.stdin.read()):
     loaded, out, err = set(sys.modules), io.StringIO(), io.StringIO()
     sys.argv = ["labapp", *words]
-    from labapp import console
+    from labapp.common import console
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             cli.main()
@@ -159,7 +159,7 @@ def test_a_chain_that_takes_too_long_is_refused_before_anything_is_planned(labap
 
 
 def test_a_pattern_of_another_panel_is_refused_before_a_psf_is_planned(labapp, never, tmp_path):
-    never("labapp.predicting.machine_speed", "labapp.predicting.PSFOperator")
+    never("labapp.light.predicting.machine_speed", "labapp.light.predicting.PSFOperator")
     pattern = tmp_path / "pattern.png"
     cv2.imwrite(str(pattern), np.zeros((8, 8), np.uint8))
     code, _, said = labapp("psf", "--pattern", pattern, "--out", tmp_path / "psf.npy")
@@ -180,7 +180,7 @@ def test_a_pattern_of_another_panel_is_refused_before_a_psf_is_planned(labapp, n
 def test_a_bad_picture_is_refused_before_a_bench_is_opened(
     labapp, never, tmp_path, words, complaint
 ):
-    never("labapp.simulating.asked.open_bench")
+    never("labapp.light.simulating.asked.open_bench")
     for command in (["explain"], ["simulate", "--out", tmp_path / "new.png"]):
         code, _, said = labapp(*command, *words)
         assert (code, complaint in said) == (1, True)

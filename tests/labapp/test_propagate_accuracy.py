@@ -16,7 +16,7 @@ from labapp_peers.free_space import candidates as peer_candidates
 
 from labapp.accuracy.propagate import Reference, asked_field, candidates
 from labapp.accuracy.rows import Row, measure
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.progress import Progress

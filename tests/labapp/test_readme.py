@@ -14,7 +14,7 @@ import pytest
 import labapp.cli
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
-from labapp.bench import drivers, maker
+from labapp.bench.opening import drivers, maker
 from labapp.files.bench_file import DevicesTable
 from labapp.files.plan_file import PlanFile
 

@@ -15,11 +15,11 @@ from scipy.signal import convolve2d
 from skimage import data
 from small_bench.files import write_small
 
-from labapp.acquisition.runner import run_plan
-from labapp.bench import open_bench
+from labapp.bench.opening import open_bench
 from labapp.files.photograph_file import read_photograph
 from labapp.files.plan_file import PlanFile
-from labapp.reconstructing.restoring import verdict
+from labapp.pictures.reconstructing.restoring import verdict
+from labapp.runs.acquisition.runner import run_plan
 
 SIDE = 120
 

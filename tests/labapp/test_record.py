@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from drivers.interfaces import Frame, Identity
-from labapp.acquisition.state import State
-from labapp.acquisition.steps import Shot
-from labapp.errors import UserError
-from labapp.record import layout, making, process
-from labapp.record.making import Contents, make
-from labapp.record.reader import Record
-from labapp.record.writer import CorruptFrame, RecordWriter
+from labapp.common.errors import UserError
+from labapp.runs.record import layout, making, process
+from labapp.runs.record.making import Contents, make
+from labapp.runs.record.reader import Record
+from labapp.runs.record.writer import CorruptFrame, RecordWriter
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
 
 
 def contents(frames: int = 3) -> Contents:
@@ -66,7 +66,7 @@ def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
         put(writer, 1)
         # Another process, as a person's notebook would be.
         code = (
-            "import sys; from pathlib import Path; from labapp.record.reader import Record\n"
+            "import sys; from pathlib import Path; from labapp.runs.record.reader import Record\n"
             "with Record(Path(sys.argv[1])) as r: print(r.state, r.missing(), r.image(1).sum())"
         )
         done = forked.run(
@@ -137,7 +137,7 @@ def test_a_writer_that_is_gone_without_a_word_reads_as_interrupted(path):
 
 def test_this_process_is_alive_and_a_finished_one_is_not():
     assert process.is_alive(process.me())
-    code = "from labapp.record import process; print(process.me())"
+    code = "from labapp.runs.record import process; print(process.me())"
     done = forked.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not process.is_alive(done.stdout)
 

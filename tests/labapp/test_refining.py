@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 import torch
 
-from labapp.acquisition.state import State
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.calibration_file import CalibrationFile, as_json
 from labapp.files.design_file import read_design, write_design
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
 from labapp.refining.command import refined
 from labapp.refining.exposing import periods
 from labapp.refining.request import Request
 from labapp.refining.start import start_from
 from labapp.refining.view import View, described
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from optics.calibration.registration import Registration
 from optics.camera import Camera, Panel, Sensor
 from optics.progress import Cancelled, Progress

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.retrieval import RetrievalRow, asked_goal, measure_retrieval
-from labapp.designing.kinds import read_psf
+from labapp.patterns.designing.kinds import read_psf
 from optics.accuracy import MachineSpeed
 from optics.progress import Cancelled, Progress
 from optics.retrieval import METHODS

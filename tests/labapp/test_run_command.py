@@ -16,9 +16,9 @@ import forked
 import pytest
 from figures.durability import differing_arrays
 
-from labapp.acquisition.state import State
 from labapp.files.reading import bundled
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 
 PROMPT = """
 [targets.star]

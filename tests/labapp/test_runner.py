@@ -14,18 +14,18 @@ from figures.durability import differing_arrays
 from plans import block, plan_of
 
 from drivers.errors import DeviceError
-from labapp.acquisition import checking, hooks, keeping
-from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import expect
-from labapp.acquisition.queue import Request, run_all
-from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.state import State
-from labapp.acquisition.steps import shots
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.record.reader import Record
+from labapp.runs.abilities import Abilities
+from labapp.runs.acquisition import checking, hooks, keeping
+from labapp.runs.acquisition.checking import expect
+from labapp.runs.acquisition.queue import Request, run_all
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from labapp.runs.steps import shots
 from optics.light import Waveform
 from optics.progress import Progress
 from simulator.devices import SimulatedFilter

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.light_table import LightTable
 from labapp.files.reading import FileModel, validate
 from labapp.files.reflectance_table import mallett, reflectance

@@ -8,15 +8,15 @@ import pytest
 import torch
 from figures.durability import differing_arrays
 
-from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.state import State
-from labapp.bench import open_bench, read_scene
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench, read_scene
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
 from labapp.files.scene_file import SceneFile
-from labapp.record.reader import Record
-from labapp.running import setup_of
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.running import setup_of
+from labapp.runs.state import State
 from optics.progress import Progress
 from optics.slm import max_phase
 from simulator.mount import Mount

@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 import torch
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import find_scene, ready_scenes
 from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import picture_of

@@ -14,13 +14,13 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
 from drivers.ports import Port
-from labapp import bench as bench_module
-from labapp import listing
+from labapp.bench import listing
+from labapp.bench import opening as bench_module
+from labapp.bench.selftest.by_role import checks_of
+from labapp.bench.selftest.checks import look
 from labapp.cli import app
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.reading import bundled
-from labapp.selftest.by_role import checks_of
-from labapp.selftest.checks import look
 from optics.progress import Cancelled, Progress
 
 ROLES = ["slm", "filter", "camera", "targets", "spectroradiometer"]

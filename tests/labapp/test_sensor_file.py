@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import bundled_parts
 from labapp.files.reading import bundled, read_file
 from labapp.files.sensor_file import SensorFile, read_sensor, with_sensor

@@ -6,12 +6,12 @@ import pytest
 from figures import edge_mtf, live, sensor_emva
 from figures.work_saved import simple_picture
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.finding import ready_scenes
 from labapp.files.reading import bundled
-from labapp.simulating.asked import AskedPicture, stage_of
-from labapp.simulating.everything import by_plan, with_everything
-from labapp.simulating.quick import quick_setup
+from labapp.light.simulating.asked import AskedPicture, stage_of
+from labapp.light.simulating.everything import by_plan, with_everything
+from labapp.light.simulating.quick import quick_setup
 from optics.progress import Progress
 from simulator.world import World
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from labapp.acquisition.runner import run_plan
-from labapp.bench import open_bench
+from labapp.bench.opening import open_bench
 from labapp.files.pattern_table import GratingPattern
 from labapp.files.plan_file import PlanFile
-from labapp.patterns import compute_pattern
-from labapp.record.reader import Record
+from labapp.patterns.grey_levels import compute_pattern
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
 from optics.camera import Camera
 from optics.progress import Progress
 

@@ -7,8 +7,8 @@ from dataclasses import asdict, fields, replace
 
 import pytest
 
-import labapp.speed
-from labapp.speed import Job, fitted, jobs, kept_in, machine_speed
+import labapp.common.speed
+from labapp.common.speed import Job, fitted, jobs, kept_in, machine_speed
 from optics.accuracy import MachineSpeed
 
 KNOWN = MachineSpeed(call=2e-4, multiply_add=5e-11, fft=1e-10, double=2.5)
@@ -44,7 +44,7 @@ def test_a_speed_is_measured_once_and_kept(cache, monkeypatch):
         asked.append(len(chosen))
         return [(job, 1e-3) for job in chosen]
 
-    monkeypatch.setattr(labapp.speed, "timed", measured)
+    monkeypatch.setattr(labapp.common.speed, "timed", measured)
     first, second = machine_speed(), machine_speed()
     assert first == second
     assert len(asked) == 1
@@ -53,7 +53,7 @@ def test_a_speed_is_measured_once_and_kept(cache, monkeypatch):
 
 @pytest.mark.parametrize("spoil", ["text", "numpy", "speed"])
 def test_a_kept_speed_that_does_not_fit_is_measured_anew(cache, monkeypatch, spoil):
-    monkeypatch.setattr(labapp.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
+    monkeypatch.setattr(labapp.common.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
     machine_speed()
     found = json.loads(kept_in().read_text())
     if spoil == "text":
@@ -70,7 +70,7 @@ def test_a_kept_speed_that_does_not_fit_is_measured_anew(cache, monkeypatch, spo
 def test_a_folder_that_cannot_be_written_is_no_trouble(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setattr(labapp.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
+    monkeypatch.setattr(labapp.common.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
     assert isinstance(machine_speed(), MachineSpeed)
 
 

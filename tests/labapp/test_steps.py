@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plans import abilities, block, plan_of, tunable
 
-from labapp.acquisition.steps import exposures, shots
 from labapp.files.plan_file import AXES
+from labapp.runs.steps import exposures, shots
 
 WHEEL = abilities()
 

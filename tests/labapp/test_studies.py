@@ -18,11 +18,11 @@ import forked
 import numpy as np
 import pytest
 
-from labapp.acquisition.state import State
 from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from labapp.studies import STUDIES
 from labapp.studies.bricks import steepness
 from labapp.studies.command import Asked, study

@@ -9,10 +9,10 @@ import torch
 from typer.testing import CliRunner
 
 from labapp.cli import app
-from labapp.errors import UserError
-from labapp.networks import PACKAGED, packaged_denoiser, read_denoiser
-from labapp.training.denoiser import train
-from labapp.training.patches import grey_patches, pictures_in
+from labapp.common.errors import UserError
+from labapp.pictures.networks import PACKAGED, packaged_denoiser, read_denoiser
+from labapp.pictures.training.denoiser import train
+from labapp.pictures.training.patches import grey_patches, pictures_in
 from optics.progress import Cancelled, Progress
 
 
@@ -44,7 +44,7 @@ def test_it_learns_to_take_noise_away(folder, tmp_path):
 
 
 def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.training.denoiser._SAVED_EACH", 2)
+    monkeypatch.setattr("labapp.pictures.training.denoiser._SAVED_EACH", 2)
     pictures = pictures_in([folder])
     straight = train(pictures, 4, 1, tmp_path / "straight", Progress())
 
@@ -59,7 +59,7 @@ def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeyp
 
 
 def test_what_was_kept_for_something_else_is_not_gone_on_from(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.training.denoiser._SAVED_EACH", 1)
+    monkeypatch.setattr("labapp.pictures.training.denoiser._SAVED_EACH", 1)
     pictures, kept = pictures_in([folder]), tmp_path / "kept"
     train(pictures, 1, 1, kept, Progress())
     with pytest.raises(UserError, match=r"was kept for steps 1, seed 1.*Delete it"):

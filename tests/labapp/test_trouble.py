@@ -11,7 +11,7 @@ from figures.promptness import cancel_seconds
 from figures.troubles import suffer
 from small_bench.setups import small_setup
 
-from labapp.acquisition.state import State
+from labapp.runs.state import State
 from simulator.faults import Fault, Kind
 
 

@@ -6,9 +6,9 @@ import pytest
 from figures import plugs
 from figures.unplug import plan_of, unplugged_run
 
-from labapp.acquisition.runner import run_plan
-from labapp.acquisition.state import State
-from labapp.bench import open_bench
+from labapp.bench.opening import open_bench
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.state import State
 from optics.progress import Progress
 
 

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from small_bench.setups import small_setup
 
-from labapp import verifying
-from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.state import State
-from labapp.bench import open_bench
-from labapp.errors import UserError
+from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.record.checks import _rising_rows, check_record
-from labapp.record.finding import Verification
-from labapp.record.reader import Record
-from labapp.verifying import verify
+from labapp.runs import verifying
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.record.checks import _rising_rows, check_record
+from labapp.runs.record.finding import Verification
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from labapp.runs.verifying import verify
 from optics.progress import Cancelled, Progress
 from simulator.faults import Fault
 
@@ -99,7 +99,7 @@ def detail(found: Verification, check: str) -> str:
 @pytest.fixture
 def checked_here(monkeypatch):
     """`labapp verify` makes its checks in this process, which takes no time to begin."""
-    monkeypatch.setattr("labapp.verifying.verify", check_record)
+    monkeypatch.setattr("labapp.runs.verifying.verify", check_record)
 
 
 def test_a_good_record_is_in_order(labapp, run, checked_here):
@@ -468,6 +468,6 @@ def test_rows_that_rise_are_counted():
 
 
 def test_the_checks_load_only_in_their_own_process():
-    code = "import sys, labapp.verifying; print('h5py' in sys.modules)"
+    code = "import sys, labapp.runs.verifying; print('h5py' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -17,11 +17,11 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.x11 import XConnection, XError
-from labapp.acquisition.runner import run_plan
-from labapp.bench import BenchFiles, open_bench, open_device
+from labapp.bench.opening import BenchFiles, open_bench, open_device
 from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
-from labapp.record.reader import Record
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
 
 pytestmark = pytest.mark.xvfb
 
@@ -291,7 +291,7 @@ def test_a_wheel_that_cannot_be_is_told(small, labapp):
 
 
 def test_the_bench_file_keeps_what_it_cannot_say_in_json(small, tmp_path):
-    from labapp.virtual_bench.bench_text import bench_text
+    from labapp.bench.virtual_bench.bench_text import bench_text
 
     text = small.bench.read_text().replace("focus_distance_m = 2.0", "focus_distance_m = inf")
     small.bench.write_text(text.replace('"Small bench"', "'Bänk \"7\" \U0001f52d'"))

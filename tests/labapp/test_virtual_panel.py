@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.screen.choosing import Wanted
-from labapp.errors import UserError
-from labapp.virtual_bench import panels
-from labapp.virtual_bench.panels import WatchedPanel
+from labapp.bench.virtual_bench import panels
+from labapp.bench.virtual_bench.panels import WatchedPanel
+from labapp.common.errors import UserError
 from simulator.screens import server
 
 pytestmark = pytest.mark.xvfb

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labapp.memory import give_back_freed_memory
+from labapp.common.memory import give_back_freed_memory
 
 _MUCH = 500 << 20
 """Bytes by which a process may grow before it looks what it can do without: looking takes a good

@@ -14,7 +14,7 @@ from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.supervised import Supervised
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.fault_file import read_faults
 from simulator.clock import VirtualClock
 from simulator.devices import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from labapp.bench import BenchFiles
+from labapp.bench.opening import BenchFiles
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from labapp.bench import BenchSetup
+from labapp.bench.opening import BenchSetup
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.scene_file import SceneFile

@@ -25,8 +25,8 @@ from waits import wait_until
 from window_bench import Bench
 from window_scene import write_bench
 
-from labapp.bench import BenchFiles
-from labapp.speed import keep
+from labapp.bench.opening import BenchFiles
+from labapp.common.speed import keep
 from labapp.window import theme
 from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb

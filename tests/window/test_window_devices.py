@@ -8,8 +8,8 @@ from PySide6.QtWidgets import QMessageBox
 from window_bench import alive
 from window_scene import write_bench
 
-from labapp.acquisition.state import State
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from labapp.window.messages import BenchState
 from simulator.machines.varispec import VariSpecMachine
 from simulator.wire import Line, WireFault

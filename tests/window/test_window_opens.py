@@ -10,12 +10,12 @@ import pytest
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.window import theme
 from labapp.window.app import main
 from labapp.window.startup import PROBE
 
-_HEAVY = ("torch", "scipy", "pydantic", "h5py", "matplotlib", "labapp.bench", "optics.psf")
+_HEAVY = ("torch", "scipy", "pydantic", "h5py", "matplotlib", "labapp.bench.opening", "optics.psf")
 
 _CHILD = f"""
 import sys

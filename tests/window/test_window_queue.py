@@ -6,8 +6,8 @@ from plan_files import ASKS, LONG, write_plan
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 
-from labapp.acquisition.state import State
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from labapp.window import theme
 from labapp.window.messages import PatternPreview
 from labapp.window.run_state import RunState

@@ -128,6 +128,6 @@ def test_a_time_in_which_nothing_fits_is_an_error_in_words(bench, person):
 
 
 def test_every_method_of_the_list_is_one_of_the_engines():
-    from labapp.reconstructing.methods import METHODS as KNOWN
+    from labapp.pictures.reconstructing.methods import METHODS as KNOWN
 
     assert set(METHODS.values()) <= set(KNOWN)

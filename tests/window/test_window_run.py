@@ -6,8 +6,8 @@ import pytest
 from plan_files import LONG, write_plan
 from PySide6.QtCore import Qt
 
-from labapp.acquisition.state import State
-from labapp.record.reader import Record
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from labapp.window.messages import CancelHeard, Reconstructed, RunEnded
 
 

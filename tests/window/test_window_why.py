@@ -13,7 +13,7 @@ from PySide6.QtCore import Qt
 from waits import wait_until
 from window_scene import write_bench
 
-from labapp.bench import open_bench
+from labapp.bench.opening import open_bench
 from labapp.window import theme
 from labapp.window.connection import Connection
 from labapp.window.engine.effects import Effects

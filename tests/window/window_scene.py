@@ -6,7 +6,7 @@ from pathlib import Path
 
 from small_bench.files import bench_text
 
-from labapp.bench import BenchFiles
+from labapp.bench.opening import BenchFiles
 from labapp.files.reading import bundled
 
 _SCENE = """

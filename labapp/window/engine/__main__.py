@@ -9,7 +9,7 @@ import sys
 import threading
 from pathlib import Path
 
-from labapp.memory import keep_freed_memory
+from labapp.common.memory import keep_freed_memory
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import OpeningFailed
 
@@ -35,8 +35,8 @@ def main(arguments: list[str]) -> int:
     channel = Channel.on_standard_streams()
     channel.on_end.append(_watch_the_end)
     from drivers.errors import DeviceError
-    from labapp.bench import BenchFiles, open_bench
-    from labapp.errors import UserError
+    from labapp.bench.opening import BenchFiles, open_bench
+    from labapp.common.errors import UserError
     from labapp.window.engine.loop import Engine
 
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.interfaces import Frame
-from labapp.acquisition.steps import Shot
+from labapp.runs.steps import Shot
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.effects import Effects

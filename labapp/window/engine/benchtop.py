@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
-from labapp.bench import Bench
+from labapp.bench.opening import Bench
 from labapp.window.engine.devices import Devices
 from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.designing.predicted import predicted_psf
-from labapp.patterns import compute_pattern
+from labapp.light.predicted import predicted_psf
+from labapp.patterns.grey_levels import compute_pattern
 from labapp.window.engine.plan import pattern_name, read_pattern
 from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import DeviceError
-from labapp.bench import Bench
+from labapp.bench.opening import Bench
 from labapp.window.messages import DeviceInfo
 
 T = TypeVar("T")

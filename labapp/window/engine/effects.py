@@ -6,7 +6,7 @@ import math
 from collections.abc import Hashable
 from typing import TYPE_CHECKING
 
-from labapp.bench import Bench
+from labapp.bench.opening import Bench
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import EffectsTold, EffectTold, LiveFrame
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from drivers.errors import DeviceError
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.messages import Failure
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from labapp.bench import Bench
-from labapp.errors import UserError
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
 from labapp.window.engine.acquisition import Acquisition
 from labapp.window.engine.background import Background, Computed
 from labapp.window.engine.benchtop import Benchtop

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
 from labapp.files.pattern_table import ConstantPattern, Still
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate

@@ -10,16 +10,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labapp.acquisition.abilities import Abilities
-from labapp.acquisition.checking import checked_shots
-from labapp.acquisition.runner import resume_run, run_plan
-from labapp.acquisition.steps import Shot
-from labapp.bench import Bench
-from labapp.errors import UserError
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.files.writing import make_folder
-from labapp.record.reader import Record
+from labapp.runs.abilities import Abilities
+from labapp.runs.acquisition.checking import checked_shots
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.steps import Shot
 from labapp.window.engine.plan import bracket_plan
 from labapp.window.engine.run import Run
 from labapp.window.engine.run_queue import RunQueue

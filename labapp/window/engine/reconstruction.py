@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from labapp.analysis import analyse
-from labapp.errors import UserError
+from labapp.common.errors import UserError
+from labapp.pictures.analysis import analyse
 from labapp.window.messages import Reconstructed
 from optics.progress import Progress
 

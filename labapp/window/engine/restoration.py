@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.errors import UserError
+from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
 from labapp.files.photograph_file import Light, coded, written
+from labapp.files.places import require_photograph
 from labapp.files.writing import write_whole
-from labapp.places import require_photograph
-from labapp.reconstructing.asked import AskedProblem
-from labapp.reconstructing.methods import Wish
-from labapp.reconstructing.problem import Problem
-from labapp.reconstructing.restoring import Outcome, restore_picture
-from labapp.speed import machine_speed
+from labapp.pictures.reconstructing.asked import AskedProblem
+from labapp.pictures.reconstructing.methods import Wish
+from labapp.pictures.reconstructing.problem import Problem
+from labapp.pictures.reconstructing.restoring import Outcome, restore_picture
 from labapp.window.messages import PictureRestored, Restore
 from optics.progress import Progress
 

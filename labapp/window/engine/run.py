@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drivers.interfaces import Frame
-from labapp.acquisition.runner import Outcome
-from labapp.acquisition.steps import Shot
+from labapp.runs.acquisition.runner import Outcome
+from labapp.runs.steps import Shot
 from labapp.window.engine.timing import Timing
 from labapp.window.messages import RunInfo
 from labapp.window.run_state import RunState

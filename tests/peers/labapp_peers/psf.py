@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.accuracy.rows import Candidate, Row, refuse
-from labapp.asked import Case
+from labapp.light.asked import Case
 from labapp_peers.library import (
     COMPLEX,
     MOST_BYTES,

@@ -1,0 +1,1 @@
+"""Benches: opened and locked together, checked, tried, and virtual ones behind true wires."""

@@ -1,0 +1,407 @@
+"""A bench: the devices of a bench file, opened together and left safe together."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import logging
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, cast
+
+from drivers.clock import RealClock
+from drivers.errors import DeviceError
+from drivers.hosted import Hosted
+from drivers.interfaces import (
+    SLM,
+    Camera,
+    Clock,
+    Device,
+    FilterWheel,
+    SpectralFilter,
+    Surroundings,
+    TargetChanger,
+)
+from drivers.supervised import Supervised, SupervisedCamera
+from labapp.bench.in_force import doubts, summary, wavelength_doubts
+from labapp.bench.locking import lock_devices
+from labapp.common.errors import UserError
+from labapp.common.memory import give_back_freed_memory
+from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
+from labapp.files.fault_file import read_faults
+from labapp.files.finding import find_scene
+from labapp.files.reading import bundled, read_file
+from labapp.files.scene_file import SceneFile
+from optics.camera import Camera as CameraDescription
+from simulator.clock import VirtualClock
+from simulator.faults import Fault
+from simulator.world import World
+
+log = logging.getLogger(__name__)
+
+GROUP = "labapp.devices"
+
+
+@dataclass
+class Bench:
+    """Open devices and the description of the camera that they make up, calibrated.
+
+    world is the virtual world behind simulated devices, None without one. doubts: why the
+    calibration in force may not hold any more, in words.
+    """
+
+    file: BenchFile
+    scene_file: SceneFile | None
+    description: CameraDescription
+    clock: Clock
+    world: World | None
+    slm: SLM
+    filter: SpectralFilter
+    camera: Camera
+    targets: TargetChanger
+    watched: Mapping[str, Supervised] = field(default_factory=dict)
+    """The same devices by name, as those who open them again see them."""
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def devices(self) -> dict[str, Device]:
+        return {
+            "slm": self.slm,
+            "filter": self.filter,
+            "camera": self.camera,
+            "targets": self.targets,
+        }
+
+    @property
+    def wheel(self) -> FilterWheel | None:
+        """The filter, if it is a wheel."""
+        return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
+
+    @property
+    def simulated(self) -> list[str]:
+        """The names of the devices that are simulated."""
+        return [name for name, device in self.devices.items() if device.identity.simulated]
+
+    def doubts_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
+        """Why the calibration in force may not hold at wavelengths in metres, in words."""
+        calibration = self.file.in_force
+        if calibration is None:
+            return ()
+        return (*self.doubts, *wavelength_doubts(calibration, wavelengths))
+
+    def make_safe(self) -> list[DeviceError]:
+        """SLM neutral, filter parked, camera stopped: all at once, whatever fails."""
+        failures = []
+        begun = [device.begin_make_safe() for device in self.watched.values()]
+        for finish in begun:
+            try:
+                finish()
+            except DeviceError as error:
+                log.error("%s", error)
+                failures.append(error)
+        return failures
+
+    def deaths(self) -> list[str]:
+        """The devices that were given up, and why."""
+        return [f"the {role} {one.dead}" for role, one in self.watched.items() if one.dead]
+
+    @contextmanager
+    def heeding(self, cancelled: Callable[[], bool]) -> Iterator[None]:
+        """While the block runs, no call of a device outlasts `cancelled` by much."""
+        for device in self.watched.values():
+            device.cancelled = cancelled
+        try:
+            yield
+        finally:
+            for device in self.watched.values():
+                device.cancelled = lambda: False
+
+    def error(self, role: str, command: str, reply: str) -> DeviceError:
+        """What is wrong with a device, in the words of those who use it."""
+        device = self.devices[role]
+        error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
+        error.role = role
+        return error
+
+
+@dataclass(frozen=True)
+class BenchFiles:
+    """What a bench is opened from. The scene is for benches with simulated devices.
+
+    image: the user's own photograph. faults: a fault file for simulated devices.
+    """
+
+    bench: Path
+    scene: Path
+    image: Path | None = None
+    faults: Path | None = None
+
+    @staticmethod
+    def default(
+        bench: Path | None = None,
+        scene: Path | None = None,
+        image: Path | None = None,
+        faults: Path | None = None,
+    ) -> BenchFiles:
+        """Those that are bundled where none is named; a bundled scene goes by its name, too."""
+        bench = bench or bundled("bench.toml")
+        scene = find_scene(scene) if scene else bundled("scene.toml")
+        return BenchFiles(bench, scene, image, faults)
+
+    def read(self) -> BenchSetup:
+        """UserError names file and key of what is wrong."""
+        bench = read_bench(self.bench)
+        faults = read_faults(self.faults) if self.faults else ()
+        if not bench.is_virtual:
+            if faults:
+                raise UserError(f"{self.faults}: {self.bench} has no simulated device to fail.")
+            return BenchSetup(bench, None, str(self.bench), "")
+        return BenchSetup(bench, read_scene(self), str(self.bench), str(self.scene), faults)
+
+
+@dataclass(frozen=True)
+class BenchSetup:
+    """What a bench is made from, read: from files, or from a record of a run.
+
+    scene: of simulated devices; its pictures have absolute paths. source, scene_source:
+    what errors name.
+    """
+
+    bench: BenchFile
+    scene: SceneFile | None
+    source: str
+    scene_source: str
+    faults: tuple[Fault, ...] = ()
+
+
+@cache
+def drivers() -> dict[str, EntryPoint]:
+    """The device drivers that are installed, by name."""
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+@contextmanager
+def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -> Iterator[Bench]:
+    """The devices of a bench, opened; left safe and closed however the block ends.
+
+    speed: seconds of a virtual bench's time in a second. UserError names the file and key
+    of what is wrong, or who uses the bench; DeviceError says which device didn't open. A
+    device that doesn't open is never replaced by a simulated one.
+    """
+    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    camera = setup.bench.build_camera()
+    tables = setup.bench.devices.of_runs
+    surroundings = _surroundings(setup, tables, speed)
+    with _forgetting(surroundings), _opened(setup, surroundings, tables, speed) as watched:
+        opened: dict[str, Any] = dict(watched)
+        bench = Bench(
+            setup.bench,
+            setup.scene,
+            camera,
+            surroundings.clock,
+            world=surroundings.world,
+            watched=watched,
+            **opened,
+        )
+        bench.doubts = _told_doubts(bench)
+        try:
+            yield bench
+        finally:
+            bench.make_safe()
+
+
+@dataclass(frozen=True)
+class Alone:
+    """One device of a bench that is open by itself."""
+
+    file: BenchFile
+    clock: Clock
+    device: Any
+
+
+@contextmanager
+def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone]:
+    """One device of a bench, whether or not the others are there; errors as open_bench()."""
+    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    tables = setup.bench.devices.tables
+    if role not in tables:
+        raise UserError(
+            f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
+        )
+    alone = {role: tables[role]}
+    surroundings = _surroundings(setup, alone, math.inf)
+    with _forgetting(surroundings), _opened(setup, surroundings, alone, math.inf) as watched:
+        device = watched[role]
+        try:
+            yield Alone(setup.bench, surroundings.clock, device)
+        finally:
+            with suppress(DeviceError):
+                device.make_safe()
+
+
+def _surroundings(
+    setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
+) -> Surroundings:
+    """The clock of some of a bench's devices, and the world behind the simulated ones."""
+    # Who waits for one real device can't hurry the simulated ones.
+    virtual = all(table.is_simulated for table in tables.values())
+    clock: Clock = VirtualClock(speed) if virtual else RealClock()
+    # A calibration is what is known of a world, and changes nothing in it.
+    described = setup.bench.uncalibrated().build_camera()
+    world = build_world(described, setup, clock) if setup.scene else None
+    return Surroundings(clock, world)
+
+
+@contextmanager
+def _forgetting(surroundings: Surroundings) -> Iterator[None]:
+    """Afterwards the world behind simulated devices keeps no pictures, whoever still has it."""
+    try:
+        yield
+    finally:
+        if surroundings.world is not None:
+            surroundings.world.forget()
+            give_back_freed_memory()
+
+
+@contextmanager
+def _opened(
+    setup: BenchSetup,
+    surroundings: Surroundings,
+    tables: Mapping[str, DeviceTable],
+    speed: float,
+) -> Iterator[dict[str, Supervised]]:
+    """Devices by the bench's names for them, locked and watched while the block runs."""
+    with ExitStack() as stack:
+        stack.enter_context(lock_devices(tables))
+        watched: dict[str, Supervised] = {}
+        for name, table in tables.items():
+            make = maker(name, table, surroundings, setup.source)
+            device = (
+                SupervisedCamera(name, make, 1 / speed, simulated=table.simulated)
+                if name == "camera"
+                else Supervised(name, make, simulated=table.simulated)
+            )
+            watched[name] = stack.enter_context(device)
+        yield watched
+
+
+def _told_doubts(bench: Bench) -> tuple[str, ...]:
+    """Say which calibration is in force, and warn if it may not hold."""
+    calibration = bench.file.in_force
+    if calibration is None:
+        return ()
+    log.info("%s", summary(calibration))
+    identities = {name: device.identity for name, device in bench.devices.items()}
+    found = tuple(doubts(calibration, bench.file, identities))
+    for doubt in found:
+        log.warning("STALE CALIBRATION: %s", doubt)
+    return found
+
+
+def read_scene(files: BenchFiles) -> SceneFile:
+    """The scene file, with the user's own picture in its photographs if one is given."""
+    scene = read_file(files.scene, SceneFile)
+    if files.image is None:
+        return scene.found_in(files.scene.resolve().parent)
+    own = {"file": str(files.image.resolve()), "credit": ""}
+    return scene.found_in(files.scene.resolve().parent).with_photographs(own)
+
+
+def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
+    """The virtual world of a scene; UserError names the scene file if it can't be.
+
+    What the scene knows better than the bench file stays in there.
+    """
+    scene = setup.scene
+    assert scene is not None
+    targets, truth = scene.build(), scene.truth
+    polarisation = setup.bench.polarisation
+    try:
+        world = World(
+            truth.camera(camera) if truth else camera,
+            targets,
+            mount=truth.mount.build() if truth else None,
+            # What passes and what isn't turned is in the camera already: this is for the beats.
+            path=polarisation.build().effect() if polarisation else None,
+            tol=scene.tol,
+            clock=clock,
+            faults=setup.faults,
+        )
+    except ValueError as error:
+        raise UserError(f"{setup.scene_source}: {error}.") from error
+    try:
+        world.force(scene.effects)
+    except ValueError as error:
+        raise UserError(f"{setup.scene_source}: key 'effects': {error}.") from error
+    return world
+
+
+def maker(
+    name: str, table: DeviceTable, surroundings: Surroundings, source: str
+) -> Callable[[], Any]:
+    """What makes a device; UserError now if it never could."""
+    entry = drivers().get(table.driver)
+    if entry is None:
+        raise UserError(
+            f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
+            f"{_meant(table.driver, drivers())}Choose one of {', '.join(sorted(drivers()))}."
+        )
+    where = f"{source}: key 'devices.{name}"
+    if table.own_process:
+        return _hosted(where, table, entry, surroundings)
+    try:
+        factory = entry.load()
+    except Exception as error:
+        raise UserError(
+            f"{where}.driver' is {table.driver!r}, which doesn't load: {error}. "
+            "Reinstall the package that provides it."
+        ) from error
+    signature = inspect.signature(factory)
+    try:
+        signature.bind(surroundings, **table.options)
+    except TypeError as error:
+        known = [p for p in signature.parameters if p != "surroundings"]
+        unknown = [option for option in table.options if option not in known]
+        said = f"has {unknown[0]!r}, which is unknown" if unknown else f"is wrong: {error}"
+        raise UserError(
+            f"{where}.options' {said}. {_meant(unknown[0], known) if unknown else ''}"
+            f"{table.driver} takes {', '.join(known) or 'no options'}."
+        ) from error
+    return _explaining(where, table, lambda: factory(surroundings, **table.options))
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    """A question, where a word looks like one that is known."""
+    near = difflib.get_close_matches(word, list(known), 1)
+    return f"Did you mean {near[0]!r}? " if near else ""
+
+
+def _hosted(
+    where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
+) -> Callable[[], Any]:
+    if table.is_simulated:
+        raise UserError(
+            f"{where}.own_process' is true, and simulated devices share one world. Remove it."
+        )
+    # A real device has no part in a virtual world, which couldn't follow it there either.
+    real = Surroundings(surroundings.clock)
+    return _explaining(where, table, lambda: Hosted(real, table.driver, entry.value, table.options))
+
+
+def _explaining(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
+    """The maker, whose complaint about its options is the bench file's."""
+
+    def made() -> Any:
+        try:
+            return make()
+        except (TypeError, ValueError, IndexError) as error:
+            raise UserError(
+                f"{where}.options' is {table.options}: {error}. Correct the value."
+            ) from error
+
+    return made

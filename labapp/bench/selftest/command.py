@@ -1,0 +1,92 @@
+"""`labapp devices test`: a device's self-test, printed and kept for support."""
+
+from __future__ import annotations
+
+import json
+import platform
+from contextlib import ExitStack
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+import labapp
+from labapp.bench.opening import Alone, BenchFiles, BenchSetup, open_device
+from labapp.bench.selftest.by_role import checks_of
+from labapp.bench.selftest.checks import Finding, look, looked
+from labapp.common.console import out, print_json, table, watched
+from labapp.files.writing import require_writable, write_whole
+
+
+def run_selftest(
+    role: str,
+    bench: Path | None,
+    scene: Path | None,
+    report: Path | None,
+    *,
+    as_json: bool,
+    force: bool,
+) -> bool:
+    """Open one device of a bench, test it and print what was found; whether all is well.
+
+    report: where the same is kept, as JSON. A device that doesn't open is a finding, too.
+    UserError for a bench file that is wrong, or a device that somebody else uses.
+    """
+    if report is not None:
+        require_writable(report, force=force)
+    setup = BenchFiles.default(bench, scene).read()
+    found = _tested(setup, role)
+    described = setup.bench.devices.tables[role]
+    data = _as_data(role, setup.bench.name, described.model_dump(), found)
+    if report is not None:
+        write_whole(report, (json.dumps(data, indent=2) + "\n").encode())
+    if as_json:
+        print_json(data)
+        return bool(data["well"])
+    _print(role, described.driver, found)
+    if report is not None:
+        out.print(f"wrote {report}: send it with your question", markup=False)
+    return bool(data["well"])
+
+
+def _tested(setup: BenchSetup, role: str) -> list[Finding]:
+    with ExitStack() as stack:
+        alone: list[Alone] = []
+
+        def open_it() -> str:
+            alone.append(stack.enter_context(open_device(setup, role)))
+            return ""
+
+        opened = looked("open", open_it)
+        if not opened.passed:
+            return [opened]
+        progress = stack.enter_context(watched())
+        return look(checks_of(role, alone[0].device, alone[0].clock), progress)
+
+
+def _as_data(
+    role: str, bench: str, described: dict[str, Any], found: list[Finding]
+) -> dict[str, Any]:
+    return {
+        "device": role,
+        "bench": bench,
+        "table": described,
+        "well": all(one.passed for one in found),
+        "labapp": labapp.__version__,
+        "system": f"{platform.platform()}, Python {platform.python_version()}",
+        "time": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "checks": [asdict(one) for one in found],
+    }
+
+
+def _print(role: str, driver: str, found: list[Finding]) -> None:
+    rows = [
+        [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", escape(one.detail)]
+        for one in found
+    ]
+    table(f"Self-test of the {role} ({driver})", ["check", "", "seconds ", "seen"], rows)
+    failed = sum(not one.passed for one in found)
+    verdict = f"{failed} of {len(found)} checks FAILED" if failed else f"all {len(found)} passed"
+    out.print(verdict, style="bold red" if failed else "bold", markup=False)

@@ -1,0 +1,37 @@
+"""The bench file of a virtual bench behind wires: as the one that describes it, with ports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.files.bench_file import BenchFile
+from labapp.files.plan_folder import as_toml
+
+_HEAD = """\
+# A virtual bench behind its wires: real drivers, and instruments that are simulated.
+# Its ports are there while `labapp virtual-bench serve` runs.
+"""
+
+
+def bench_text(bench: BenchFile, served: Mapping[str, Instrument], targets: Sequence[str]) -> str:
+    """TOML. Devices that aren't served stay as they are in `bench`."""
+    data = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    devices = data.pop("devices")
+    data["name"] = f"{bench.name}, behind its wires"
+    text = _HEAD
+    for role in {**devices, **served}:
+        if role == "targets":
+            table = _plain("manual-targets", {"names": list(targets)})
+        elif one := served.get(role):
+            table = _plain(one.driver, one.options)
+        else:
+            text += f"# The {role} isn't served: it is the one that the bench file had.\n"
+            table = devices[role]
+        data[f"devices.{role}"] = table
+    return text + as_toml(data)
+
+
+def _plain(driver: str, options: dict[str, Any]) -> dict[str, Any]:
+    return {"driver": driver, "options": options, "simulated": True}

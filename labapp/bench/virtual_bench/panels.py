@@ -1,0 +1,150 @@
+"""The panel: what stands on a screen is what the virtual world's panel shows."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.screen.choosing import Wanted, choose
+from drivers.x11 import ScreenReader, XConnection, XError
+from drivers.x11.outputs import Output, outputs
+from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.bench.virtual_bench.shared import SharedWorld
+from labapp.common.console import say
+from labapp.common.errors import UserError
+from optics.slm import Panel
+from simulator.screens import NoXServer, xvfb
+
+SLMS = ("screen", "none")
+
+
+class WatchedPanel:
+    """Has the world's panel show what stands on a screen, whenever it is looked at.
+
+    A screen that can't be read is dark, as a panel without a signal; it is looked for again.
+    """
+
+    def __init__(self, shared: SharedWorld, display: str, wanted: Wanted) -> None:
+        self._shared, self._display, self._wanted = shared, display, wanted
+        self._turn = threading.Lock()
+        self._reader: ScreenReader | None = None
+        self._trouble, self._closed = "", False
+        self.output = self._open()
+
+    def look(self) -> None:
+        """Read the screen, if anything was drawn on it since the last time."""
+        with self._turn:
+            if self._closed:
+                return
+            try:
+                if self._reader is None:
+                    self._open()
+                grey = self._changed()
+            except (XError, DeviceError, UserError) as error:
+                self._drop()
+                grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
+                self._tell(f"the panel has no signal: {error}")
+            else:
+                self._tell("")
+        if grey is not None:
+            with self._shared.changing() as world:
+                world.grey = grey
+
+    def close(self) -> None:
+        """From then on nothing is looked at: a picture may still be made meanwhile."""
+        with self._turn:
+            self._closed = True
+            self._drop()
+
+    def _drop(self) -> None:
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+    def _changed(self) -> NDArray[np.uint8] | None:
+        if self._reader is None or not self._reader.changed():
+            return None
+        return self._reader.grey()
+
+    def _open(self) -> Output:
+        found = _found(self._display, self._wanted)
+        self._reader = ScreenReader(self._display, found.region)
+        return found
+
+    def _tell(self, trouble: str) -> None:
+        if trouble and not self._trouble:
+            say(trouble)
+        self._trouble = trouble
+
+
+def serve_panel(
+    panel: Panel, shared: SharedWorld, display: str, screen: str, stack: ExitStack
+) -> Instrument:
+    """Watch a screen until the stack is left: that of `display`, or of an Xvfb of our own.
+
+    UserError if there is no such screen, or it is the operator's.
+    """
+    rows, columns = panel.shape
+    own = not display
+    if own:
+        display = _start_xvfb(rows, columns, stack)
+    wanted = Wanted(screen, columns, rows, panel.frame_rate, allow_primary=True)
+    try:
+        watched = WatchedPanel(shared, display, wanted)
+    except (XError, DeviceError) as error:
+        raise UserError(
+            f"{error}" if isinstance(error, DeviceError) else f"display {display!r}: {error}."
+        ) from error
+    stack.callback(watched.close)
+    found = watched.output
+    if found.primary and found.refresh:
+        raise UserError(
+            f"screen {found.name!r} is the operator's own: patterns would cover it. Name another "
+            "with --screen, or leave --display out for a screen that only programs see."
+        )
+    shared.look = watched.look
+    watched.look()
+    return Instrument(
+        "screen-slm",
+        {
+            "screen": found.name,
+            "width": columns,
+            "height": rows,
+            "refresh_hz": round(found.refresh or panel.frame_rate, 3),
+            "display": display,
+            "settling_ms": panel.settling * 1e3,
+            # Nobody works at a screen that is nowhere scanned out.
+            "allow_primary": found.primary,
+        },
+    )
+
+
+def _found(display: str, wanted: Wanted) -> Output:
+    x = XConnection(display)
+    try:
+        there = outputs(x)
+    finally:
+        x.close()
+    # Whatever its rate is, it is told to the driver.
+    try:
+        chosen = choose(wanted, [replace(output, refresh=0.0) for output in there])
+    except DeviceError:
+        choose(wanted, there)  # which lists them as they are
+        raise
+    return next(output for output in there if output.number == chosen.number)
+
+
+def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
+    """An X server without a screen that anybody sees; its display."""
+    try:
+        return stack.enter_context(xvfb(columns, rows)).display
+    except NoXServer as error:
+        raise UserError(
+            f"the SLM needs a screen, and {error}. Or name a real one with --display and "
+            "--screen, or leave the SLM out with --slm none."
+        ) from error

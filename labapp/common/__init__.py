@@ -1,0 +1,1 @@
+"""What every room uses: errors and tables for a person, memory, times."""

@@ -1,0 +1,70 @@
+"""A calibration's plan on disk: a TOML file, and its patterns as pictures beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.files.writing import make_folder, write_whole
+
+PICTURES = "patterns"
+"""The folder of the pictures, beside the plan."""
+
+
+def write_plan(folder: Path, plan: PlanFile, shown: Mapping[str, NDArray[np.uint8]]) -> Path:
+    """Write patterns/*.png and plan.toml; the path of the plan. UserError if it can't be."""
+    import cv2
+
+    pictures = folder / PICTURES
+    make_folder(pictures)
+    path = folder / "plan.toml"
+    try:
+        for name, grey in shown.items():
+            write_whole(pictures / f"{name}.png", cv2.imencode(".png", grey)[1].tobytes())
+        write_whole(path, as_toml(plan.model_dump(mode="json", exclude_defaults=True)).encode())
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be written: {error.strerror}. Choose another place."
+        ) from error
+    return path
+
+
+def as_toml(data: Mapping[str, Any]) -> str:
+    """A file's plain data as TOML: keys first, then tables, then lists of tables."""
+    plain = {k: v for k, v in data.items() if not isinstance(v, dict) and not _tables(v)}
+    lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
+    for key, value in data.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{key}]", *(f"{_key(k)} = {_value(v)}" for k, v in value.items())]
+    for key, value in data.items():
+        for row in value if _tables(value) else ():
+            lines += ["", f"[[{key}]]", *(f"{_key(k)} = {_value(v)}" for k, v in row.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _key(key: str) -> str:
+    plain = key.replace("-", "").replace("_", "")
+    return key if plain.isascii() and plain.isalnum() else json.dumps(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    # TOML's strings, other numbers and truth are JSON's.
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,1 @@
+"""What light does, as a person asks for it: PSFs, beams, pictures of the simulator."""

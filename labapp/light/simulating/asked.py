@@ -1,0 +1,170 @@
+"""A picture of a scene that somebody asks for at the command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
+from labapp.common.errors import UserError
+from labapp.files.reading import read_grey
+from labapp.files.scene_file import SceneFile
+from optics.progress import Progress
+from simulator.effects.registry import EFFECTS
+from simulator.situation import Situation
+from simulator.world import World
+
+_FILLED = 0.5
+"""Of the full well, what the brightest pixel gets where nobody says an exposure."""
+
+_TRIAL, _TRIAL_TOL = 1e-3, 0.1
+"""Seconds of the exposure by which the brightness of a scene is found out, and how well."""
+
+_FINE = 1e-4
+"""Tolerance of arithmetic and sampling, ten times over, where every effect is asked for."""
+
+_DARK = 1.0
+"""Seconds of an exposure for which there is no light."""
+
+
+@dataclass(frozen=True)
+class AskedPicture:
+    """What the command line asks for; SI units.
+
+    scene, bench: files; the bundled ones if None. target: by name; the scene's first if None.
+    pattern: 8-bit picture on the panel; neutral if None. wavelength: of the filter; the bench's
+    own if None. exposure: seconds; so that the brightest pixel is half full if None. tol,
+    forced: the scene's own if None, and beyond the scene's own. everything: whether every effect
+    that isn't forced is at its finest, whatever tol.
+    """
+
+    scene: Path | None = None
+    bench: Path | None = None
+    target: str | None = None
+    pattern: Path | None = None
+    wavelength: float | None = None
+    exposure: float | None = None
+    tol: float | None = None
+    forced: Mapping[str, str | bool] = field(default_factory=dict)
+    everything: bool = False
+
+
+@dataclass(frozen=True)
+class Staged:
+    """A world that is set as asked, and the situation of the picture.
+
+    files: the bench and the scene that they were made from, as JSON.
+    """
+
+    world: World
+    situation: Situation
+    files: dict[str, str]
+
+
+@contextmanager
+def stage(asked: AskedPicture, progress: Progress) -> Iterator[Staged]:
+    """The virtual world of a bench, set as asked, and the situation of the picture.
+
+    UserError names the file, or the option, that is wrong.
+    """
+    with stage_of(BenchFiles.default(asked.bench, asked.scene).read(), asked, progress) as staged:
+        yield staged
+
+
+@contextmanager
+def stage_of(setup: BenchSetup, asked: AskedPicture, progress: Progress) -> Iterator[Staged]:
+    """The same of a bench that is read already; asked's own files don't count."""
+    if asked.exposure is not None and not 0 < asked.exposure < math.inf:
+        raise UserError(f"--exposure-ms {asked.exposure * 1e3:g}: give a positive time.")
+    if setup.scene is None or setup.bench.is_real:
+        raise UserError(
+            f"{setup.source} has real devices, of which nothing is simulated. Give a --bench whose "
+            "devices are all simulated."
+        )
+    if asked.target is not None and asked.target not in setup.scene.targets:
+        names = ", ".join(setup.scene.targets)
+        raise UserError(f"--target {asked.target}: the scene has {names}.")
+    scene = _asked_scene(setup.scene, asked)
+    with open_bench(replace(setup, scene=scene)) as bench:
+        world = _set(bench, asked)
+        exposure = _exposure(world, asked, progress)
+        files = {"bench": setup.bench.model_dump_json(), "scene": scene.model_dump_json()}
+        yield Staged(world, world.situation(exposure), files)
+
+
+def _asked_scene(scene: SceneFile, asked: AskedPicture) -> SceneFile:
+    """The scene with the tolerance and the effects that are asked for."""
+    if asked.tol is not None and not 0 < asked.tol < 1:
+        raise UserError(f"--tol {asked.tol:g}: give a number between 0 and 1, as 0.01.")
+    tol, forced = asked.tol or scene.tol, {**scene.effects, **asked.forced}
+    if asked.everything:
+        tol, forced = min(tol, _FINE), _all_besides(forced)
+    return scene.model_copy(update={"tol": tol, "effects": forced})
+
+
+def _all_besides(forced: Mapping[str, str | bool]) -> dict[str, str | bool]:
+    """All effects at their finest but those that are forced, and what can't be without them."""
+    found: dict[str, str | bool] = {**dict.fromkeys((one.name for one in EFFECTS), True), **forced}
+    while falling := [
+        one.name
+        for one in EFFECTS
+        if found[one.name] and any(_is_off(found[need]) for need in one.requires)
+    ]:
+        found.update(dict.fromkeys(falling, False))
+    return {**found, **forced}
+
+
+def _is_off(level: str | bool) -> bool:
+    return level in (False, "off")
+
+
+def _set(bench: Bench, asked: AskedPicture) -> World:
+    world = bench.world
+    assert world is not None
+    if asked.target is not None:
+        world.target = asked.target
+    if asked.wavelength is not None:
+        bench.filter.set_wavelength(asked.wavelength)
+    if asked.pattern is not None:
+        grey, shape = read_grey(asked.pattern), world.camera.panel.shape
+        if grey.shape != shape:
+            raise UserError(
+                f"{asked.pattern} has {grey.shape[1]} x {grey.shape[0]} pixels and the panel "
+                f"{shape[1]} x {shape[0]}; give a pattern made for it."
+            )
+        world.grey = grey
+    return world
+
+
+def _exposure(world: World, asked: AskedPicture, progress: Progress) -> float:
+    if asked.exposure is not None:
+        return asked.exposure
+    progress.report(0.0, "finding an exposure")
+    trial, imaging = world.situation(_TRIAL), world.imaging.at(_TRIAL_TOL)
+    electrons = imaging.electrons(trial, imaging.plan(trial).recipe, progress.check)
+    brightest = float(electrons.max()) / _TRIAL
+    return _FILLED * world.camera.sensor.full_well / brightest if brightest > 0 else _DARK
+
+
+def read_forced(settings: list[str]) -> dict[str, str | bool]:
+    """Effects as "NAME=LEVEL": on, off, or a level by its name. UserError for what isn't so."""
+    found: dict[str, str | bool] = {}
+    for setting in settings:
+        name, equals, level = (part.strip() for part in setting.partition("="))
+        if not (name and equals and level):
+            raise UserError(f'--set {setting}: give an effect and its level, "read noise=off".')
+        _require_known(setting, name, level)
+        found[name] = {"on": True, "off": False}.get(level, level)
+    return found
+
+
+def _require_known(setting: str, name: str, level: str) -> None:
+    named = {one.name: one for one in EFFECTS}
+    if name not in named:
+        raise UserError(f"--set {setting}: no such effect. Choose {', '.join(named)}.")
+    if level not in ("on", "off", *named[name].levels):
+        levels = ", ".join(dict.fromkeys(("off", *named[name].levels, "on")))
+        raise UserError(f"--set {setting}: {name} has no such level. Choose {levels}.")

@@ -1,0 +1,1 @@
+"""Patterns: their grey levels on a panel, and their designs."""

@@ -1,0 +1,139 @@
+"""`labapp reconstruct`: a photograph with its blur undone, and the picture of before and after."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labapp.common.console import out, print_json, say, table, watched
+from labapp.common.speed import machine_speed
+from labapp.files.photograph_file import written
+from labapp.files.writing import write_whole
+from labapp.pictures.reconstructing.asked import AskedProblem
+from labapp.pictures.reconstructing.drawing import draw
+from labapp.pictures.reconstructing.methods import Wish
+from labapp.pictures.reconstructing.problem import Problem
+from labapp.pictures.reconstructing.restoring import Judged, Outcome, judged, restore_picture
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where the answer goes, the picture of before and after, and a PSF that nobody knew."""
+
+    data: Path
+    picture: Path
+    found: Path | None = None
+
+
+def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool) -> None:
+    """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
+    data, picture, found = files.data, files.picture, files.found
+    with watched() as progress:
+        problem, truth = asked.problem(progress.part(0, 0.3)), asked.known
+        if wish.budget is not None:
+            wish = replace(wish, speed=machine_speed(progress))
+        outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
+        progress.report(0.9, "drawing")
+        score = None if truth is None else judged(problem.light, outcome.light, *truth)
+        drawn = draw(problem, outcome, _captions(outcome, score))
+        full = problem.full if problem.full is not None else problem.white
+        encoded = written(data, outcome.light, problem.coded, full)
+        progress.report(1, "writing")
+    write_whole(data, encoded)
+    write_whole(picture, drawn)
+    if found is not None:
+        write_whole(found, _array(problem.psf[0]))
+    if as_json:
+        print_json(_as_data(problem, outcome, score, data, picture, found))
+        return
+    table(problem.source, ["", "value"], _rows(problem, outcome, score))
+    for note in problem.notes:
+        say(f"note: {note}")
+    for file in (data, picture, found):
+        if file is not None:
+            out.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _array(psf: Any) -> bytes:
+    """As a .npy file's bytes."""
+    buffer = io.BytesIO()
+    np.save(buffer, psf)
+    return buffer.getvalue()
+
+
+def _captions(outcome: Outcome, score: Judged | None) -> tuple[str, str]:
+    after = f"After: residual {outcome.residual:.2f}"
+    if score is None:
+        return "Before", after
+    return f"Before: {score.psnr[0]:.2f} dB", f"{after}, {score.psnr[1]:.2f} dB"
+
+
+def _rows(problem: Problem, outcome: Outcome, score: Judged | None) -> list[list[str]]:
+    bands = outcome.bands
+    masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
+    told = "as told" if problem.noise is not None else "estimated"
+    weights = [band.weight for band in bands if band.weight is not None]
+    rows = [
+        ["PSF", problem.psf_source],
+        ["method", outcome.method],
+        ["noise", f"{_each([b.noise for b in bands])} {problem.unit}, {told}"],
+        ["weight", _each(weights) if weights else "none"],
+        ["iterations", " / ".join(dict.fromkeys(str(b.iterations) for b in bands))],
+        ["clipped or dead pixels", f"{masked:.2%}, left out".replace("%", " %")],
+        ["residual over noise", f"{outcome.residual:.2f}; {outcome.verdict}"],
+        ["processor time", f"{outcome.cpu_seconds:.2f} s"],
+    ]
+    if score is not None:
+        before, after = score.psnr
+        at = f"(full frame, peak {score.peak:g})"
+        rows.append(["PSNR", f"{before:.2f} to {after:.2f} dB, {after - before:+.2f} {at}"])
+        if score.ssim is not None:
+            rows.append(["SSIM", f"{score.ssim[0]:.3f} to {score.ssim[1]:.3f}"])
+    return rows
+
+
+def _each(values: list[float]) -> str:
+    return " / ".join(f"{value:.3g}" for value in values)
+
+
+def _as_data(
+    problem: Problem,
+    outcome: Outcome,
+    score: Judged | None,
+    data: Path,
+    picture: Path,
+    found: Path | None,
+) -> dict[str, Any]:
+    bands = outcome.bands
+    return {
+        "source": problem.source,
+        "psf": problem.psf_source,
+        "method": outcome.method,
+        "unit": problem.unit,
+        "noise": [band.noise for band in bands],
+        "noise_told": problem.noise is not None,
+        "weight": [band.weight for band in bands],
+        "iterations": [band.iterations for band in bands],
+        "converged": [band.converged for band in bands],
+        "residual": outcome.residual,
+        "verdict": outcome.verdict,
+        "clipped_share": float(problem.clipped.mean()),
+        "dead_share": float((~np.isfinite(problem.light)).mean()),
+        "cpu_s": outcome.cpu_seconds,
+        "score": score
+        and {
+            "crop": "full frame",
+            "peak": score.peak,
+            "psnr_db": [value if math.isfinite(value) else None for value in score.psnr],
+            "ssim": score.ssim,
+        },
+        "notes": list(problem.notes),
+        "file": str(data),
+        "picture": str(picture),
+        "psf_file": None if found is None else str(found),
+    }

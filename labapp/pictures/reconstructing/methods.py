@@ -1,0 +1,71 @@
+"""The methods that a person can name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from labapp.common.errors import UserError
+from labapp.pictures.networks import packaged_denoiser
+from optics.accuracy import MachineSpeed
+from optics.deconvolution import choice
+from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.restored import Restored
+from optics.progress import Progress
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How a picture shall be restored.
+
+    method: a name of METHODS, or AUTO. budget: seconds of processor time for the whole picture.
+    weight: of what is known of pictures beforehand, in the method's own unit; chosen from the
+    picture if None. speed: of the machine, by which times are predicted. UserError for what
+    doesn't go together.
+    """
+
+    method: str = AUTO
+    budget: float | None = None
+    weight: float | None = None
+    speed: MachineSpeed = field(default_factory=MachineSpeed)
+
+    def __post_init__(self) -> None:
+        if self.method != AUTO and self.method not in METHODS:
+            raise UserError(f"--method {self.method}: is unknown. Take one of {listed()}.")
+        if self.budget is not None and not 0 < self.budget < float("inf"):
+            raise UserError(f"--budget {self.budget:g}: give seconds, more than 0.")
+        if self.weight is not None and not 0 < self.weight < float("inf"):
+            raise UserError(f"--weight {self.weight:g}: give a number above 0.")
+        if self.method == AUTO and self.weight is not None:
+            raise UserError(
+                f"--weight {self.weight:g}: means something else to each method. Name one as "
+                "well: --method tv, for example."
+            )
+
+    def restore(self, seen: Blurred, share: float, progress: Progress) -> Restored:
+        """One band; share: of the budget, that it may take. ValueError where nothing fits."""
+        name = METHODS[self.method]
+        learned = choice.METHODS[name].learned if name else self.budget is not None
+        return choice.restore(
+            seen,
+            None if self.budget is None else self.budget * share,
+            name,
+            progress,
+            weight=self.weight,
+            denoise=packaged_denoiser() if learned else None,
+            speed=self.speed,
+        )
+
+
+METHODS: dict[str, str | None] = {
+    AUTO: None,
+    **{name: name for name in choice.METHODS},
+    "tv": "total-variation",
+}
+"""The engine's names for them; None where it chooses."""
+
+
+def listed() -> str:
+    """The methods' names, for a person."""
+    return ", ".join(METHODS)

@@ -1,0 +1,182 @@
+"""What of a record is restored: a photograph, and the star that was seen in the same run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Reconstruction
+from labapp.pictures.analysis.brackets import (
+    Bracket,
+    Picture,
+    dark_of,
+    find,
+    merge_all,
+    merge_frame,
+)
+from labapp.pictures.analysis.star import cut_star
+from labapp.runs.record.reader import Record
+from optics.progress import Progress
+
+_SAME = 1e-11
+"""Metres between wavelengths that count as one."""
+
+_NEUTRAL = "neutral"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a record is meant, None where its plan or its frames shall tell.
+
+    wavelength: metres. frame: one frame, and not the merged exposures. star: the target that is
+    the PSF's.
+    """
+
+    target: str | None = None
+    pattern: str | None = None
+    wavelength: float | None = None
+    frame: int | None = None
+    star: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A photograph in a record; psf: of its star, (rows, columns), None where there is none."""
+
+    photograph: Bracket
+    psf: Picture | None
+    star: str
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file is one of ours, by its ending."""
+    return path.suffix.lower() in (".h5", ".hdf5")
+
+
+def photograph_of(path: Path, choice: Choice, progress: Progress, *, star: bool) -> Found:
+    """The photograph of a record that is meant, and its PSF if `star` asks for it.
+
+    By default the photograph that its plan's [reconstruct] table names, or else the last target
+    that is neither dark nor star; its exposures merged. UserError for what the record lacks.
+    """
+    with Record(path) as record:
+        roles = _roles(record, choice)
+        names = {roles.photograph, roles.star} if star else {roles.photograph}
+        merged = merge_all(record, record.plan, progress.part(0, 0.9), names)
+        photograph = find(merged, roles.photograph, roles.coded, roles.wavelength, path)
+        if choice.frame is not None:
+            photograph = merge_frame(record, choice.frame)
+        psf = _star(record, merged, roles) if star else None
+    progress.report(1, "merged")
+    return Found(photograph, psf, roles.star)
+
+
+def star_of_file(path: Path, choice: Choice) -> Picture:
+    """The PSF of a record's star, (rows, columns); UserError where there is none."""
+    with Record(path) as record:
+        plan = record.plan.reconstruct
+        star = choice.star or (plan.star if plan else "star")
+        pattern = choice.pattern or (plan.coded if plan else _last(record, (star,))[1])
+        wavelength = choice.wavelength or (plan.wavelength if plan else None)
+        roles = _as_roles(record, star, pattern, star, wavelength)
+        psf = _star(record, merge_all(record, record.plan, Progress(), {star}), roles)
+    if psf is None:
+        raise UserError(
+            f"{path}: has no star named {star!r} with pattern {pattern!r}; its targets are "
+            f"{', '.join(record_targets(path))}. Name the one that is a star: --star."
+        )
+    return psf
+
+
+def record_targets(path: Path) -> list[str]:
+    with Record(path) as record:
+        return list(record.target_names)
+
+
+def _roles(record: Record, choice: Choice) -> Reconstruction:
+    """Which target and pattern are meant, at which wavelength."""
+    plan, path = record.plan.reconstruct, record.path
+    star = choice.star or (plan.star if plan else "star")
+    wavelength: float | None
+    if choice.frame is not None:
+        target, pattern, wavelength = _of_frame(record, choice.frame)
+    else:
+        told = choice.target or (plan.photograph if plan else None)
+        others = [n for n in record.target_names if n not in (dark_of(record.plan), star)]
+        names = (told,) if told else tuple(others)
+        target, last = _last(record, names)
+        coded = plan.coded if plan and record.select(target=target, pattern=plan.coded) else last
+        pattern, wavelength = choice.pattern or coded, choice.wavelength
+    seen = _wavelengths(record, target, pattern)
+    if not seen:
+        raise UserError(
+            f"{path}: has no frames of {target!r} with pattern {pattern!r}. Its patterns are "
+            f"{', '.join(record.pattern_names)}."
+        )
+    wavelength = wavelength or (plan.wavelength if plan else None)
+    if wavelength is None and len(seen) > 1:
+        listed = ", ".join(f"{one * 1e9:g}" for one in seen)
+        raise UserError(f"{path}: has {target!r} at {listed} nm. Choose one: --wavelength-nm.")
+    if wavelength is not None and not any(abs(one - wavelength) < _SAME for one in seen):
+        listed = ", ".join(f"{one * 1e9:g}" for one in seen)
+        raise UserError(
+            f"{path}: has {target!r} at {listed} nm, and not at {wavelength * 1e9:g}. Choose one: "
+            "--wavelength-nm."
+        )
+    return _as_roles(record, target, pattern, star, wavelength)
+
+
+def _as_roles(
+    record: Record, target: str, pattern: str, star: str, wavelength: float | None
+) -> Reconstruction:
+    plan = record.plan.reconstruct or Reconstruction(coded=pattern)
+    neutral = plan.neutral if record.plan.reconstruct else _NEUTRAL
+    # A star that was never seen with the neutral pattern is its own measure.
+    seen = bool(record.select(target=star, pattern=neutral))
+    return plan.model_copy(
+        update={
+            "photograph": target,
+            "coded": pattern,
+            "star": star,
+            "neutral": neutral if seen else pattern,
+            "wavelength_nm": None if wavelength is None else wavelength * 1e9,
+        }
+    )
+
+
+def _star(record: Record, merged: list[Bracket], roles: Reconstruction) -> Picture | None:
+    if not record.select(target=roles.star, pattern=roles.coded):
+        return None
+    return cut_star(record, merged, roles).measured
+
+
+def _last(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
+    """Target and pattern of the last stored frame of these targets."""
+    frames = [index for name in names for index in record.select(target=name)]
+    if not frames:
+        has = ", ".join(record.target_names)
+        raise UserError(
+            f"{record.path}: has no frames of {' or '.join(map(repr, names)) or 'a photograph'}; "
+            f"its targets are {has}. Choose one: --target."
+        )
+    target, pattern, _ = _of_frame(record, max(frames))
+    return target, pattern
+
+
+def _of_frame(record: Record, frame: int) -> tuple[str, str, float]:
+    if not 0 <= frame < record.frames or not record.column("stored")[frame]:
+        raise UserError(
+            f"--frame {frame}: {record.path} has no such frame; it has 0 to {record.frames - 1}, "
+            f"of which {len(record.not_stored())} are missing."
+        )
+    target, pattern = (int(record.column(name)[frame]) for name in ("target", "pattern"))
+    wavelength = float(record.column("wavelength")[frame])
+    return record.target_names[target], record.pattern_names[pattern], wavelength
+
+
+def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
+    frames = record.select(target=target, pattern=pattern)
+    return sorted({float(one) for one in np.unique(record.column("wavelength")[frames])})

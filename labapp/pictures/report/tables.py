@@ -1,0 +1,134 @@
+"""The figures of a run, as tables for people and as data for programs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from labapp.common.console import out, table
+from labapp.pictures.analysis import Analysis
+
+NAMES = {
+    "neutral": "neutral photograph",
+    "coded": "coded photograph",
+    "wiener": "Wiener",
+    "richardson-lucy": "Richardson-Lucy",
+    "total-variation": "total variation",
+}
+
+
+EXPOSURE_COLUMNS = (
+    "target",
+    "pattern",
+    "nm ",
+    "exposures ms ",
+    "full scale ",
+    "clipped ",
+    "dark ",
+    "darks ",
+)
+EXPOSURE_NOTE = (
+    "Shares of pixels: at full scale in the longest exposure; clipped, or dark, in every one, "
+    "so that the merged value is a bound. Darks: dark frames subtracted, per exposure."
+)
+
+
+def print_tables(analysis: Analysis) -> None:
+    """Exposures, PSF, reconstruction and time, one table each."""
+    badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
+    out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
+    table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
+    out.print(EXPOSURE_NOTE + "\n", style="dim")
+    if analysis.psf is not None:
+        table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
+    if analysis.scores:
+        heading = "Against the neutral photograph (central 90 %, peak and range 1)"
+        table(heading, ["picture", "PSNR dB ", "SSIM "], score_rows(analysis))
+    table("Time", ["stage", "s "], [[k, f"{v:.2f}"] for k, v in analysis.seconds.items()])
+
+
+def exposure_rows(analysis: Analysis) -> list[list[str]]:
+    """Exposures, and the shares of pixels at full scale, clipped in all, and dark in all."""
+    return [
+        [
+            b.target,
+            b.pattern,
+            f"{b.wavelength * 1e9:g}",
+            " ".join(f"{t * 1e3:g}" for t in b.exposures),
+            percent(b.clipped_by_exposure[-1]),
+            percent(b.clipped),
+            percent(b.dark),
+            str(b.dark_frames),
+        ]
+        for b in analysis.brackets
+    ]
+
+
+def psf_rows(analysis: Analysis) -> list[list[str]]:
+    """Efficiency, contrast, unmodulated share and agreement with the prediction."""
+    psf = analysis.psf
+    assert psf is not None
+    rows = []
+    if psf.efficiency is not None:
+        rows.append(["efficiency, of all light in the window", f"{psf.efficiency:.3f}"])
+    if psf.contrast is not None:
+        rows.append(["speckle contrast, unmodulated light removed", f"{psf.contrast:.3f}"])
+    rows.append(["light of the star inside the window", percent(psf.inside)])
+    rows.append(["unmodulated share, found in the centre", f"{psf.unmodulated:.3f}"])
+    if psf.prediction_error is not None:
+        rows.append(["measured against predicted, relative L2", f"{psf.prediction_error:.3f}"])
+    return rows
+
+
+def score_rows(analysis: Analysis) -> list[list[str]]:
+    """PSNR and SSIM, and what the reconstructions gained over the coded photograph."""
+    before = analysis.scores["coded"].psnr
+    rows = []
+    for name, score in analysis.scores.items():
+        gain = "" if name == "coded" else f" ({score.psnr - before:+.1f})"
+        rows.append([NAMES[name], f"{score.psnr:.2f}{gain}", f"{score.ssim:.3f}"])
+    return rows
+
+
+def percent(share: float) -> str:
+    """A share in percent that tells a few pixels from none."""
+    if share == 0:
+        return "0 %"
+    return f"{share:.1%}".replace("%", " %") if share >= 5e-4 else f"{share * 1e6:.0f} ppm"
+
+
+def as_data(analysis: Analysis) -> dict[str, Any]:
+    """The figures of a run as plain data."""
+    psf = analysis.psf
+    return {
+        "title": analysis.title,
+        "simulated": analysis.simulated,
+        "exposures": [
+            {
+                "target": b.target,
+                "pattern": b.pattern,
+                "wavelength_m": b.wavelength,
+                "exposures_s": b.exposures,
+                "full_scale_share_by_exposure": b.clipped_by_exposure,
+                "clipped_share": b.clipped,
+                "dark_share": b.dark,
+                "dark_frames": b.dark_frames,
+            }
+            for b in analysis.brackets
+        ],
+        "psf": psf
+        and {
+            "efficiency": psf.efficiency,
+            "speckle_contrast": psf.contrast,
+            "share_inside_window": psf.inside,
+            "unmodulated_share": psf.unmodulated,
+            "prediction_error": psf.prediction_error,
+        },
+        "scores": {
+            name: {"psnr_db": s.psnr if math.isfinite(s.psnr) else None, "ssim": s.ssim}
+            for name, s in analysis.scores.items()
+        },
+        "score_window": {"crop": "central 90 %", "peak": 1.0, "ssim_data_range": 1.0},
+        "best": analysis.best,
+        "seconds": analysis.seconds,
+    }

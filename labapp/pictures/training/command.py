@@ -1,0 +1,49 @@
+"""`labapp train`: the denoiser's weights from folders of pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+
+from labapp.common.console import out, watched
+from labapp.files.writing import write_whole
+from labapp.pictures.networks import weights_file
+from labapp.pictures.training.denoiser import train
+from labapp.pictures.training.patches import pictures_in
+from optics.threads import single_threaded
+
+
+@single_threaded
+def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: int) -> None:
+    """Train and write the weights; what was done so far is kept beside them, to go on from.
+
+    UserError for pictures that can't be learned from.
+    """
+    pictures = pictures_in(folders)
+    kept = weights.with_suffix(".training")
+    many = sum(picture[0].size for picture in pictures) / 1e6
+    out.print(f"{len(pictures)} pictures, {many:.0f} million pixels; kept so far in {kept}")
+    started = time.process_time()
+    with watched() as progress, _tiny_numbers_dropped():
+        trained = train(pictures, steps, seed, kept, progress)
+    write_whole(weights, weights_file(trained))
+    kept.unlink(missing_ok=True)
+    hours = (time.process_time() - started) / 3600
+    out.print(f"wrote {weights} after {hours:.2f} processor hours")
+
+
+@contextmanager
+def _tiny_numbers_dropped() -> Iterator[None]:
+    """Numbers too small for full precision slow processors down, and teach nothing.
+
+    Only here: others in the process count on them (SciPy's KDTree recurses for ever).
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)

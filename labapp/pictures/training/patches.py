@@ -1,0 +1,81 @@
+"""Random patches of grey pictures to learn from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+
+_LARGEST = 1100
+"""Samples of a picture's longer side; larger ones are averaged down, which makes them sharp and
+takes the traces of JPEG and of demosaicing."""
+
+_SCALES = (1.0, 0.8, 0.6)
+"""Each picture is learned from at its own size, and at smaller ones."""
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
+
+Colours = NDArray[np.float32]
+
+
+def pictures_in(folders: Sequence[Path]) -> list[Colours]:
+    """Every picture of these folders and files, (3, rows, columns), 0 to 1, at each scale.
+
+    In the order of their names, whichever way the folders are written. Raises UserError where
+    there is none, and for a file that isn't a picture.
+    """
+    files = sorted(
+        {
+            file
+            for folder in folders
+            for file in ([folder] if folder.is_file() else folder.rglob("*"))
+            if file.suffix.lower() in _SUFFIXES
+        },
+        key=lambda file: file.name,
+    )
+    if not files:
+        raise UserError(f"{', '.join(map(str, folders))}: no picture to learn from. Name folders.")
+    return [_scaled(_read(file), scale) for file in files for scale in _SCALES]
+
+
+def _read(file: Path) -> Colours:
+    stored = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    if stored is None:
+        raise UserError(f"{file}: not a picture that can be read.")
+    picture = np.asarray(stored / np.float32(255), dtype=np.float32)
+    return _scaled(np.moveaxis(picture, -1, 0), min(_LARGEST / max(picture.shape[:2]), 1.0))
+
+
+def _scaled(picture: Colours, scale: float) -> Colours:
+    if scale == 1:
+        return np.ascontiguousarray(picture)
+    size = [round(n * scale) for n in picture.shape[1:]][::-1]
+    return np.stack([cv2.resize(band, size, interpolation=cv2.INTER_AREA) for band in picture])
+
+
+def grey_patches(
+    pictures: Sequence[Colours], count: int, side: int, rng: np.random.Generator
+) -> torch.Tensor:
+    """(count, 1, side, side): cut, turned and mirrored at random, of a random mixture of colours.
+
+    Pictures are drawn by their area. Raises UserError if none is large enough.
+    """
+    areas = np.array([max(p.shape[1] - side, 0) * max(p.shape[2] - side, 0) for p in pictures])
+    if not areas.any():
+        raise UserError(f"no picture is larger than a patch, {side} x {side} pixels.")
+    chosen = rng.choice(len(pictures), count, p=areas / areas.sum())
+    return torch.from_numpy(np.stack([_patch(pictures[i], side, rng) for i in chosen]))[:, None]
+
+
+def _patch(picture: Colours, side: int, rng: np.random.Generator) -> Colours:
+    y, x = (int(rng.integers(n - side + 1)) for n in picture.shape[1:])
+    mixture = rng.dirichlet(np.ones(3)).astype(np.float32)
+    grey = np.tensordot(mixture, picture[:, y : y + side, x : x + side], 1)
+    turned = np.rot90(grey, int(rng.integers(4)))
+    return np.ascontiguousarray(turned[:, ::-1] if rng.integers(2) else turned)

@@ -1,0 +1,1 @@
+"""Runs: planned, taken, recorded, resumed, verified, shown and exported."""

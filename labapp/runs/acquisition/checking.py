@@ -1,0 +1,168 @@
+"""Whether a bench can do what a plan asks, and what it will take, before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from math import prod
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Acquisition, PlanFile
+from labapp.runs.abilities import Abilities
+from labapp.runs.acquisition.hooks import GROUP
+from labapp.runs.record.layout import LOG_ROW, MEASURED, PLANNED, log_rows
+from labapp.runs.steps import Shot, exposures, shots
+
+_FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
+"""Bytes that a record keeps of a frame beside its picture."""
+
+_DECISIONS = 12_000
+"""Bytes of what a simulator decides for one picture, at most."""
+
+_RECORD = 100_000
+"""Bytes of the rest, at most: bench, scene, and the file's own books."""
+
+_CUT = 1e-3
+"""Share of a video's frame by which an exposure may miss the end of its period."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a run will take: frames, seconds of bench time, bytes, and acts of a person."""
+
+    frames: int
+    seconds: float
+    disk_bytes: int
+    prompts: tuple[str, ...]
+
+
+def expect(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) -> Expected:
+    return Expected(
+        frames=len(listed),
+        seconds=sum(shot.lasts for shot in listed),
+        disk_bytes=_disk_bytes(listed, plan, abilities),
+        prompts=tuple(prompts(listed, abilities)),
+    )
+
+
+def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) -> int:
+    """Of the finished record, or a little more."""
+    picture, panel = prod(abilities.frame_shape), prod(abilities.panel_shape)
+    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
+    decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
+    return (
+        len(listed) * (2 * picture + _FRAME_ROW)
+        + shown * panel
+        + log_rows(len(listed)) * LOG_ROW.itemsize
+        + len(plan.model_dump_json())
+        + len(decided) * _DECISIONS
+        + _RECORD
+    )
+
+
+def prompts(listed: Sequence[Shot], abilities: Abilities) -> list[str]:
+    """What a person will be asked, in order: once whenever another target is placed."""
+    return list(prompts_by_frame(listed, abilities).values())
+
+
+def prompts_by_frame(listed: Sequence[Shot], abilities: Abilities) -> dict[int, str]:
+    """What a person will be asked, by the index of the frame that waits for it."""
+    asked = {}
+    placed = ""
+    for shot in listed:
+        if shot.target != placed and (text := prompt(shot, abilities.by_hand)):
+            asked[shot.index] = text
+        placed = shot.target
+    return asked
+
+
+def prompt(shot: Shot, by_hand: bool) -> str:
+    """What a person does before a frame's target is placed; empty if the bench does it."""
+    return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
+
+
+def check(plan: PlanFile, abilities: Abilities, source: str) -> None:
+    """UserError if the plan asks for what the bench can't do; names key, value and range."""
+    _check_hooks(plan, source)
+    for number, block in enumerate(plan.acquire):
+        where = f"{source}: key 'acquire.{number}"
+        _check_targets(block, plan, abilities, where)
+        _check_wavelengths(block, abilities, where)
+        _check_exposures(block, plan, abilities, where)
+
+
+def checked_shots(plan: PlanFile, abilities: Abilities, source: str) -> list[Shot]:
+    """Every frame of a plan that the bench can take; UserError as check() says it."""
+    check(plan, abilities, source)
+    return shots(plan, abilities)
+
+
+def _check_hooks(plan: PlanFile, source: str) -> None:
+    known = entry_points(group=GROUP).names if plan.hooks else set()
+    for name in plan.hooks:
+        if name not in known:
+            raise UserError(
+                f"{source}: key 'hooks' names {name!r}, which isn't installed. "
+                f"Installed: {', '.join(sorted(known)) or 'none'}."
+            )
+
+
+def _check_targets(block: Acquisition, plan: PlanFile, abilities: Abilities, where: str) -> None:
+    calibration = [one.target or one.role for one in block.interleave if one.role != "neutral"]
+    for key, names in (("targets", block.targets), ("interleave", calibration)):
+        for name in names:
+            known = plan.targets.get(name)
+            if ((known.place if known else None) or name) not in abilities.targets:
+                raise UserError(
+                    f"{where}.{key}' names {name!r}, which this bench doesn't have. "
+                    f"Choose among {', '.join(abilities.targets)}."
+                )
+
+
+def _check_wavelengths(block: Acquisition, abilities: Abilities, where: str) -> None:
+    shortest, longest = abilities.wavelength_range
+    for slot in block.slots or ():
+        if slot > len(abilities.slots):
+            have = f"1 to {len(abilities.slots)}" if abilities.slots else "wavelengths_nm instead"
+            raise UserError(
+                f"{where}.slots' has {slot}, and this bench's filter has "
+                f"{len(abilities.slots) or 'no'} slots. Choose {have}."
+            )
+    for nm in block.wavelengths_nm or ():
+        metres = abilities.metres(nm)
+        if not shortest <= metres <= longest:
+            raise UserError(
+                f"{where}.wavelengths_nm' has {nm:g}, out of the filter's range. "
+                f"Choose {shortest * 1e9:.0f} to {longest * 1e9:.0f} nm."
+            )
+        if abilities.slots and all(abs(metres - centre) > 1e-12 for centre in abilities.slots):
+            listed = ", ".join(f"{centre * 1e9:g}" for centre in dict.fromkeys(abilities.slots))
+            raise UserError(
+                f"{where}.wavelengths_nm' has {nm:g}, and no slot of the filter wheel passes it. "
+                f"Choose among {listed} nm."
+            )
+
+
+def _check_exposures(block: Acquisition, plan: PlanFile, abilities: Abilities, where: str) -> None:
+    low, high = abilities.exposure_range
+    lasting = exposures(block, plan, abilities)
+    asked = [f"exposures_ms' has {ms:g} ms" for ms in block.exposures_ms or ()] or [
+        f"periods' has {number}, which last {seconds * 1e3:g} ms"
+        for number, seconds in zip(block.periods or (), lasting, strict=True)
+    ]
+    for said, seconds in zip(asked, lasting, strict=True):
+        if not low <= seconds <= high:
+            raise UserError(
+                f"{where}.{said}, out of the camera's range. "
+                f"Choose {low * 1e3:g} to {high * 1e3:g} ms."
+            )
+        for name, video in plan.videos(block).items():
+            period = video.length * abilities.video_frame
+            rest = abs(seconds - max(1, round(seconds / period)) * period)
+            if rest > _CUT * abilities.video_frame and not block.any_exposure:
+                raise UserError(
+                    f"{where}.{said}, which cuts the video {name!r} within its period of "
+                    f"{period * 1e3:.3f} ms. Ask for 'periods' instead, "
+                    "or set any_exposure = true."
+                )

@@ -1,0 +1,82 @@
+"""What the simulator decides for the frames of a plan, as a record keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
+from labapp.runs.steps import Shot
+from simulator.planning import Decision, EffectPlan
+from simulator.world import World
+
+_KEPT = ("effect", "level", "on", "relative", "estimate", "work", "why", "forced")
+"""Of a decision; what is the same in all plans is told once."""
+
+
+def effect_plans(
+    bench: Bench,
+    listed: Sequence[Shot],
+    patterns: Mapping[str, NDArray[np.uint8]],
+    check: Callable[[], None] = lambda: None,
+) -> dict[str, Any] | None:
+    """The plan of each different target, pattern, wavelength and exposure; None without a world.
+
+    {"effects": what they are by name, "plans": [...]}, as plain data. Nothing is rendered.
+    check: is called before each, and may raise. UserError for a picture that can't be made.
+    """
+    if bench.world is None:
+        return None
+    effects: dict[str, Any] = {}
+    plans: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for shot in listed:
+        state = (shot.target, shot.pattern, shot.wavelength, shot.exposure)
+        if state not in plans:
+            check()
+            plan = _decided(bench, bench.world, shot, patterns[shot.pattern])
+            effects |= {one.effect: _physics(one) for one in plan.decisions}
+            plans[state] = _told(shot, plan)
+    return {"effects": effects, "plans": list(plans.values())}
+
+
+def _decided(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
+    place, bandwidth = shot.place or shot.target, _bandwidth(bench, shot)
+    try:
+        return world.effect_plan(shown, shot.wavelength, shot.exposure, place, bandwidth)
+    except ValueError as error:
+        raise UserError(
+            f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm can't be "
+            f"simulated: {error}."
+        ) from error
+
+
+def _bandwidth(bench: Bench, shot: Shot) -> float | None:
+    """Of the wheel's slot that a frame is taken with; None for a filter that has only one."""
+    slots = bench.wheel.slots if bench.wheel else ()
+    if shot.slot:
+        return slots[shot.slot - 1].bandwidth
+    near = (slot.bandwidth for slot in slots if abs(slot.wavelength - shot.wavelength) < 1e-12)
+    return next(near, None)
+
+
+def _physics(one: Decision) -> dict[str, Any]:
+    return {"kind": one.kind, "physics": one.physics, "source": one.source}
+
+
+def _told(shot: Shot, plan: EffectPlan) -> dict[str, Any]:
+    data = plan.as_data()
+    data["decisions"] = [
+        {name: told[name] for name in _KEPT} | {"finest": one.levels[-1], "how": one.bound.how}
+        for one, told in zip(plan.decisions, data["decisions"], strict=True)
+    ]
+    return {
+        "target": shot.target,
+        "pattern": shot.pattern,
+        "wavelength_nm": round(shot.wavelength * 1e9, 3),
+        "exposure_ms": shot.exposure * 1e3,
+        **data,
+    }

@@ -1,0 +1,67 @@
+"""What others do in a run: hooks, found by entry point and named in the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from typing import Any
+
+from drivers.interfaces import Frame
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.runs.steps import Shot
+
+GROUP = "labapp.hooks"
+"""An entry point here is a callable `make(plan, bench)`; what it gives back may have the
+methods before_run(shots), before_frame(shot), after_frame(shot, frame) and after_run(state).
+They run between frames, in the run's own thread; an exception ends the run as FAILED."""
+
+
+class HookError(Exception):
+    """A hook failed; says which, when and why."""
+
+
+class Hooks:
+    """The hooks of one run, called in the order in which the plan names them."""
+
+    def __init__(self, hooks: Sequence[tuple[str, Any]] = ()) -> None:
+        self._hooks = list(hooks)
+
+    @staticmethod
+    def of(plan: PlanFile, bench: Bench) -> Hooks:
+        """UserError if one can't be loaded or made; nothing has moved then."""
+        hooks = []
+        known = {entry.name: entry for entry in entry_points(group=GROUP)} if plan.hooks else {}
+        for name in plan.hooks:
+            try:
+                hooks.append((name, known[name].load()(plan, bench)))
+            except Exception as error:
+                raise UserError(
+                    f"hook {name!r} doesn't load: {error}. Mend or remove it."
+                ) from error
+        return Hooks(hooks)
+
+    def before_run(self, listed: Sequence[Shot]) -> None:
+        self._call("before_run", listed)
+
+    def before_frame(self, shot: Shot) -> None:
+        self._call("before_frame", shot)
+
+    def after_frame(self, shot: Shot, frame: Frame) -> None:
+        self._call("after_frame", shot, frame)
+
+    def after_run(self, state: str) -> None:
+        self._call("after_run", state)
+
+    def _call(self, moment: str, *given: object) -> None:
+        for name, hook in self._hooks:
+            method = getattr(hook, moment, None)
+            if method is None:
+                continue
+            try:
+                method(*given)
+            except Exception as error:
+                raise HookError(
+                    f"hook {name!r}, {moment}: {type(error).__name__}: {error}"
+                ) from error

@@ -1,0 +1,58 @@
+"""Which frames of a record are asked for, and which of them are there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labapp.common.errors import UserError
+from labapp.files.frame_list import read_frame_list
+from labapp.runs.record.reader import Record
+from optics.progress import Progress
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which frames: a list such as "0-9,12", a target, a pattern; None: all of them."""
+
+    frames: str | None = None
+    target: str | None = None
+    pattern: str | None = None
+
+
+def choose(record: Record, choice: Choice) -> list[int]:
+    """Indices of the frames that are asked for, stored or not; UserError if there are none."""
+    total = record.frames
+    chosen = read_frame_list(choice.frames, total) if choice.frames is not None else range(total)
+    keep = np.zeros(total, bool)
+    keep[list(chosen)] = True
+    known = {"target": record.target_names, "pattern": record.pattern_names}
+    for column, names in known.items():
+        name = getattr(choice, column)
+        if name is None:
+            continue
+        if name not in names:
+            raise UserError(f"--{column}: {name!r} is none of the record's: {', '.join(names)}.")
+        keep &= record.column(column) == names.index(name)
+    if not keep.any():
+        raise UserError(f"{record.path}: no frame is all that was asked for. Ask for less.")
+    return np.flatnonzero(keep).tolist()
+
+
+def read_back(
+    record: Record, chosen: Sequence[int], progress: Progress
+) -> tuple[list[int], list[int], list[int]]:
+    """Frames that read back, frames that were never stored, and frames that are damaged."""
+    stored, sums = record.column("stored"), record.column("checksum")
+    found, not_stored, damaged = [], [], []
+    for done, index in enumerate(chosen):
+        progress.report(done / len(chosen), f"read frame {index} back")
+        if not stored[index]:
+            not_stored.append(index)
+        elif not record.reads_back(index, sums[index]):
+            damaged.append(index)
+        else:
+            found.append(index)
+    return found, not_stored, damaged

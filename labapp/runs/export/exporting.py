@@ -1,0 +1,71 @@
+"""An export from beginning to end: choose, check the place, read back, write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from labapp.common.errors import UserError
+from labapp.files.writing import require_free
+from labapp.runs.export.choosing import Choice, choose, read_back
+from labapp.runs.export.formats import KINDS, WRITERS
+from labapp.runs.export.naming import file_names
+from labapp.runs.export.rows import rows_of
+from labapp.runs.export.table import write_table
+from labapp.runs.export.whole import all_or_none
+from labapp.runs.export.work import Work
+from labapp.runs.record.reader import Record
+from optics.progress import Progress
+
+_ALL = Choice()
+
+_CHECKING = 0.3
+"""Share of the progress that goes into reading every frame back before the first is written."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written: frames by index, and which had to be left out. bits: of the numbers."""
+
+    frames: list[int]
+    not_stored: list[int]
+    damaged: list[int]
+    bits: int | None
+
+
+def export(
+    path: Path,
+    kind: str,
+    folder: Path,
+    choice: Choice = _ALL,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Exported:
+    """Write frames of a record into a folder, which is made if need be.
+
+    kind: of KINDS. tiff, png: a 16-bit picture a frame; ome-tiff: one frames.ome.tiff, axes
+    TYX; npy: frames.npy (n, rows, columns) uint16, and frames.json. Digital numbers are
+    never changed. With every kind comes a table of the frames. Frames that aren't stored or
+    don't read back are left out. Files appear all together when the last one is whole:
+    whoever cancels finds none. UserError if nothing can be chosen, read or written.
+    """
+    progress = progress or Progress()
+    if kind not in KINDS:
+        raise UserError(f"--to: {kind!r} is none of {', '.join(KINDS)}.")
+    with Record(path) as record:
+        chosen = choose(record, choice)
+        names = file_names(kind, chosen, rows_of(record, chosen), record.frames)
+        require_free(folder, names, force=force)
+        found, not_stored, damaged = read_back(record, chosen, progress.part(0, _CHECKING))
+        work = Work(record, kind, found, progress.part(_CHECKING, 1))
+        if found:
+            _write(work, folder)
+        return Exported(found, not_stored, damaged, work.bits)
+
+
+def _write(work: Work, folder: Path) -> None:
+    """The files of an export, all of them or none."""
+    with all_or_none(folder, work.names) as draft:
+        WRITERS[work.kind](work, draft)
+        write_table(work, draft)

@@ -1,0 +1,40 @@
+"""A TIFF file a frame."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import labapp
+from labapp.runs.export.work import Work
+from labapp.runs.record import layout
+
+
+def write_tiffs(work: Work, draft: Path) -> None:
+    """Every file's description is what is known of its frame, as JSON."""
+    import tifffile
+
+    simulated = work.record.simulated
+    for name, row, image in zip(work.names, work.rows, work.images(), strict=False):
+        description = json.dumps(row | {"units": layout.UNITS, "simulated": simulated})
+        tifffile.imwrite(draft / name, image, **tags(work, description))
+
+
+def tags(work: Work, description: str) -> dict[str, Any]:
+    """What TIFF files say of their pictures, as tifffile takes it."""
+    told = {
+        "photometric": "minisblack",
+        "description": description,
+        "software": f"labapp {labapp.__version__}",
+        "metadata": None,
+    }
+    return told | _resolution(work)
+
+
+def _resolution(work: Work) -> dict[str, Any]:
+    """In pixels a centimetre; x comes first there."""
+    if work.pitch is None:
+        return {}
+    y, x = (1e-2 / pitch for pitch in work.pitch)
+    return {"resolution": (x, y), "resolutionunit": "CENTIMETER"}

@@ -1,0 +1,319 @@
+"""The checks of a record, also of a badly damaged one.
+
+HDF5 trusts what a file says of itself: a few bytes can make it search for ever, or end the
+process. `python -m labapp.runs.record.checks RUN.h5 SECONDS` therefore makes the checks in a
+process of its own, which the system ends when nothing has happened for so long. Lines of JSON
+on standard output tell the progress, and at last what was found.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import sys
+from bisect import bisect_left
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.frame_list import frame_list
+from labapp.runs.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
+from labapp.runs.record import layout
+from labapp.runs.record.finding import Finding, Result, Verification
+from labapp.runs.record.reader import Record, digest
+from labapp.runs.state import ENDED, State
+from optics.progress import Cancelled, Progress
+
+_OVERLAP = 1e-6
+"""Seconds by which exposures that follow each other may seem to overlap."""
+
+_KEPT = (
+    ("exposure", *EXPOSURE_STEP, 1e3, "ms"),
+    ("wavelength", WAVELENGTH_STEP, 0.0, 1e9, "nm"),
+)
+"""Settings, how far and by what share they may miss what was asked, and a unit to say it in."""
+
+Said = tuple[Result, str]
+"""A check's result, and the details."""
+
+
+def check_record(path: Path, progress: Progress | None = None) -> Verification:
+    """Every check that the file is still fit for, in this process."""
+    found = Verification(str(path))
+    try:
+        record = Record(path)
+    except UserError as error:
+        found.findings.append(Finding("file", "WRONG", _detail(path, error)))
+        return found
+    with record:
+        found.findings.append(Finding("file", "ok", f"a record of format {layout.FORMAT}"))
+        checks = _Checks(record, found, progress or Progress())
+        share = 0.0
+        for name, check in checks.all().items():
+            checks.progress.report(share, f"check {name}")
+            found.findings.append(_checked(name, check, path))
+            # Reading the frames back is nearly all of the work.
+            share = 1.0 if name == "checksums" else share
+    return found
+
+
+def _checked(name: str, check: Callable[[], Said], path: Path) -> Finding:
+    """A check's finding; a file so damaged that the check can't be made fails it."""
+    try:
+        result, detail = check()
+    except Cancelled:
+        raise
+    except UserError as error:
+        return Finding(name, "WRONG", _detail(path, error))
+    except Exception as error:
+        # Whatever nonsense a damaged file holds, the other checks shall still be made.
+        text = f"can't be checked: {type(error).__name__}: {error}"
+        return Finding(name, "WRONG", _printable(text))
+    return Finding(name, result, _printable(detail))
+
+
+class _Checks:
+    """The checks of one record, in the order in which a person reads them."""
+
+    def __init__(self, record: Record, found: Verification, progress: Progress) -> None:
+        self._record, self._found, self.progress = record, found, progress
+
+    def all(self) -> dict[str, Callable[[], Said]]:
+        """By name. Later checks use what earlier ones found."""
+        return {
+            "contents": self._contents,
+            "plan": self._planned,
+            "frames": self._frames,
+            "checksums": self._checksums,
+            "patterns": self._patterns,
+            "settings": self._settings,
+            "camera": self._camera,
+            "state": self._state,
+            "scene pictures": self._pictures,
+        }
+
+    def _contents(self) -> Said:
+        """Whether every dataset is there, of its type and length, and can be understood."""
+        record = self._record
+        for name in ("title", "definition", "start_time"):
+            record.text(name)
+        _ = record.plan, record.bench, record.scene, record.effect_plan, record.faults
+        _ = record.devices, record.log, record.message, record.seed, record.expected_seconds
+        wrong = [
+            name
+            for name, dtype in (layout.PLANNED | layout.MEASURED).items()
+            if not _is_column(record.column(name), dtype, record.frames)
+        ]
+        if wrong:
+            return "WRONG", f"of the wrong type or length: {', '.join(wrong)}"
+        rows, columns = record.image(0).shape
+        if not _is_axis(record.column("y"), rows) or not _is_axis(record.column("x"), columns):
+            return "WRONG", "the places of the pixels, y and x, aren't even"
+        by = f"labapp {record.versions['labapp']}"
+        return "ok", f"{record.frames} frames of {columns} x {rows} pixels, by {by}"
+
+    def _planned(self) -> Said:
+        """Whether the planned columns make sense: numbers of names that there are."""
+        record = self._record
+        known = {
+            "role": len(layout.ROLES),
+            "target": len(record.target_names),
+            "pattern": len(record.pattern_names),
+        }
+        for column, count in known.items():
+            if bad := _where(record.column(column) >= count):
+                return "WRONG", f"no such {column}: of frames {frame_list(bad)}"
+        if not np.array_equal(record.column("frame"), np.arange(record.frames)):
+            return "WRONG", "the frames aren't numbered one after the other"
+        for column in ("exposure_asked", "wavelength_asked"):
+            if bad := _where(~_is_positive(record.column(column))):
+                return "WRONG", f"no {column}: of frames {frame_list(bad)}"
+        return "ok", f"{known['target']} targets, {known['pattern']} patterns"
+
+    def _frames(self) -> Said:
+        """Whether every planned frame is stored."""
+        record = self._record
+        self._found.not_stored = missing = record.not_stored()
+        if not missing:
+            return "ok", f"all {record.frames} are stored"
+        detail = f"{len(missing)} of {record.frames} were never stored: {frame_list(missing)}"
+        return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
+
+    def _checksums(self) -> Said:
+        """Whether every stored frame reads back as it was."""
+        stored = self._stored()
+        sums = self._record.column("checksum")
+        damaged = []
+        for done, index in enumerate(stored):
+            self.progress.report(done / len(stored), f"read frame {index} back")
+            if not self._record.reads_back(index, sums[index]):
+                damaged.append(index)
+        self._found.damaged = damaged
+        if damaged:
+            return "WRONG", f"{len(damaged)} frames don't read back: {frame_list(damaged)}"
+        return "ok", f"{len(stored)} stored frames read back as they were"
+
+    def _patterns(self) -> Said:
+        """Whether the patterns are those that were shown."""
+        record = self._record
+        if changed := record.changed_patterns():
+            return "WRONG", f"not as they were shown: {', '.join(changed)}"
+        return "ok", f"{len(record.pattern_names)} patterns are as they were shown"
+
+    def _settings(self) -> Said:
+        """Whether the frames were taken with the settings that the plan asks for."""
+        record, stored = self._record, self._stored()
+        for name, step, share, scale, unit in _KEPT:
+            used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
+            # What is no number is wrong, too.
+            if bad := _where(~(np.abs(used - asked) <= np.maximum(step, share * asked))):
+                first = f"{used[bad[0]] * scale:g} instead of {asked[bad[0]] * scale:g} {unit}"
+                return "WRONG", f"{name} of frames {frame_list(stored[i] for i in bad)}: {first}"
+        if bad := _where(~_is_positive(record.column("gain")[stored])):
+            return "WRONG", f"no gain: of frames {frame_list(stored[i] for i in bad)}"
+        return "ok", "exposures and wavelengths are those asked for"
+
+    def _camera(self) -> Said:
+        """Whether times, attempts and the camera's count can be what a run leaves."""
+        record, stored = self._record, self._stored()
+        for name in ("time", "timestamp", "attempts"):
+            values = record.column(name)[stored]
+            # The bench's clock begins with 0.
+            is_good = _is_positive(values) | ((values == 0) & (name == "time"))
+            if bad := _where(~is_good):
+                return "WRONG", f"no {name}: of frames {frame_list(stored[i] for i in bad)}"
+        return self._in_order(stored)
+
+    def _in_order(self, stored: list[int]) -> Said:
+        """Whether times and counts rise as often anew as the log can explain.
+
+        Every sitting, the run or a resumption of it, takes its frames in the order of the
+        plan, with a clock that rises and a camera that counts from anew. So the frames must
+        be so many rising rows at most, woven into each other. A failed attempt may have
+        opened the camera again, too.
+        """
+        record = self._record
+        lines = [text for _, text in record.log]
+        resumed = sum(text.startswith("resumed:") for text in lines)
+        failed = sum(bool(re.match(r"frame \d+, attempt \d+ of ", text)) for text in lines)
+        times, numbers = record.column("time")[stored], record.column("number")[stored]
+        said = f"{resumed} resumptions, {failed} failed attempts"
+        if len(lines) >= layout.log_rows(record.frames):
+            return "ok", f"not compared with the log, which is full ({said})"
+        if _rising_rows(times.tolist()) > 1 + resumed:
+            return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
+        if _rising_rows(numbers.tolist()) > 1 + resumed + failed:
+            return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
+        ends = times + record.column("exposure")[stored]
+        if not resumed and np.any(times[1:] < ends[:-1] - _OVERLAP):
+            return "WRONG", "exposures begin before the last one has ended"
+        return "ok", f"times and the camera's count rise ({said})"
+
+    def _state(self) -> Said:
+        """Whether the record says of itself what is so."""
+        record, found = self._record, self._found
+        found.state = state = record.state
+        if state is State.COMPLETE and found.not_stored:
+            return "WRONG", f"COMPLETE, and yet {len(found.not_stored)} frames are missing"
+        if state in ENDED:
+            ended = datetime.fromisoformat(record.end_time)
+            detail = f"{state}, ended {ended:%Y-%m-%d %H:%M}"
+            if state is State.COMPLETE:
+                return "ok", detail
+            return "unfinished", f"{detail}: {record.message}"
+        writer = json.loads(record.writer)
+        who = f"process {writer['pid']} on {writer['host']}"
+        if state is State.INTERRUPTED:
+            return "unfinished", f"INTERRUPTED: {who} wrote it, and is gone without a word"
+        found.live = True
+        if writer["host"] != socket.gethostname():
+            return "unfinished", f"{state}: {who} writes it, or died; only there that shows"
+        return "unfinished", f"{state}: {who} writes it"
+
+    def _pictures(self) -> Said:
+        """Whether a resumption finds the scene that the run was begun with."""
+        known = self._record.pictures
+        if not known:
+            return "ok", "the scene has none"
+        now = {file: digest(Path(file)) for file in known}
+        gone = [file for file, found in now.items() if not found]
+        changed = [file for file, found in now.items() if found and found != known[file]]
+        if not gone and not changed:
+            return "ok", f"{len(known)} are as they were"
+        told = [f"gone: {', '.join(gone)}"] * bool(gone)
+        told += [f"changed: {', '.join(changed)}"] * bool(changed)
+        if self._found.state is State.COMPLETE:
+            # A record is whole without them.
+            return "note", f"{'; '.join(told)}; the run can't be repeated exactly"
+        return "unfinished", f"{'; '.join(told)}; put them back before you resume"
+
+    def _stored(self) -> list[int]:
+        return _where(self._record.column("stored") != 0)
+
+
+def _where(condition: NDArray[np.bool_]) -> list[int]:
+    return [int(index) for index in np.flatnonzero(condition)]
+
+
+def _is_positive(values: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.isfinite(values) & (values > 0)
+
+
+def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
+    return values.dtype == dtype and values.shape == (frames,)
+
+
+def _is_axis(places: NDArray[Any], size: int) -> bool:
+    """Whether places are as far apart as each other, with 0 in the middle."""
+    steps = np.diff(places)
+    if places.shape != (size,) or places[size // 2] != 0:
+        return False
+    return steps.size == 0 or bool(steps[0] > 0 and np.allclose(steps, steps[0], 1e-6, 0))
+
+
+def _rising_rows(values: Iterable[float]) -> int:
+    """The least number of strictly rising rows that a sequence can be woven from."""
+    ends: list[float] = []
+    for value in values:
+        # On the row that ends highest below it; there is no better place for it.
+        place = bisect_left(ends, value) - 1
+        if place < 0:
+            ends.insert(0, value)
+        else:
+            ends[place] = value
+    return len(ends)
+
+
+def _detail(path: Path, error: UserError) -> str:
+    return _printable(str(error).removeprefix(f"{path}: "))
+
+
+def _printable(text: str) -> str:
+    """Damaged text holds anything, and a terminal obeys some of it."""
+    return "".join(one if one.isprintable() else " " for one in text)
+
+
+def _answer(path: Path, patience: int) -> None:
+    """Print the progress of all checks, and what they found."""
+
+    def tell(data: dict[str, Any]) -> None:
+        # The clock is wound up again; when it runs down, the system ends this process, even
+        # if that is lost in HDF5.
+        signal.alarm(patience)
+        print(json.dumps(data), flush=True)
+
+    progress = Progress(lambda share, message: tell({"share": share, "message": message}))
+    progress.report(0.0, "open the record")
+    tell({"found": asdict(check_record(path, progress))})
+
+
+if __name__ == "__main__":
+    _answer(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,106 @@
+"""Where everything is in a record, and why it can be trusted.
+
+/entry (NXentry)
+    title, definition, seed, start_time, expected_seconds      scalars
+    clock            "real", or "virtual" where time moves as the plan says
+    end_time, state, message, writer   (1,)  see labapp.runs.state; why it ended as it
+                     did; who writes: host, process, start of the process (JSON)
+    plan, bench, scene, faults, versions                       as run (JSON)
+    effect_plan      what the simulator decided (JSON, null for a real bench): "effects", what
+                     they are, by name; "plans", one for each different target, pattern,
+                     wavelength and exposure. Older records have one by "pattern, wavelength"
+    pictures         SHA-256 of the simulated scene's picture files (JSON)
+    instrument (NXinstrument) slm, filter, camera, targets: model, serial, simulated
+    data (NXdata), one row a planned frame, axes frame, y, x
+        images       (n, rows, columns) uint16, raw digital numbers
+        y, x         metres on the sensor, origin at n // 2
+        frame, step, repeat, role, target, pattern, slot       as planned
+        exposure, exposure_asked, wavelength, wavelength_asked, gain
+        time         bench clock at which the exposure began; on a virtual bench the
+                     plan's moment, which no retry and no resumption changes
+        timestamp    wall clock at which the frame was stored, seconds since 1970
+        number       the camera's own count; attempts: how often it was tried
+        checksum     CRC-32 of the image's bytes
+        stored       1 once the frame is on disk: only then was it acknowledged
+    patterns/images  (p, rows, columns) uint8, as shown, frames of videos one by one
+    patterns/names, first, frames, frame_time, sha256      of each pattern: where its frames
+                     begin, how many there are, seconds that each stands (0: a still)
+    targets/names
+    log              time (bench clock) and text of what happened
+
+`target` and `pattern` are indices into the names, `role` into ROLES; slot 0 is a tunable
+filter. All datasets are contiguous, made and allocated before the first frame. HDF5 itself
+never writes again: the writer puts values at their known places in the file. Readers, in SWMR
+mode or not, may open it at any time and find it whole; a killed writer can't leave its
+structure half-written, and a full disk harms no more than the frame that it stopped.
+"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+
+from labapp.files.plan_file import Role
+
+FORMAT = 2
+
+ENTRY = "entry"
+DATA = "entry/data"
+PATTERNS = "entry/patterns"
+
+AXES = ("frame", "y", "x")
+
+ROLES: tuple[Role, ...] = get_args(Role)
+
+PLANNED: dict[str, np.dtype] = {
+    "frame": np.dtype("u4"),
+    "step": np.dtype("u4"),
+    "repeat": np.dtype("u4"),
+    "role": np.dtype("u1"),
+    "target": np.dtype("u2"),
+    "pattern": np.dtype("u2"),
+    "slot": np.dtype("u2"),
+    "exposure_asked": np.dtype("f8"),
+    "wavelength_asked": np.dtype("f8"),
+}
+"""Columns that are known before the first frame."""
+
+MEASURED: dict[str, np.dtype] = {
+    "exposure": np.dtype("f8"),
+    "wavelength": np.dtype("f8"),
+    "gain": np.dtype("f8"),
+    "time": np.dtype("f8"),
+    "timestamp": np.dtype("f8"),
+    "number": np.dtype("u8"),
+    "attempts": np.dtype("u2"),
+    "checksum": np.dtype("u4"),
+    "stored": np.dtype("u1"),
+}
+"""Columns that come with each frame."""
+
+UNSEEDED = ("timestamp", "number", "attempts")
+"""Columns that the seed does not decide."""
+
+UNITS = {
+    "exposure": "s",
+    "exposure_asked": "s",
+    "wavelength": "m",
+    "wavelength_asked": "m",
+    "gain": "electron/DN",
+    "time": "s",
+    "timestamp": "s",
+    "y": "m",
+    "x": "m",
+}
+
+LOG_ROW = np.dtype([("time", "f8"), ("text", "S200")])
+STATE = np.dtype("S16")
+MESSAGE = np.dtype("S800")
+WRITER = np.dtype("S400")
+WHEN = np.dtype("S40")
+
+
+def log_rows(frames: int) -> int:
+    """Room in the log for a run of this many frames, with some trouble and resumptions."""
+    return 256 + 6 * frames

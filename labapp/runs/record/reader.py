@@ -1,0 +1,304 @@
+"""Reading a record, also while it is written and after its writer was killed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import checksum
+from labapp.common.errors import UserError
+from labapp.files.bench_file import BenchFile
+from labapp.files.finding import require_file
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.files.scene_file import SceneFile
+from labapp.runs.record import layout, process
+from labapp.runs.state import ENDED, State
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+_BROKEN = (KeyError, OSError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
+"""What h5py raises, and what decoding raises, where a file is damaged."""
+
+
+class Record:
+    """A record opened for reading; a context manager.
+
+    UserError if the file isn't a record of this application; every property and method
+    raises it where the file is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        require_file(path)
+        try:
+            self._file = h5py.File(path, "r")
+        except (OSError, RuntimeError) as error:
+            raise UserError(f"{path}: {_why_closed(path, error)}") from error
+        try:
+            with self._reading("labapp_format"):
+                written = self._file.attrs.get("labapp_format")
+        except UserError:
+            self.close()
+            raise
+        if written != layout.FORMAT:
+            self.close()
+            raise UserError(
+                f"{path}: is not a record of format {layout.FORMAT} (found {written}). "
+                "Give a record that `labapp run` or `labapp demo` wrote."
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._file.close()
+
+    @property
+    def state(self) -> State:
+        """As written; INTERRUPTED if it was running and its writer is gone."""
+        with self._reading("entry/state"):
+            written = State(self._read("entry/state")[0].decode())
+        with self._reading("entry/writer"):
+            gone = written not in ENDED and not process.is_alive(self.writer)
+        return State.INTERRUPTED if gone else written
+
+    @property
+    def writer(self) -> str:
+        """Who wrote last: host, process, start of the process, as JSON."""
+        with self._reading("entry/writer"):
+            return self._read("entry/writer")[0].decode()
+
+    @property
+    def message(self) -> str:
+        return self._read("entry/message")[0].decode(errors="replace")
+
+    @property
+    def plan(self) -> PlanFile:
+        return validate(self._json("plan"), PlanFile, f"{self.path}: plan")
+
+    @property
+    def bench(self) -> BenchFile:
+        return validate(self._json("bench"), BenchFile, f"{self.path}: bench")
+
+    @property
+    def scene(self) -> SceneFile | None:
+        """The scene before simulated devices, None for a real one."""
+        data = self._json("scene")
+        return None if data is None else validate(data, SceneFile, f"{self.path}: scene")
+
+    @property
+    def effect_plan(self) -> dict[str, Any] | None:
+        return self._json("effect_plan")
+
+    @property
+    def versions(self) -> dict[str, str]:
+        return self._json("versions")
+
+    @property
+    def devices(self) -> dict[str, dict[str, Any]]:
+        with self._reading("entry/instrument"):
+            return {
+                name: {
+                    "model": device["model"][()].decode(),
+                    "serial": device["serial"][()].decode(),
+                    "simulated": bool(device["simulated"][()]),
+                }
+                for name, device in self._file["entry/instrument"].items()
+            }
+
+    @property
+    def simulated(self) -> list[str]:
+        return [name for name, device in self.devices.items() if device["simulated"]]
+
+    def text(self, name: str) -> str:
+        """A scalar string of the entry: title, start_time, plan, ..."""
+        with self._reading(f"entry/{name}"):
+            return self._read(f"entry/{name}").decode()
+
+    @property
+    def end_time(self) -> str:
+        with self._reading("entry/end_time"):
+            return self._read("entry/end_time")[0].decode()
+
+    @property
+    def seed(self) -> int:
+        return int(self._read("entry/seed"))
+
+    @property
+    def target_names(self) -> list[str]:
+        return self._texts("entry/targets/names")
+
+    @property
+    def pattern_names(self) -> list[str]:
+        return self._texts(f"{layout.PATTERNS}/names")
+
+    def changed_patterns(self) -> list[str]:
+        """Names of the patterns that aren't as they were when the run began, by SHA-256."""
+        names = self.pattern_names
+        known = dict(zip(names, self._texts(f"{layout.PATTERNS}/sha256"), strict=False))
+        return [
+            name
+            for name in names
+            if sha256(self.pattern(name).tobytes()).hexdigest() != known.get(name)
+        ]
+
+    def patterns(self) -> dict[str, NDArray[np.uint8]]:
+        """All patterns by name; UserError if one isn't as it was shown."""
+        if changed := self.changed_patterns():
+            raise UserError(
+                f"{self.path}: the pattern {changed[0]!r} isn't as it was shown: the file is "
+                "damaged. Run its plan again."
+            )
+        return {name: self.pattern(name) for name in self.pattern_names}
+
+    def pattern(self, name: str) -> NDArray[np.uint8]:
+        """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
+        index = self.pattern_names.index(name)
+        with self._reading(layout.PATTERNS):
+            group = self._file[layout.PATTERNS]
+            first, count = int(group["first"][index]), int(group["frames"][index])
+            frames = group["images"][first : first + count]
+            return frames if group["frame_time"][index] else frames[0]
+
+    @property
+    def expected_seconds(self) -> float:
+        """Of bench time, settling included, if nothing goes wrong."""
+        return float(self._read("entry/expected_seconds"))
+
+    @property
+    def faults(self) -> list[dict[str, Any]]:
+        """The faults that a virtual bench was asked to have."""
+        return self._json("faults")
+
+    @property
+    def pictures(self) -> dict[str, str]:
+        """SHA-256 of the picture files of a simulated scene, by path."""
+        return self._json("pictures")
+
+    def column(self, name: str) -> NDArray[Any]:
+        """One value a planned frame; see labapp.runs.record.layout."""
+        return self._read(f"{layout.DATA}/{name}")
+
+    def image(self, index: int) -> NDArray[np.uint16]:
+        return self._read(f"{layout.DATA}/images", index)
+
+    @property
+    def frames(self) -> int:
+        with self._reading(f"{layout.DATA}/images"):
+            return int(self._file[f"{layout.DATA}/images"].shape[0])
+
+    @property
+    def log(self) -> list[tuple[float, str]]:
+        rows = self._read("entry/log")
+        with self._reading("entry/log"):
+            lines = [(float(r["time"]), r["text"]) for r in rows if r["text"]]
+        return [(time, text.decode(errors="replace")) for time, text in lines]
+
+    def not_stored(self) -> list[int]:
+        """Indices of planned frames that were never acknowledged."""
+        return np.flatnonzero(self.column("stored") == 0).tolist()
+
+    def missing(self) -> list[int]:
+        """Indices of planned frames that aren't stored, or don't read back as they were."""
+        stored, sums = self.column("stored"), self.column("checksum")
+        return [
+            index
+            for index in range(self.frames)
+            if not stored[index] or not self.reads_back(index, sums[index])
+        ]
+
+    def reads_back(self, index: int, known: int) -> bool:
+        """Whether a frame is in the file, with the checksum that it was stored with."""
+        try:
+            return checksum(self.image(index)) == known
+        except UserError:
+            return False
+
+    def select(self, **wanted: Any) -> list[int]:
+        """Indices of stored frames by target, pattern, exposure_asked, wavelength_asked."""
+        names = {"target": self.target_names, "pattern": self.pattern_names}
+        keep = self.column("stored").astype(bool)
+        for column, value in wanted.items():
+            known = names.get(column)
+            if known is not None:
+                if value not in known:
+                    return []
+                value = known.index(value)
+            keep &= self.column(column) == value
+        return np.flatnonzero(keep).tolist()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Every array of the record that plan, seed and bench decide, by its path.
+
+        What differs from run to run of the same plan is left out: wall-clock times, log,
+        the camera's own count, how often a frame was tried.
+        """
+        found: dict[str, NDArray[Any]] = {}
+
+        def collect(path: str, item: Any) -> None:
+            group, _, name = path.rpartition("/")
+            decided = group != layout.ENTRY and name not in layout.UNSEEDED
+            if isinstance(item, h5py.Dataset) and item.shape and decided:
+                found[path] = item[()]
+
+        self._file.visititems(collect)
+        return found
+
+    def _read(self, name: str, rows: Any = ()) -> Any:
+        """The values of a dataset by its path, or some rows of it."""
+        with self._reading(name):
+            return self._file[name][rows]
+
+    def _texts(self, name: str) -> list[str]:
+        with self._reading(name):
+            return [text.decode() for text in self._read(name)]
+
+    def _json(self, name: str) -> Any:
+        with self._reading(f"entry/{name}"):
+            return json.loads(self.text(name))
+
+    @contextmanager
+    def _reading(self, name: str) -> Iterator[None]:
+        """UserError that names a part of the file, if reading it fails."""
+        try:
+            yield
+        except _BROKEN as error:
+            raise UserError(
+                f"{self.path}: is damaged: {name} is missing or can't be read. "
+                "Restore the file from a copy."
+            ) from error
+
+
+def _why_closed(path: Path, error: Exception) -> str:
+    """Why HDF5 doesn't open a file, and what to do."""
+    if isinstance(error, PermissionError):
+        return "may not be read. Ask its owner, or copy it."
+    with path.open("rb") as file:
+        if file.read(len(_SIGNATURE)) != _SIGNATURE:
+            return "is not an HDF5 file, or has lost its beginning. Give a record of a run."
+    sizes = re.search(r"truncated file: eof = (\d+),.*stored_eof = (\d+)", str(error))
+    if sizes:
+        there, full = sizes.groups()
+        return f"is cut short: {there} of {full} bytes are there. Restore it from a copy."
+    return f"is damaged: HDF5 can't open it ({error}). Restore it from a copy."
+
+
+def digest(file: Path) -> str:
+    """SHA-256 of a file in hexadecimals; empty if it can't be read."""
+    try:
+        return sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""

@@ -1,0 +1,166 @@
+"""Writing a record: frame by frame, each on disk before it is acknowledged."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import struct
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from drivers.interfaces import Frame, checksum
+from labapp.common.errors import UserError
+from labapp.runs.record import layout, process
+from labapp.runs.record.making import now
+from labapp.runs.state import ENDED, State
+from labapp.runs.steps import Shot
+
+_ENTRY_FIELDS = ("state", "message", "end_time", "writer", "log")
+
+_HEADER = 1
+"""Bytes at the end of the address space that are locked: none that anybody reads."""
+
+
+class CorruptFrame(Exception):
+    """A picture isn't the one that left the camera."""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a dataset lies in the file: rows of a type, from an offset in bytes on."""
+
+    offset: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+    @property
+    def row_bytes(self) -> int:
+        return int(np.prod(self.shape[1:], dtype=np.int64)) * self.dtype.itemsize
+
+
+class RecordWriter:
+    """A record that exists, opened to be written; a context manager.
+
+    HDF5 tells where each dataset lies, and is done with; see labapp.runs.record.layout. UserError
+    if another process writes the record.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with h5py.File(path, "r") as file:
+            names = [*(f"{layout.ENTRY}/{name}" for name in _ENTRY_FIELDS)]
+            names += [f"{layout.DATA}/{name}" for name in ("images", *layout.MEASURED)]
+            self._places = {name.rpartition("/")[2]: _place(file[name]) for name in names}
+            written = np.flatnonzero(file["entry/log"]["text"] != b"")
+        self._log_length = int(written[-1]) + 1 if len(written) else 0
+        self._beside = ThreadPoolExecutor(1, "checksum")
+        self._handle = -1
+        self._open()
+        self._put("writer", 0, process.me().encode())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._beside.shutdown()
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+    def reopen(self) -> None:
+        """Begin anew after the disk has refused: a handle that failed is not trusted again."""
+        os.close(self._handle)
+        self._handle = -1
+        self._open()
+
+    def store(
+        self, shot: Shot, frame: Frame, wavelength: float, *, moment: float, attempts: int = 1
+    ) -> None:
+        """Put a frame on disk; when this returns, it survives the end of this process.
+
+        moment: the `time` to keep. CorruptFrame if the picture isn't the one that left the
+        camera, OSError if the disk takes it not; the frame doesn't count as stored then.
+        """
+        image = np.ascontiguousarray(frame.image, dtype=self._places["images"].dtype)
+        if image.shape != self._places["images"].shape[1:]:
+            raise CorruptFrame(f"it has {image.shape} pixels")
+        # The checksum is computed while the picture is on its way to the disk.
+        summed = self._beside.submit(checksum, image)
+        self._write("images", shot.index, image.data.cast("B"))
+        found = summed.result()
+        if frame.checksum is not None and found != frame.checksum:
+            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {frame.checksum:08x}")
+        values = {
+            "exposure": frame.exposure,
+            "wavelength": wavelength,
+            "gain": frame.gain,
+            "time": moment,
+            "timestamp": time.time(),
+            "number": frame.number,
+            "attempts": attempts,
+            "checksum": found,
+        }
+        for name, value in values.items():
+            self._put(name, shot.index, value)
+        self._put("stored", shot.index, 1)
+
+    def read_back(self, index: int) -> bool:
+        """Whether a stored frame is in the file as it was given."""
+        place = self._places["images"]
+        data = os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
+        if len(data) < place.row_bytes:
+            return False
+        return checksum(np.frombuffer(data, place.dtype)) == self._get("checksum", index)
+
+    def log(self, time_: float, text: str) -> None:
+        """Add a line to the log; when the log is full, its last line is overwritten."""
+        row = min(self._log_length, self._places["log"].shape[0] - 1)
+        self._put("log", row, (time_, text.encode()[:200]))
+        self._log_length += 1
+
+    def set_state(self, state: State, message: str = "") -> None:
+        """Write how the run stands, and why; a state that ends it comes with the time."""
+        self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
+        self._put("end_time", 0, now().encode() if state in ENDED else b"")
+        self._put("state", 0, state.value.encode())
+
+    def _open(self) -> None:
+        self._handle = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            # Of the open file, not of the process, and not in the way of HDF5's own locks.
+            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, _HEADER, 0)
+            fcntl.fcntl(self._handle, fcntl.F_OFD_SETLK, lock)
+        except OSError as error:
+            self.close()
+            raise UserError(
+                f"{self.path}: is being written by another process. Wait for it to end."
+            ) from error
+
+    def _put(self, name: str, row: int, value: Any) -> None:
+        place = self._places[name]
+        self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
+
+    def _get(self, name: str, row: int) -> Any:
+        place = self._places[name]
+        data = os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
+        return np.frombuffer(data, place.dtype)[0]
+
+    def _write(self, name: str, row: int, data: memoryview) -> None:
+        place = self._places[name]
+        offset = place.offset + row * place.row_bytes
+        while data:
+            written = os.pwrite(self._handle, data, offset)
+            data, offset = data[written:], offset + written
+
+
+def _place(dataset: h5py.Dataset) -> _Place:
+    return _Place(dataset.id.get_offset(), dataset.shape, dataset.dtype)
