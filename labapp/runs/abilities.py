@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from labapp.bench.opening import Bench
+from labapp.runs.bench import Bench
 
 
 @dataclass(frozen=True)

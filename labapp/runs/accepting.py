@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.interfaces import Frame
-from labapp.bench.opening import Bench
+from labapp.runs.bench import Bench
 from labapp.runs.steps import Shot
 
 EXPOSURE_STEP = (20e-6, 0.02)

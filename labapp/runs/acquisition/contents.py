@@ -8,10 +8,10 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.bench.opening import Bench
 from labapp.files.plan_file import PlanFile
 from labapp.runs.abilities import Abilities
 from labapp.runs.acquisition.effects import effect_plans
+from labapp.runs.bench import Bench
 from labapp.runs.record.making import Contents
 from labapp.runs.record.reader import digest
 from labapp.runs.steps import Shot

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
+from labapp.runs.bench import Bench
 from labapp.runs.steps import Shot
-from simulator.planning import Decision, EffectPlan
-from simulator.world import World
+
+if TYPE_CHECKING:
+    from simulator.planning import Decision, EffectPlan
+    from simulator.world import World
 
 _KEPT = ("effect", "level", "on", "relative", "estimate", "work", "why", "forced")
 """Of a decision; what is the same in all plans is told once."""

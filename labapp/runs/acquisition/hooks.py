@@ -7,9 +7,9 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from drivers.interfaces import Frame
-from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.runs.bench import Bench
 from labapp.runs.steps import Shot
 
 GROUP = "labapp.hooks"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
@@ -14,6 +13,7 @@ from labapp.runs.abilities import Abilities
 from labapp.runs.acquisition.checking import checked_shots, expect
 from labapp.runs.acquisition.runner import Outcome, run_plan
 from labapp.runs.acquisition.taking import Ask
+from labapp.runs.bench import Bench
 from labapp.runs.state import State
 from optics.progress import Progress
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.abilities import Abilities
 from labapp.runs.acquisition.checking import checked_shots, expect
 from labapp.runs.acquisition.contents import contents_of
@@ -19,6 +17,7 @@ from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.keeping import require_space
 from labapp.runs.acquisition.taking import Ask
 from labapp.runs.acquisition.under_way import OnFrame, Outcome, RunUnderWay
+from labapp.runs.bench import Bench
 from labapp.runs.record.making import make
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import Shot
@@ -59,6 +58,8 @@ def run_plan(
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
     _require_person(ask, expected.prompts)
+    from labapp.patterns.grey_levels import compute_patterns
+
     hooks = Hooks.of(plan, bench)
     with watch.stage("compute patterns"):
         part = progress.part(0, _PATTERNS_SHARE)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
-from labapp.bench.opening import Bench
 from labapp.files.plan_file import Retry
 from labapp.runs.accepting import Stood, require_honest
 from labapp.runs.acquisition.checking import prompt
+from labapp.runs.bench import Bench
 from labapp.runs.record.writer import CorruptFrame
 from labapp.runs.steps import Shot
 from optics.progress import Progress

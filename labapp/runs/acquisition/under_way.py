@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame
-from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.keeping import Keeper
 from labapp.runs.acquisition.lookout import Lookout
 from labapp.runs.acquisition.taking import Ask, Taker
+from labapp.runs.bench import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter

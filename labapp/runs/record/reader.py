@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import h5py
 import numpy as np
@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import checksum
 from labapp.common.errors import UserError
-from labapp.files.bench_file import BenchFile
 from labapp.files.finding import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.files.scene_file import SceneFile
 from labapp.runs.record import layout, process
 from labapp.runs.state import ENDED, State
+
+if TYPE_CHECKING:
+    # Loaded where somebody asks for them: they know all devices, lenses and scenes.
+    from labapp.files.bench_file import BenchFile
+    from labapp.files.scene_file import SceneFile
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -91,11 +94,15 @@ class Record:
 
     @property
     def bench(self) -> BenchFile:
+        from labapp.files.bench_file import BenchFile
+
         return validate(self._json("bench"), BenchFile, f"{self.path}: bench")
 
     @property
     def scene(self) -> SceneFile | None:
         """The scene before simulated devices, None for a real one."""
+        from labapp.files.scene_file import SceneFile
+
         data = self._json("scene")
         return None if data is None else validate(data, SceneFile, f"{self.path}: scene")
 
