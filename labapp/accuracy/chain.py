@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.accuracy.asked import require_pattern
-from labapp.accuracy.command import print_rows, write_measured
+from labapp.accuracy.command import show_measured
 from labapp.accuracy.references.chain_psf import ChainProblem
 from labapp.accuracy.rows import Candidate, Row, measure, refuse
 from labapp.common.console import watched
@@ -163,8 +163,8 @@ def _to_tolerance(
 
 
 @single_threaded
-def accuracy_chain(case: ChainCase, *, memory: int, data: Path | None, plot: Path | None) -> None:
-    """Measure every method for a case, print the table, and write rows and plot if asked.
+def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
+    """Measure every method for a case, print table or rows, and draw the plot if asked.
 
     memory: bytes that each method may use.
     """
@@ -176,5 +176,4 @@ def accuracy_chain(case: ChainCase, *, memory: int, data: Path | None, plot: Pat
         progress.report(0.3, "planning")
         found = list(candidates(case, reference, budget))
         measured = measure(found, truth, progress.part(0.3, 1.0))
-    print_rows("Chain", case.name, measured.rows)
-    write_measured(case.name, measured, data, plot)
+    show_measured("Chain", case.name, measured, as_json, plot)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from rich.console import Console
 
 from labapp.accuracy.comparing import (
     LESS_ACCURATE,
@@ -20,8 +21,8 @@ from labapp.accuracy.comparing import (
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import machine, write_plot, write_rows
-from labapp.common.console import out, table, watched
+from labapp.accuracy.writing import machine, print_data, write_plot
+from labapp.common.console import err, out, table, watched
 from labapp.common.speed import machine_speed
 from labapp.light.asked import Case
 from optics.accuracy import Budget
@@ -34,11 +35,11 @@ def accuracy_psf(
     case: Case,
     *,
     peers: bool,
-    data: Path | None,
+    as_json: bool,
     plot: Path | None,
     compare: str | None,
 ) -> None:
-    """Measure every method for a case, print the table, and write rows and plot if asked.
+    """Measure every method for a case, print table or rows, and draw the plot if asked.
 
     Ends with exit code 1 if a point is worse than the stored one that it is compared with.
     """
@@ -51,10 +52,9 @@ def accuracy_psf(
         found += [one for adapter in adapters for one in adapter(case)]
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
         worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
-    print_rows("PSF", case.name, measured.rows)
-    write_measured(case.name, measured, data, plot)
+    show_measured("PSF", case.name, measured, as_json, plot)
     if stored is not None:
-        _tell(worse, require_known(measured.rows, stored), stored)
+        _tell(worse, require_known(measured.rows, stored), stored, err if as_json else out)
 
 
 def _compared(measured: Measured, stored: Stored, progress: Progress) -> list[str]:
@@ -72,13 +72,13 @@ def _compared(measured: Measured, stored: Stored, progress: Progress) -> list[st
     return verdicts(rows, calibration_s, stored)
 
 
-def _tell(worse: list[str], count: int, stored: Stored) -> None:
+def _tell(worse: list[str], count: int, stored: Stored, where: Console) -> None:
     for line in worse:
-        out.print(f"worse than {stored.where}: {line}", markup=False)
+        where.print(f"worse than {stored.where}: {line}", markup=False)
     if worse:
         raise SystemExit(1)
     percent = 100 * SLOWER - 100
-    out.print(
+    where.print(
         f"{count} points compared with {stored.where}: none became {percent:.0f} % slower, "
         f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
     )
@@ -90,13 +90,18 @@ _SIZE = re.compile(r"\d+² ")
 _EVERYWHERE = ("pupil", "gray edge")
 
 
-def write_measured(name: str, measured: Measured, data: Path | None, plot: Path | None) -> None:
-    """Rows as JSON and the diagram as a picture, where there is a path for them."""
-    write_rows(data, measured.rows, calibration_s=measured.calibration_s)
+def show_measured(
+    what: str, name: str, measured: Measured, as_json: bool, plot: Path | None
+) -> None:
+    """The table of a diagram, or its rows as JSON; the diagram where there is a path for it."""
+    if as_json:
+        print_data(measured.rows, calibration_s=measured.calibration_s)
+    else:
+        _print_rows(what, name, measured.rows)
     write_plot(plot, lambda: draw(name, measured.rows))
 
 
-def print_rows(what: str, name: str, rows: list[Row]) -> None:
+def _print_rows(what: str, name: str, rows: list[Row]) -> None:
     """The table of a diagram: what of which case."""
     columns = ["method", "asked ", "achieved ", "predicted ", "CPU ms ", "MB ", ""]
     cells = [

@@ -30,7 +30,7 @@ class Stored:
 
 
 def read_stored(name: str) -> Stored:
-    """From a file that `--json` wrote, or "bundled"; UserError for anything else."""
+    """From a file of what `--json` printed, or "bundled"; UserError for anything else."""
     if name == "bundled":
         text = resources.files("labapp.data").joinpath("psf_front.json").read_text()
     else:
@@ -43,7 +43,7 @@ def read_stored(name: str) -> Stored:
         rows = {_key(row): row for row in found["rows"]}
         return Stored(rows, float(found["calibration_s"]), name)
     except (ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{name}: isn't a file that --json wrote.") from error
+        raise UserError(f"{name}: isn't what --json printed.") from error
 
 
 def _key(row: dict[str, Any]) -> _Key:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, write_plot, write_rows
+from labapp.accuracy.writing import machine, print_data, write_plot
 from labapp.common.console import out, table, watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -54,17 +54,19 @@ def accuracy_deconvolve(
     denoise: Denoise | None,
     *,
     peers: bool,
-    data: Path | None,
+    as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every method on a photograph, print the table, and write rows and plot if asked."""
+    """Measure every method on a photograph, print table or rows, and draw the plot if asked."""
     adapters = installed_peers("deconvolve") if peers else []
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
-    _print(case, rows)
-    write_rows(data, rows)
+    if as_json:
+        print_data(rows)
+    else:
+        _print(case, rows)
     write_plot(plot, lambda: draw(case, rows))
 
 

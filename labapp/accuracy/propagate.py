@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.accuracy.asked import require_way
-from labapp.accuracy.command import print_rows, write_measured
+from labapp.accuracy.command import show_measured
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.references.free_space import (
     CellLight,
@@ -220,10 +220,8 @@ def _to_tolerance(
 
 
 @single_threaded
-def accuracy_propagate(
-    case: FieldCase, *, peers: bool, data: Path | None, plot: Path | None
-) -> None:
-    """Measure every method for a case, print the table, and write rows and plot if asked."""
+def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
+    """Measure every method for a case, print table or rows, and draw the plot if asked."""
     adapters = installed_peers("propagate") if peers else []
     with watched() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
@@ -231,5 +229,4 @@ def accuracy_propagate(
         found = list(candidates(case, reference, budget))
         found += [one for adapter in adapters for one in adapter(case, reference.of)]
         measured = measure(found, reference.truth, progress.part(0.2, 1.0))
-    print_rows("Free space", case.name, measured.rows)
-    write_measured(case.name, measured, data, plot)
+    show_measured("Free space", case.name, measured, as_json, plot)

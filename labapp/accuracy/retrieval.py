@@ -12,7 +12,7 @@ import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, write_plot, write_rows
+from labapp.accuracy.writing import machine, print_data, write_plot
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import out, table, watched
 from labapp.common.speed import machine_speed
@@ -61,18 +61,20 @@ def accuracy_retrieval(
     *,
     frames: int,
     budget: float,
-    data: Path | None,
+    as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every method for a target, print the table, and write rows and plot if asked.
+    """Measure every method for a target, print table or rows, and draw the plot if asked.
 
     name: of the target, in words. budget: processor seconds that one setting may take.
     """
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
-    _print(name, rows)
-    write_rows(data, rows)
+    if as_json:
+        print_data(rows)
+    else:
+        _print(name, rows)
     write_plot(plot, lambda: draw(name, rows))
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-from labapp.accuracy.writing import machine, write_rows
+from labapp.accuracy.writing import machine, print_data
 from labapp.common.console import out, table, watched
 from labapp.light.simulating.asked import AskedPicture, stage, stage_of
 from labapp.light.simulating.everything import Deviation, Rendered, by_plan, with_everything
@@ -43,8 +42,8 @@ class SimulationRow:
 
 
 @single_threaded
-def accuracy_simulate(asked: AskedPicture, *, data: Path | None) -> None:
-    """Take one picture by five tolerances and with everything on, and print the table.
+def accuracy_simulate(asked: AskedPicture, *, as_json: bool) -> None:
+    """Take one picture by five tolerances and with everything on, and print table or rows.
 
     Without a bench, the bundled one with few pixels. Ends with exit code 1 if a tolerance isn't
     kept.
@@ -52,8 +51,10 @@ def accuracy_simulate(asked: AskedPicture, *, data: Path | None) -> None:
     with watched() as progress:
         s = _situation(asked, progress.part(0.0, 0.1))
         found = rows(s, progress.part(0.1, 1.0))
-    _print(s, found)
-    write_rows(data, found)
+    if as_json:
+        print_data(found)
+    else:
+        _print(s, found)
     if not all(row.kept for row in found):
         raise SystemExit(1)
 

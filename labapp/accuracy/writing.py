@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import platform
 from collections.abc import Callable, Sequence
@@ -13,17 +12,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from labapp.common.console import out
+from labapp.common.console import print_json, say
 from labapp.files.writing import write_whole
 
 
-def write_rows(data: Path | None, rows: Sequence[Any], **more: float) -> None:
-    """Dataclasses with the machine's name and what else there is, if there is a path for them."""
-    if data is None:
-        return
-    told = {"machine": machine(), **more, "rows": [asdict(row) for row in rows]}
-    write_whole(data, json.dumps(told, indent=2).encode())
-    out.print(f"wrote {data}")
+def print_data(rows: Sequence[Any], **more: float) -> None:
+    """Dataclasses as JSON, with the machine's name and what else there is."""
+    print_json({"machine": machine(), **more, "rows": [asdict(row) for row in rows]})
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
@@ -33,7 +28,7 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
     buffer = io.BytesIO()
     draw().savefig(buffer, format=plot.suffix.lstrip(".") or "png")
     write_whole(plot, buffer.getvalue())
-    out.print(f"wrote {plot}")
+    say(f"wrote {plot}")
 
 
 def machine() -> str:

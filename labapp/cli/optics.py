@@ -17,7 +17,6 @@ from labapp.cli.options import (
     JsonOption,
     PeersOption,
     PlotOption,
-    RowsOption,
     readable,
 )
 
@@ -98,7 +97,7 @@ def accuracy_() -> None:
 
 
 def _require_writable(*paths: Path | None, force: bool) -> None:
-    """UserError if rows or plot can't be written where they are asked for."""
+    """UserError if a plot can't be written where it is asked for."""
     from labapp.files.writing import require_all_writable
 
     require_all_writable(paths, force=force)
@@ -127,11 +126,11 @@ def accuracy_psf_(
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Rows stored with --json, or 'bundled': name points that became 20 % slower "
+            help="What --json printed, kept, or 'bundled': name points that became 20 % slower "
             "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
         ),
     ] = None,
-    json: RowsOption = None,
+    json: JsonOption = False,
     plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -141,11 +140,11 @@ def accuracy_psf_(
     defocus. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
-    _require_writable(json, plot, force=force)
+    _require_writable(plot, force=force)
     described = case()
     from labapp.accuracy.command import accuracy_psf
 
-    accuracy_psf(described, peers=peers, data=json, plot=plot, compare=compare)
+    accuracy_psf(described, peers=peers, as_json=json, plot=plot, compare=compare)
 
 
 @accuracy.command("propagate")
@@ -179,7 +178,7 @@ def accuracy_propagate_(
         bool, typer.Option("--paraxial", help="Fresnel's model, not a scalar wave.")
     ] = False,
     peers: PeersOption = False,
-    json: RowsOption = None,
+    json: JsonOption = False,
     plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -197,13 +196,13 @@ def accuracy_propagate_(
     require_way(light, distance, wavelength_nm * 1e-9)
     require_pitch("pitch-um", pitch_um)
     require_pitch("target-pitch-um", target_pitch_um)
-    _require_writable(json, plot, force=force)
+    _require_writable(plot, force=force)
     target = read_window(target_size, target_pitch_um * 1e-6, centre)
     source = read_window(size, pitch_um * 1e-6, "0,0")
     from labapp.accuracy.propagate import accuracy_propagate, asked_field
 
     case = asked_field(light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial)
-    accuracy_propagate(case, peers=peers, data=json, plot=plot)
+    accuracy_propagate(case, peers=peers, as_json=json, plot=plot)
 
 
 @accuracy.command("chain")
@@ -242,7 +241,7 @@ def accuracy_chain_(
         typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
     ] = False,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
-    json: RowsOption = None,
+    json: JsonOption = False,
     plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -263,7 +262,7 @@ def accuracy_chain_(
     require_pattern(pattern)
     if panel is not None:
         read_panel(panel)
-    _require_writable(json, plot, force=force)
+    _require_writable(plot, force=force)
     described = case()
     from labapp.accuracy.chain import accuracy_chain, asked_chain
 
@@ -275,7 +274,7 @@ def accuracy_chain_(
         field=off_axis,
         sphere=sphere,
     )
-    accuracy_chain(asked, memory=memory_mb * 1_000_000, data=json, plot=plot)
+    accuracy_chain(asked, memory=memory_mb * 1_000_000, as_json=json, plot=plot)
 
 
 @accuracy.command("retrieval")
@@ -295,7 +294,7 @@ def accuracy_retrieval_(
         float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
     ] = 10.0,
     bench: BenchOption = None,
-    json: RowsOption = None,
+    json: JsonOption = False,
     plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -308,11 +307,11 @@ def accuracy_retrieval_(
     from labapp.patterns.designing.kinds import read_psf
 
     spec = read_psf(target, keys or [], wavelength_nm, {})
-    _require_writable(json, plot, force=force)
+    _require_writable(plot, force=force)
     from labapp.accuracy.retrieval import accuracy_retrieval, asked_goal
 
     goal, name = asked_goal(spec, bench)
-    accuracy_retrieval(goal, name, frames=frames, budget=budget, data=json, plot=plot)
+    accuracy_retrieval(goal, name, frames=frames, budget=budget, as_json=json, plot=plot)
 
 
 @accuracy.command("deconvolve")
@@ -348,7 +347,7 @@ def accuracy_deconvolve_(
     ] = 512,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     peers: PeersOption = False,
-    json: RowsOption = None,
+    json: JsonOption = False,
     plot: PlotOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -361,10 +360,10 @@ def accuracy_deconvolve_(
     from labapp.accuracy.blur_names import require_blur
 
     require_blur(blur, border)
-    _require_writable(json, plot, force=force)
+    _require_writable(plot, force=force)
     from labapp.accuracy.blurs import asked_photograph
     from labapp.accuracy.deconvolve import accuracy_deconvolve
     from labapp.pictures.networks import packaged_denoiser
 
     case = asked_photograph(picture, blur, psf, noise, border, size, seed)
-    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, data=json, plot=plot)
+    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, as_json=json, plot=plot)

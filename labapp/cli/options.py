@@ -78,9 +78,6 @@ SpeedOption = Annotated[
 YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
-RowsOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the rows as JSON.")
-]
 PlotOption = Annotated[
     Path | None,
     typer.Option("--plot", metavar="FILE", help="Draw the rows against time (.png, .svg)."),

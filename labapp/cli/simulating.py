@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.optics import accuracy
-from labapp.cli.options import BenchOption, ForceOption, JsonOption, RowsOption, readable, scene_of
+from labapp.cli.options import BenchOption, ForceOption, JsonOption, readable, scene_of
 
 if TYPE_CHECKING:
     from labapp.light.simulating.asked import AskedPicture
@@ -148,8 +148,7 @@ def accuracy_simulate_(
     pattern: PatternOption = None,
     wavelength_nm: WavelengthOption = None,
     exposure_ms: ExposureOption = None,
-    json: RowsOption = None,
-    force: ForceOption = False,
+    json: JsonOption = False,
 ) -> None:
     """Measure what a tolerance costs a simulated picture, and whether it is kept.
 
@@ -157,10 +156,7 @@ def accuracy_simulate_(
     Errors are those of the mean picture, of the map of variances, and of that of standard
     deviations. Everything on takes minutes on a bench of full size: hence the few pixels.
     """
-    from labapp.files.writing import require_all_writable
-
-    require_all_writable((json,), force=force)
     from labapp.accuracy.simulate import accuracy_simulate
 
     asked = _asked(scene, bench, target, pattern, wavelength_nm, exposure_ms, None, None)
-    accuracy_simulate(asked, data=json)
+    accuracy_simulate(asked, as_json=json)

@@ -62,7 +62,7 @@ def test_files_of_another_case_or_kind_are_refused(tmp_path):
     with pytest.raises(UserError, match="has no row of this case; give the case's own options"):
         require_known([ROW], other)
     (tmp_path / "front.json").write_text("[1, 2]")
-    with pytest.raises(UserError, match="isn't a file that --json wrote"):
+    with pytest.raises(UserError, match="isn't what --json printed"):
         read_stored(str(tmp_path / "front.json"))
     with pytest.raises(UserError, match="cannot be read"):
         read_stored(str(tmp_path / "none.json"))
@@ -80,8 +80,9 @@ def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch
     monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
     front = tmp_path / "front.json"
     options = ["accuracy", "psf", "--size", "16", "--f-number", "32"]
-    assert labapp(*options, "--json", front)[0] == 0
-    found = json.loads(front.read_text())
+    code, printed, _ = labapp(*options, "--json")
+    assert code == 0
+    found = json.loads(printed)
     for row in found["rows"]:
         row["cpu_s"] = row["cpu_s"] and 100 * row["cpu_s"]
         row["error_achieved"] = row["error_achieved"] and 1.5 * row["error_achieved"]
@@ -89,6 +90,7 @@ def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch
     code, said, _ = labapp(*options, "--compare", front)
     assert code == 0
     assert "points compared" in said
+    assert "front" in said
     for row in found["rows"]:
         row["error_achieved"] = row["error_achieved"] and row["error_achieved"] / 1000
     front.write_text(json.dumps(found))

@@ -88,8 +88,7 @@ def test_a_bench_that_has_closed_gives_its_memory_back(small):
         [sys.executable, "-c", _RUNS, str(small.folder)], capture_output=True, text=True, check=True
     )
     page = resource.getpagesize()
-    # The first run has loaded what every run needs. A run keeps 150 MB while its bench is open.
+    # The first run has loaded what every run needs. A run keeps 150 MB while its bench is open;
+    # a third of it lost in each would show, and what threads leave of gaps doesn't.
     before, *after = (int(count) * page / 1e6 for count in done.stdout.split())
     assert max(after) < before + 50
-    # Threads take the heap's gaps as they come: two runs more were seen to differ by 18 MB.
-    assert after[2] < after[0] + 40
