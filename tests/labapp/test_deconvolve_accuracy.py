@@ -63,8 +63,8 @@ def test_peers_are_rows_too(labapp, picture):
     asked = ["--size", 40, "--blur", "disk of 3", "--peers"]
     code, printed, errors = labapp("accuracy", "deconvolve", picture, *asked)
     assert code == 0, errors
-    for method in ("as it is", *METHODS, "unsupervised_wiener"):
-        assert method in printed
+    for name in ("as it is", "wiener", "scikit-image", "front"):
+        assert name in printed
 
 
 @pytest.mark.parametrize("border", ["unknown", "periodic"])
