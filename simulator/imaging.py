@@ -110,10 +110,10 @@ class Imaging:
         picture = self._pictures.get(
             (s.target, s.camera, s.band, s.picture.shift), lambda: s.picture
         )
-        s.__dict__["picture"] = picture
+        s.facts.picture = picture
         shown = (s.shown.names, s.shown.frame_time)
         looked_at = (s.camera, shown, s.wavelength, picture.distances)
-        s.__dict__["pattern"] = self._patterns.get(
+        s.facts.pattern = self._patterns.get(
             looked_at,
             lambda: PatternProbe(s.camera, s.shown, s.wavelength, picture.distances, self._cache),
         )

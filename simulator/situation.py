@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field
-from functools import cached_property
+from typing import Any
 
 from optics.camera import Camera, Panel
 from optics.light.bands import Band
@@ -19,6 +20,19 @@ from simulator.shown import Shown
 
 _TO_SPARE = 1.05
 """Over the samples that resolve the finest fringe."""
+
+
+@dataclass(eq=False)
+class Facts:
+    """What was found of a situation, so that it is found once. It goes when the situation goes.
+
+    picture, pattern: None until somebody asks, or brings what is known from another situation.
+    answers: to all other questions, by what they follow from.
+    """
+
+    picture: PictureProbe | None = None
+    pattern: PatternProbe | None = None
+    answers: dict[Hashable, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +53,8 @@ class Situation:
     moment: float
     exposure: float
     path: PathEffect | None = None
-    numerics: float = field(default=1e-3)
+    numerics: float = 1e-3
+    facts: Facts = field(default_factory=Facts, init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", self.target.for_camera(self.camera))
@@ -60,17 +75,23 @@ class Situation:
         scale = self.camera.magnification(min(self.picture.distances))
         return math.hypot(*self.target.velocity) * scale * self.lasts
 
-    @cached_property
+    @property
     def picture(self) -> PictureProbe:
         """What is known of the target's picture without any blur."""
-        middle = self.exposure / 2
-        shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
-        return PictureProbe(self.target, self.camera, self.band, shift)
+        if self.facts.picture is None:
+            middle = self.exposure / 2
+            shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
+            self.facts.picture = PictureProbe(self.target, self.camera, self.band, shift)
+        return self.facts.picture
 
-    @cached_property
+    @property
     def pattern(self) -> PatternProbe:
         """What is known of the PSF of what is shown."""
-        return PatternProbe(self.camera, self.shown, self.wavelength, self.picture.distances)
+        if self.facts.pattern is None:
+            self.facts.pattern = PatternProbe(
+                self.camera, self.shown, self.wavelength, self.picture.distances
+            )
+        return self.facts.pattern
 
     @property
     def ideal_panel(self) -> Panel:

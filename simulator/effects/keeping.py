@@ -21,7 +21,7 @@ def once(
 
     @functools.wraps(find)
     def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
-        known = vars(s).setdefault("known", {})
+        known = s.facts.answers
         causes = (find, args, tuple(sorted(options.items())))
         if causes not in known:
             known[causes] = find(s, *args, **options)

@@ -100,7 +100,7 @@ def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach
     shown = Shown.of(grey, 1 / 60 if moves else math.inf)
     s = Situation(cam, Mount(), target, Band(WAVELENGTH, 7e-9), shown, moment, exposure)
     # What would be found when first asked for.
-    vars(s)["pattern"] = pattern
+    s.facts.pattern = pattern
     return s
 
 

@@ -17,6 +17,7 @@ from simulator.effects.read_noise import ReadNoise
 from simulator.effects.shot_noise import ShotNoise
 from simulator.probing.radial import RadialProfile
 from simulator.recipe import Recipe
+from simulator.situation import Facts
 
 EFFECTS = [DarkCurrent(), ShotNoise(), Clipping(), ReadNoise(), FixedPattern(), Quantisation()]
 BARE = Recipe(Panel(), 64, 1)
@@ -99,5 +100,5 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         "camera": Camera(sensor=one), "picture": probe, "exposure": exposure, "moment": 0.0,
         "lasts": span(one, exposure),
         "target": SimpleNamespace(lamp=None, moves=False, layers=()),
-        "shown": SimpleNamespace(moves=False),
+        "shown": SimpleNamespace(moves=False), "facts": Facts(),
     } | more)  # fmt: skip
