@@ -77,3 +77,9 @@ def test_a_panel_of_which_pixels_are_left_out_has_a_margin(across, factor, word)
     s = situation(camera=replace(CAMERA, panel=Panel((8, across), 8e-6)))
     assert margin(s) == factor
     assert told(s, "sums").startswith(word)
+
+
+def test_pixels_count_by_the_light_that_the_stop_lets_through():
+    half_open = Sampled(1, 1, torch.tensor([[1.0, 0.5]], dtype=torch.float64))
+    values = torch.tensor([[2.0, 6.0]], dtype=torch.float64)
+    assert half_open.mean(values) == pytest.approx((2 + 6 / 4) / (1 + 1 / 4))
