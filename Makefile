@@ -5,8 +5,8 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 OUT    ?= first-light
+# Tests wait for a third of their time: three workers keep two cores busy.
 WORKERS ?= 3
-# Tests wait for a third of their time, so that three workers keep two cores busy.
 
 APT    := xvfb libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libxcb-cursor0 \
           libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 \
