@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import platform
 from collections.abc import Callable, Sequence
@@ -17,8 +18,16 @@ from labapp.files.writing import write_whole
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
-    """Dataclasses as JSON, with the machine's name and what else there is."""
-    print_json({"machine": machine(), **more, "rows": [asdict(row) for row in rows]})
+    """Dataclasses as JSON, with the machine's name and what else there is.
+
+    JSON has no infinity: a number that isn't finite is null.
+    """
+    told = [{name: _finite(value) for name, value in asdict(row).items()} for row in rows]
+    print_json({"machine": machine(), **more, "rows": told})
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:

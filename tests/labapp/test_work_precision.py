@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.rows import Candidate, Row, mark_front, measure
+from labapp.accuracy.writing import print_data
 from optics.progress import Cancelled, Progress
 
 
@@ -80,3 +82,11 @@ def test_existing_files_are_kept(labapp, tmp_path):
     (tmp_path / "front.png").write_text("precious")
     code, _, said = labapp("accuracy", "psf", "--plot", tmp_path / "front.png")
     assert (code, "--force" in said) == (1, True)
+
+
+def test_an_error_without_a_number_is_null_and_the_other_rows_are_printed(capsys):
+    rows = [Row("psf", "a lens", name, "double", 1e-3, error) for name, error in
+            (("lost", math.inf), ("empty", math.nan), ("good", 1e-4))]  # fmt: skip
+    print_data(rows)
+    found = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["error_achieved"] for row in found] == [None, None, 1e-4]
