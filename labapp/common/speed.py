@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
@@ -31,6 +30,9 @@ from optics.threads import single_threaded
 _REPEATS = 5
 _SLOWNESS = np.linspace(1.2, 3.0, 19)
 
+_BUSY = 0.5
+"""Load for each processor from which others' work slows what is measured beside it."""
+
 
 class _Priced(Protocol):
     def cpu_seconds(self, speed: MachineSpeed) -> float: ...
@@ -46,13 +48,21 @@ class Job:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """This machine's speed: as kept, or else measured in a few seconds, and kept."""
-    kept = _read()
-    if kept is not None:
-        return kept
+    """This machine's speed: as kept, or else measured in a few seconds, and kept.
+
+    What was measured beside others' work is measured anew once there is half as much of it.
+    """
+    kept, load = _read(), _load()
+    if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
+        return kept[0]
     speed = fitted(timed(jobs(), progress or Progress()))
-    keep(speed)
+    keep(speed, load)
     return speed
+
+
+def _load() -> float:
+    """Processes that wanted to run in the last minute, for each processor."""
+    return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def kept_in() -> Path:
@@ -73,20 +83,26 @@ def _circumstances() -> dict[str, str]:
     }
 
 
-def _read() -> MachineSpeed | None:
+def _read() -> tuple[MachineSpeed, float] | None:
+    """The kept speed, and the load beside which it was measured; None if there is none."""
     try:
         found = json.loads(kept_in().read_text())
         names = {field.name for field in fields(MachineSpeed)}
         if found["circumstances"] != _circumstances() or set(found["seconds"]) != names:
             return None
-        return MachineSpeed(**{name: float(value) for name, value in found["seconds"].items()})
+        speed = MachineSpeed(**{name: float(value) for name, value in found["seconds"].items()})
+        return speed, float(found["load"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def keep(speed: MachineSpeed) -> None:
-    """Write the speed to its file; where it can't be written, it is measured anew next time."""
-    text = json.dumps({"circumstances": _circumstances(), "seconds": asdict(speed)}, indent=2)
+def keep(speed: MachineSpeed, load: float = 0.0) -> None:
+    """Write the speed to its file; where it can't be written, it is measured anew next time.
+
+    load: beside which it was measured, for each processor.
+    """
+    kept = {"circumstances": _circumstances(), "load": load, "seconds": asdict(speed)}
+    text = json.dumps(kept, indent=2)
     try:
         kept_in().parent.mkdir(parents=True, exist_ok=True)
         kept_in().write_text(text)
@@ -161,7 +177,8 @@ def _axial_jobs() -> list[Job]:
 
 @single_threaded
 def timed(chosen: list[Job], progress: Progress) -> list[tuple[Job, float]]:
-    """Each job with its processor time: the median of interleaved calls."""
+    """Each job with its processor time: the least of interleaved calls, for others' work beside
+    it can only add (Chen and Revels, "Robust benchmarking in noisy environments", 2016)."""
     seconds: dict[int, list[float]] = {number: [] for number in range(len(chosen))}
     for repeat in range(_REPEATS + 1):
         for number, job in enumerate(chosen):
@@ -172,7 +189,7 @@ def timed(chosen: list[Job], progress: Progress) -> list[tuple[Job, float]]:
             # The first call makes what the others reuse.
             if repeat:
                 seconds[number].append(time.process_time() - started)
-    return [(job, statistics.median(seconds[number])) for number, job in enumerate(chosen)]
+    return [(job, min(seconds[number])) for number, job in enumerate(chosen)]
 
 
 def fitted(measured: list[tuple[Job, float]]) -> MachineSpeed:

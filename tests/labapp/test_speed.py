@@ -17,6 +17,8 @@ KNOWN = MachineSpeed(call=2e-4, multiply_add=5e-11, fft=1e-10, double=2.5)
 @pytest.fixture
 def cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    one = Job("job", lambda speed: speed.call, lambda: None)
+    monkeypatch.setattr(labapp.common.speed, "jobs", lambda: [one])
     return tmp_path
 
 
@@ -51,6 +53,24 @@ def test_a_speed_is_measured_once_and_kept(cache, monkeypatch):
     assert kept_in().is_relative_to(cache)
 
 
+def test_a_speed_measured_on_a_busy_machine_is_measured_anew_on_a_quieter_one(cache, monkeypatch):
+    load, asked = [4.0], []
+
+    def measured(chosen, progress):
+        asked.append(load[0])
+        return [(job, 1e-3) for job in chosen]
+
+    monkeypatch.setattr(labapp.common.speed, "timed", measured)
+    monkeypatch.setattr("os.getloadavg", lambda: (load[0], 0.0, 0.0))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    for now in (4.0, 8.0, 2.5, 1.5, 4.0, 1.0, 0.0):
+        load[0] = now
+        machine_speed()
+    # 2.5 is more than half of 4.0; 1.5 is less, and still busy for two processors; 1.0 is more than
+    # half of that.
+    assert asked == [4.0, 1.5, 0.0]
+
+
 @pytest.mark.parametrize("spoil", ["text", "numpy", "speed"])
 def test_a_kept_speed_that_does_not_fit_is_measured_anew(cache, monkeypatch, spoil):
     monkeypatch.setattr(labapp.common.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
@@ -67,7 +87,7 @@ def test_a_kept_speed_that_does_not_fit_is_measured_anew(cache, monkeypatch, spo
     assert machine_speed() == MachineSpeed(**json.loads(kept_in().read_text())["seconds"])
 
 
-def test_a_folder_that_cannot_be_written_is_no_trouble(monkeypatch, tmp_path):
+def test_a_folder_that_cannot_be_written_is_no_trouble(cache, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(labapp.common.speed, "timed", lambda chosen, _: [(j, 1e-3) for j in chosen])
