@@ -10,6 +10,7 @@ import pytest
 from judges import Apart, View, by_chain, by_lines, by_panel, by_rings, covered, relative
 from judges.fields import Cells, Gaussians, Points, Pulse
 
+from labapp.accuracy.references.chain import chain_density
 from labapp.accuracy.references.chain_psf import ChainProblem
 from labapp.accuracy.references.coverage import open_shares
 from labapp.accuracy.references.free_space import (
@@ -21,6 +22,7 @@ from labapp.accuracy.references.free_space import (
     product_count,
 )
 from labapp.accuracy.references.lens import lens_picture
+from labapp.accuracy.references.panel import Chain
 from labapp.accuracy.references.psf import Problem
 from labapp.accuracy.references.round_lens import round_lens_picture
 from labapp.accuracy.references.samples import draw_samples
@@ -86,6 +88,23 @@ def test_a_panel_before_its_lens(field, sphere):
         optics, pixels, 0.3, WAVELENGTH, integrate=False, phase=phase, off_axis=field, sphere=sphere
     )
     assert relative(judge.truth, judge.seen(by_chain(view))) <= 1e-8
+
+
+def test_a_stop_whose_end_is_rounded_either_way():
+    """A hair's breadth more of a stop changes next to nothing."""
+    optics, phase = camera(0.04)
+    places = np.array([-20e-6, 30e-6])
+    for width in np.linspace(0.8, 1.1, 30):
+        found = [
+            chain_density(
+                Chain(replace(optics, lens=replace(optics.lens, stop=stop)), 0.3, WAVELENGTH),
+                [np.exp(1j * phase)],
+                places,
+                places,
+            )
+            for stop in (Stop(rectangle(0.9, side)) for side in (width, width * (1 + 1e-12)))
+        ]
+        assert relative(found[0], found[1]) <= 1e-9, width
 
 
 PLANE = Plane((64, 70), (4e-6, 4e-6))

@@ -34,6 +34,9 @@ _CELL = 16.0
 NODES = 34
 """In a cell: a polynomial of this many terms follows exp(i w t) to (e w / 68)^34."""
 
+_SPARE = 1e-9
+"""Of the stop's reach, by which the cells go beyond it."""
+
 _LINES = 32
 """That are summed at a time."""
 
@@ -129,7 +132,8 @@ class _LineSum:
         self._chain, self._x = chain, x
         self._panel = SphereLitPixels(chain) if chain.sphere else SquarePixels(chain)
         self._factors = Factors([self._panel.lit(one) for one in modulations])
-        reach = chain.reach / chain.radius
+        # A little beyond the stop: a line's end that rounding moves out is still in a cell.
+        reach = chain.reach / chain.radius * (1 + _SPARE)
         self._edges = np.linspace(-reach, reach, max(1, math.ceil(slope * reach / _CELL)) + 1)
         self._t, self._w = roots_legendre(NODES)
         self._half = (self._edges[1] - self._edges[0]) / 2
