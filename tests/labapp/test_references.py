@@ -90,6 +90,18 @@ def test_a_panel_before_its_lens(field, sphere):
     assert relative(judge.truth, judge.seen(by_chain(view))) <= 1e-8
 
 
+def test_a_sphere_from_very_far_away_is_that_from_infinity():
+    """Its amplitude, distance over path, is the cosine of the angle off the axis."""
+    optics, phase = camera(0.04)
+    found = [
+        ChainProblem(optics, far, WAVELENGTH, PLANE, False, 1e-3, phase, (2e-3, -3e-3), sphere=True)
+        .judge(np.ones(PLANE.shape))
+        .truth
+        for far in (1e12, math.inf)
+    ]
+    assert relative(found[0], found[1]) <= 1e-9
+
+
 def test_a_stop_whose_end_is_rounded_either_way():
     """A hair's breadth more of a stop changes next to nothing."""
     optics, phase = camera(0.04)

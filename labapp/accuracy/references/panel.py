@@ -136,21 +136,22 @@ class SphereLitPixels:
         return np.asarray(divided * np.outer(down, along) * self._sphere())
 
     def _sphere(self) -> Field:
-        """Eq. 5.1; paths in difference form, so that far objects lose no digits.
+        """Eq. 5.1, but for a phase that all pixels share.
 
         The chief ray goes through the middle of the lens, and its direction has the sines
-        field / z2.
+        s = field / z2. At p from where it meets the panel, with r0 = d / sqrt(1 - s²) along it,
+        r² = r0² + 2 r0 p·s + p²; so r - r0 = (2 p·s + p² / r0) / (1 + r / r0), in which far
+        objects lose no digits.
         """
-        chain, d = self._chain, self._chain.distance
+        chain = self._chain
         down, along = (f / chain.lens.image_distance for f in chain.field)
-        z1 = chain.camera.separation
+        z1, cosine = chain.camera.separation, math.sqrt(1 - down**2 - along**2)
         y, x = self._y[:, None] + z1 * down, self._x + z1 * along
-        if math.isinf(d):
-            return np.asarray(np.exp(2j * np.pi / chain.wavelength * (y * down + x * along)))
-        far = d / math.sqrt(1 - down**2 - along**2)
-        away = (y + far * down) ** 2 + (x + far * along) ** 2
-        r = np.sqrt(away + d * d)
-        return np.asarray(d / r * np.exp(2j * np.pi / chain.wavelength * away / (r + d)))
+        near = cosine / chain.distance
+        step = 2 * (y * down + x * along) + (y**2 + x**2) * near
+        ratio = np.sqrt(1 + near * step)
+        path = step / (1 + ratio)
+        return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def towards(self, axis: int, places: Array) -> Field:
         """Fresnel's kernel from every node along one axis, (places, nodes)."""
