@@ -24,7 +24,8 @@ _GAIN = 1.1
 """Audited: light that orders, or an uneven lamp, may add to a pixel's."""
 
 _SWITCH = 1.01
-"""Audited: means bend so much more where a normal distribution takes over from Poisson's."""
+"""Audited: means and variances bend so much more where a normal distribution takes over from
+Poisson's."""
 
 _UNEVEN = 3.0
 """Audited: dim pixels may change by so much more of theirs than all do on the average."""
@@ -187,15 +188,15 @@ def through_sensor(s: Situation, change: float, how: str, *, read_noise: bool = 
     """What a change of the picture's electrons does to mean, variance and σ of what is read.
 
     change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, or to where wells are full, with read
-    noise. What a full well clips counts as before it is clipped (see floor()). σ:
+    they are of electrons anywhere up to the brightest pixel, with read noise. What a full well
+    clips counts as before it is clipped (see floor()). σ:
     |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
     of the picture are the least (audited: a change is no larger in the dark), and at most
     √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
     read_noise: whether it may be counted on; without it, few electrons more make much of σ.
     """
-    sensor, most = s.camera.sensor, brightest(s)
-    mean, variance, least = _steepest(sensor, min(_round(most), float(round(safe(s)))))
+    sensor, most = s.camera.sensor, _round(brightest(s))
+    mean, variance, least = _steepest(sensor, most, min(most, float(round(safe(s)))))
     varied = variance * change
     sigma = math.sqrt(varied * root_pixels(s))
     if read_noise and least:
@@ -230,16 +231,26 @@ def _round(electrons: float) -> float:
 
 
 @functools.lru_cache(maxsize=64)
-def _steepest(sensor: Sensor, most: float) -> tuple[float, float, float]:
-    """Largest slopes of mean and variance by electrons, and the least σ with read noise."""
-    whole, smooth = (
-        pieces(sensor, stages, most) for stages in (Stages(), Stages(quantisation=False))
-    )
-    slopes = [table.steepest(most) for tables in (whole, smooth) for table in tables]
+def _steepest(sensor: Sensor, most: float, kept: float) -> tuple[float, float, float]:
+    """Largest slopes of mean and variance by electrons, and the least σ with read noise.
+
+    kept: electrons up to which nothing is clipped at the upper end. Beyond, unclipped steps of
+    the converter (g electrons) make slopes wavy by exp(-2 pi² m / g²) of m electrons (Widrow),
+    which is nothing from g² on.
+    """
+    slopes, least = [], math.inf
+    rounded = min(most, _round(sensor.gain**2))
+    for stages, end in (
+        (Stages(clipping=clipping, quantisation=quantisation), kept if clipping else rounded)
+        for clipping in (True, False)
+        for quantisation in (True, False)
+    ):
+        for table in pieces(sensor, stages, end):
+            slopes.append(table.steepest(end))
+            least = min(least, table.least(end))
     mean, variance = np.array(slopes).max(axis=0)
-    least = min(table.least(most) for tables in (whole, smooth) for table in tables)
     return (
         _SWITCH * max(float(mean), 1.0),
-        max(float(variance), 1.0),
+        _SWITCH * max(float(variance), 1.0),
         math.sqrt(least) if sensor.read_noise else 0.0,
     )
