@@ -21,8 +21,8 @@ from labapp.accuracy.comparing import (
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import machine, print_data, write_plot
-from labapp.common.console import err, out, table, watched
+from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.common.console import err, out, watched
 from labapp.common.speed import machine_speed
 from labapp.light.asked import Case
 from optics.accuracy import Budget
@@ -90,41 +90,25 @@ _SIZE = re.compile(r"\d+² ")
 _EVERYWHERE = ("pupil", "gray edge")
 
 
+_COLUMNS: Columns[Row] = {
+    "method": lambda row: row.method if row.tol is not None else f"{row.method}, {row.precision}",
+    "asked ": lambda row: format_number(row.tol, ".0e"),
+    "achieved ": lambda row: "failed" if row.failure else format_number(row.error_achieved, ".0e"),
+    "predicted ": lambda row: format_number(row.error_predicted, ".0e"),
+    "CPU ms ": lambda row: format_number(row.cpu_s, ".2f", 1e3),
+    "MB ": lambda row: format_number(row.peak_bytes, ".1f", 1e-6),
+    "": lambda row: "front" if row.on_front else "",
+}
+_REMARK = "Relative L2 errors against the exact integral; one thread, planning left out."
+
+
 def show_measured(
     what: str, name: str, measured: Measured, as_json: bool, plot: Path | None
 ) -> None:
     """The table of a diagram, or its rows as JSON; the diagram where there is a path for it."""
-    if as_json:
-        print_data(measured.rows, calibration_s=measured.calibration_s)
-    else:
-        _print_rows(what, name, measured.rows)
+    sheet = Sheet(f"{what}: {name}", _COLUMNS, _REMARK)
+    sheet.show(measured.rows, as_json=as_json, calibration_s=measured.calibration_s)
     write_plot(plot, lambda: draw(name, measured.rows))
-
-
-def _print_rows(what: str, name: str, rows: list[Row]) -> None:
-    """The table of a diagram: what of which case."""
-    columns = ["method", "asked ", "achieved ", "predicted ", "CPU ms ", "MB ", ""]
-    cells = [
-        [
-            row.method if row.tol is not None else f"{row.method}, {row.precision}",
-            _number(row.tol),
-            "failed" if row.failure else _number(row.error_achieved),
-            _number(row.error_predicted),
-            "" if row.cpu_s is None else f"{1e3 * row.cpu_s:.2f}",
-            "" if row.peak_bytes is None else f"{row.peak_bytes / 1e6:.1f}",
-            "front" if row.on_front else "",
-        ]
-        for row in rows
-    ]
-    table(f"{what}: {name}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print("Relative L2 errors against the exact integral; one thread, planning left out.")
-    out.print(machine(), style="dim")
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.0e}"
 
 
 def draw(name: str, rows: list[Row]) -> Figure:

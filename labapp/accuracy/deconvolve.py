@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, print_data, write_plot
-from labapp.common.console import out, table, watched
+from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
@@ -48,6 +48,22 @@ class DeconvolutionRow(Row):
     cpu_predicted_s: float | None = None
 
 
+_COLUMNS: Columns[DeconvolutionRow] = {
+    "method": lambda row: row.method,
+    "count ": lambda row: str(row.iterations or ""),
+    "PSNR dB ": lambda row: "failed" if row.failure else format_number(row.psnr_db, ".2f"),
+    "inside ": lambda row: format_number(row.inside_db, ".2f"),
+    "SSIM ": lambda row: format_number(row.ssim, ".3f"),
+    "CPU ms ": lambda row: format_number(row.cpu_s, ".1f", 1e3),
+    "expected ": lambda row: format_number(row.cpu_predicted_s, ".1f", 1e3),
+    "": lambda row: "front" if row.on_front else "",
+}
+_REMARK = (
+    "Noise and weights are estimated, and that is in the time. PSNR of pictures cut to 0 to 1; "
+    "inside: further than a PSF from the border. Error and time decide the front. One thread."
+)
+
+
 @single_threaded
 def accuracy_deconvolve(
     case: Taken,
@@ -63,10 +79,7 @@ def accuracy_deconvolve(
         speed = machine_speed(progress.part(0.0, 0.1))
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
-    if as_json:
-        print_data(rows)
-    else:
-        _print(case, rows)
+    Sheet(f"Deconvolution: {case.name}", _COLUMNS, _REMARK).show(rows, as_json=as_json)
     write_plot(plot, lambda: draw(case, rows))
 
 
@@ -137,35 +150,6 @@ def inside(case: Taken, picture: Array) -> float | None:
         return None
     left = np.clip(picture[part], 0, 1) - case.truth[part]
     return float(-10 * np.log10(np.mean(left**2)))
-
-
-def _print(case: Taken, rows: list[DeconvolutionRow]) -> None:
-    columns = ["method", "count ", "PSNR dB ", "inside ", "SSIM ", "CPU ms ", "expected ", ""]
-    cells = [
-        [
-            row.method,
-            str(row.iterations or ""),
-            "failed" if row.failure else _number(row.psnr_db, 2),
-            _number(row.inside_db, 2),
-            _number(row.ssim, 3),
-            _number(row.cpu_s, 1, 1e3),
-            _number(row.cpu_predicted_s, 1, 1e3),
-            "front" if row.on_front else "",
-        ]
-        for row in rows
-    ]
-    table(f"Deconvolution: {case.name}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print(
-        "Noise and weights are estimated, and that is in the time. PSNR of pictures cut to 0 to 1; "
-        "inside: further than a PSF from the border. Error and time decide the front. One thread."
-    )
-    out.print(machine(), style="dim")
-
-
-def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
-    return "" if value is None else f"{scale * value:.{digits}f}"
 
 
 def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:

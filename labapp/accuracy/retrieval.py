@@ -12,9 +12,9 @@ import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, print_data, write_plot
+from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
 from labapp.bench.opening import BenchFiles
-from labapp.common.console import out, table, watched
+from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_bench
 from labapp.files.pattern_table import PSFPattern
@@ -45,6 +45,21 @@ class RetrievalRow(Row):
     contrast: float | None = None
 
 
+_COLUMNS: Columns[RetrievalRow] = {
+    "method": lambda row: row.method,
+    "iterations ": lambda row: str(row.iterations),
+    "efficiency ": lambda row: "failed" if row.failure else format_number(row.efficiency, ".3f"),
+    "contrast ": lambda row: format_number(row.contrast, ".4f"),
+    "NRMSE ": lambda row: format_number(row.error_achieved, ".4f"),
+    "CPU s ": lambda row: format_number(row.cpu_s, ".2f"),
+    "": lambda row: "front" if row.on_front else "",
+}
+_REMARK = (
+    "Of the mean PSF, rounded to the panel's levels, on a grid twice finer than Nyquist; "
+    "NRMSE and time decide the front. One thread."
+)
+
+
 def asked_goal(spec: PSFPattern, bench: Path | None) -> tuple[Goal, str]:
     """What a command line asks to retrieve, and its name in words; UserError for what can't be."""
     camera = read_bench(BenchFiles.default(bench).bench).build_camera()
@@ -71,10 +86,7 @@ def accuracy_retrieval(
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
-    if as_json:
-        print_data(rows)
-    else:
-        _print(name, rows)
+    Sheet(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK).show(rows, as_json=as_json)
     write_plot(plot, lambda: draw(name, rows))
 
 
@@ -144,37 +156,9 @@ def _measured(goal: Goal, name: str, frames: int, method: str, iterations: int) 
     )
 
 
-def _print(name: str, rows: list[RetrievalRow]) -> None:
-    columns = ["method", "iterations ", "efficiency ", "contrast ", "NRMSE ", "CPU s ", ""]
-    cells = [
-        [
-            row.method,
-            str(row.iterations),
-            "failed" if row.failure else _number(row.efficiency, 3),
-            _number(row.contrast, 4),
-            _number(row.error_achieved, 4),
-            _number(row.cpu_s, 2),
-            "front" if row.on_front else "",
-        ]
-        for row in rows
-    ]
-    table(f"Retrieval: {_case(name, rows)}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print(
-        "Of the mean PSF, rounded to the panel's levels, on a grid twice finer than Nyquist; "
-        "NRMSE and time decide the front. One thread."
-    )
-    out.print(machine(), style="dim")
-
-
 def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
     frames = rows[0].frames
     return f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
 
 
 def draw(name: str, rows: list[RetrievalRow]) -> Figure:

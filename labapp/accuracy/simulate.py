@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from labapp.accuracy.writing import machine, print_data
-from labapp.common.console import out, table, watched
+from labapp.accuracy.writing import Columns, Sheet
+from labapp.common.console import watched
 from labapp.light.simulating.asked import AskedPicture, stage, stage_of
 from labapp.light.simulating.everything import Deviation, Rendered, by_plan, with_everything
 from labapp.light.simulating.quick import quick_setup
@@ -41,6 +41,25 @@ class SimulationRow:
         return self.tol is None or max(self.mean, self.variance, self.sigma) <= self.tol
 
 
+_COLUMNS: Columns[SimulationRow] = {
+    "tol ": lambda row: "all on" if row.tol is None else f"{row.tol:g}",
+    "told ": lambda row: _error(row.told),
+    "mean ": lambda row: _error(row.mean),
+    "var. ": lambda row: _error(row.variance),
+    "σ ": lambda row: _error(row.sigma),
+    "less ": lambda row: f"{row.left_out}/{row.caused}",
+    "work ": lambda row: f"{row.work:.0e}",
+    "CPU ms ": lambda row: f"{1e3 * row.cpu_s:.0f}",
+    "plan ": lambda row: f"{1e3 * row.deciding_s:.0f}",
+    "": lambda row: "" if row.kept else "[red]beyond[/red]",
+}
+_REMARK = (
+    "told: the error that the plan allows for, at most. mean, var., σ: relative L2 errors "
+    "against everything on at its finest. less: effects that are off, or coarser than their "
+    "finest. work: operations, counted. CPU ms: one thread, plan included."
+)
+
+
 @single_threaded
 def accuracy_simulate(asked: AskedPicture, *, as_json: bool) -> None:
     """Take one picture by five tolerances and with everything on, and print table or rows.
@@ -51,10 +70,7 @@ def accuracy_simulate(asked: AskedPicture, *, as_json: bool) -> None:
     with watched() as progress:
         s = _situation(asked, progress.part(0.0, 0.1))
         found = rows(s, progress.part(0.1, 1.0))
-    if as_json:
-        print_data(found)
-    else:
-        _print(s, found)
+    Sheet(_heading(s), _COLUMNS, _REMARK).show(found, as_json=as_json)
     if not all(row.kept for row in found):
         raise SystemExit(1)
 
@@ -91,36 +107,13 @@ def _row(one: Rendered, truth: Rendered, tol: float) -> SimulationRow:
     )  # fmt: skip
 
 
-def _print(s: Situation, found: list[SimulationRow]) -> None:
-    cells = [
-        [
-            "all on" if row.tol is None else f"{row.tol:g}",
-            *(_number(value) for value in (row.told, row.mean, row.variance, row.sigma)),
-            f"{row.left_out}/{row.caused}",
-            f"{row.work:.0e}",
-            f"{1e3 * row.cpu_s:.0f}",
-            f"{1e3 * row.deciding_s:.0f}",
-            "" if row.kept else "[red]beyond[/red]",
-        ]
-        for row in found
-    ]
-    rows_, columns = s.camera.sensor.shape
-    heading = (
+def _heading(s: Situation) -> str:
+    rows, columns = s.camera.sensor.shape
+    return (
         f"{s.target.name} at {s.wavelength * 1e9:g} nm, {s.exposure * 1e3:.3g} ms, "
-        f"{columns} x {rows_} pixels"
+        f"{columns} x {rows} pixels"
     )
-    names = [
-        "tol ", "told ", "mean ", "var. ", "σ ", "less ", "work ", "CPU ms ", "plan ", "",
-    ]  # fmt: skip
-    table(heading, names, cells)
-    out.print(
-        "told: the error that the plan allows for, at most. mean, var., σ: relative L2 errors "
-        "against everything on at its finest. less: effects that are off, or coarser than their "
-        "finest. work: operations, counted. CPU ms: one thread, plan included.",
-        style="dim",
-    )
-    out.print(machine(), style="dim")
 
 
-def _number(value: float) -> str:
+def _error(value: float) -> str:
     return f"{value:.0e}" if value else "0"

@@ -1,4 +1,4 @@
-"""Measured rows as JSON, and their diagram as a picture."""
+"""Measured rows as a table or JSON, and their diagram as a picture."""
 
 from __future__ import annotations
 
@@ -6,15 +6,47 @@ import io
 import math
 import os
 import platform
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-from labapp.common.console import print_json, say
+from labapp.common.console import out, print_json, say, table
 from labapp.files.writing import write_whole
+
+R = TypeVar("R")
+
+Columns = Mapping[str, Callable[[R], str]]
+"""What stands in a row under each heading; numbers under those that end in a blank."""
+
+
+@dataclass(frozen=True)
+class Sheet(Generic[R]):
+    """How rows are shown: title of the table, columns, and what is said below."""
+
+    title: str
+    columns: Columns[R]
+    remark: str
+
+    def show(self, rows: Sequence[R], *, as_json: bool, **more: float) -> None:
+        """Print a table, with why rows failed below it; or JSON, with what else there is."""
+        if as_json:
+            print_data(rows, **more)
+            return
+        cells = [[cell(row) for cell in self.columns.values()] for row in rows]
+        table(self.title, list(self.columns), cells)
+        failures = (getattr(row, "failure", "") for row in rows)
+        for failure in dict.fromkeys(filter(None, failures)):
+            out.print(f"failed: {failure}", markup=False)
+        out.print(self.remark)
+        out.print(machine(), style="dim")
+
+
+def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
+    """Formatted, or nothing for what isn't known."""
+    return "" if value is None else format(scale * value, form)
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
