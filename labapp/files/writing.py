@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from labapp.common.errors import UserError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 def require_writable(path: Path, *, force: bool) -> None:
@@ -54,6 +58,16 @@ def to_disk(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def encoded(picture: NDArray[Any], ending: str = ".png") -> bytes:
+    """A picture's file, by its ending, of values in OpenCV's order; UserError if it can't be."""
+    import cv2
+
+    done, data = cv2.imencode(ending, picture)
+    if not done:
+        raise UserError(f"{picture.dtype} values {picture.shape} can't be written as {ending}.")
+    return data.tobytes()
 
 
 def write_whole(path: Path, data: bytes) -> None:
