@@ -21,8 +21,8 @@ from labapp.accuracy.comparing import (
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import machine, print_data, write_plot
-from labapp.common.console import err, out, table, watched
+from labapp.accuracy.writing import machine, print_data, show_rows, write_plot
+from labapp.common.console import err, out, watched
 from labapp.common.speed import machine_speed
 from labapp.light.asked import Case
 from optics.accuracy import Budget
@@ -116,11 +116,8 @@ def _print_rows(what: str, name: str, rows: list[Row]) -> None:
         ]
         for row in rows
     ]
-    table(f"{what}: {name}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print("Relative L2 errors against the exact integral; one thread, planning left out.")
-    out.print(machine(), style="dim")
+    note = "Relative L2 errors against the exact integral; one thread, planning left out."
+    show_rows(f"{what}: {name}", columns, cells, rows, note)
 
 
 def _number(value: float | None) -> str:

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, print_data, write_plot
-from labapp.common.console import out, table, watched
+from labapp.accuracy.writing import machine, print_data, show_rows, write_plot
+from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
@@ -154,14 +154,11 @@ def _print(case: Taken, rows: list[DeconvolutionRow]) -> None:
         ]
         for row in rows
     ]
-    table(f"Deconvolution: {case.name}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print(
+    note = (
         "Noise and weights are estimated, and that is in the time. PSNR of pictures cut to 0 to 1; "
         "inside: further than a PSF from the border. Error and time decide the front. One thread."
     )
-    out.print(machine(), style="dim")
+    show_rows(f"Deconvolution: {case.name}", columns, cells, rows, note)
 
 
 def _number(value: float | None, digits: int, scale: float = 1.0) -> str:

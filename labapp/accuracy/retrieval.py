@@ -12,9 +12,9 @@ import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import machine, print_data, write_plot
+from labapp.accuracy.writing import machine, print_data, show_rows, write_plot
 from labapp.bench.opening import BenchFiles
-from labapp.common.console import out, table, watched
+from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_bench
 from labapp.files.pattern_table import PSFPattern
@@ -158,14 +158,11 @@ def _print(name: str, rows: list[RetrievalRow]) -> None:
         ]
         for row in rows
     ]
-    table(f"Retrieval: {_case(name, rows)}", columns, cells)
-    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
-        out.print(f"failed: {failure}", markup=False)
-    out.print(
+    note = (
         "Of the mean PSF, rounded to the panel's levels, on a grid twice finer than Nyquist; "
         "NRMSE and time decide the front. One thread."
     )
-    out.print(machine(), style="dim")
+    show_rows(f"Retrieval: {_case(name, rows)}", columns, cells, rows, note)
 
 
 def _case(name: str, rows: Sequence[RetrievalRow]) -> str:

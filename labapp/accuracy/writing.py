@@ -13,7 +13,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from labapp.common.console import print_json, say
+from labapp.accuracy.rows import Row
+from labapp.common.console import out, print_json, say, table
 from labapp.files.writing import write_whole
 
 
@@ -24,6 +25,21 @@ def print_data(rows: Sequence[Any], **more: float) -> None:
     """
     told = [{name: _finite(value) for name, value in asdict(row).items()} for row in rows]
     print_json({"machine": machine(), **more, "rows": told})
+
+
+def show_rows(
+    heading: str,
+    columns: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    rows: Sequence[Row],
+    note: str,
+) -> None:
+    """A table of measured rows, why some failed, what the figures are, and the machine."""
+    table(heading, columns, cells)
+    for failure in dict.fromkeys(row.failure for row in rows if row.failure):
+        out.print(f"failed: {failure}", markup=False)
+    out.print(note)
+    out.print(machine(), style="dim")
 
 
 def _finite(value: Any) -> Any:
