@@ -97,7 +97,7 @@ def written(path: Path, light: Light, in_srgb: bool, full: float) -> bytes:
         tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
     else:
         levels = coded(shown / full) if in_srgb else _sixteen(shown / full)
-        buffer.write(encoded(levels[..., ::-1] if levels.ndim == 3 else levels))
+        buffer.write(encoded(path, levels[..., ::-1] if levels.ndim == 3 else levels))
     return buffer.getvalue()
 
 

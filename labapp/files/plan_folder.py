@@ -26,7 +26,8 @@ def write_plan(folder: Path, plan: PlanFile, shown: Mapping[str, NDArray[np.uint
     path = folder / "plan.toml"
     try:
         for name, grey in shown.items():
-            write_whole(pictures / f"{name}.png", encoded(grey))
+            picture = pictures / f"{name}.png"
+            write_whole(picture, encoded(picture, grey))
         write_whole(path, as_toml(plan.model_dump(mode="json", exclude_defaults=True)).encode())
     except OSError as error:
         raise UserError(

@@ -60,13 +60,13 @@ def to_disk(path: Path) -> None:
         os.close(handle)
 
 
-def encoded(picture: NDArray[Any], ending: str = ".png") -> bytes:
-    """A picture's file, by its ending, of values in OpenCV's order; UserError if it can't be."""
+def encoded(path: Path, picture: NDArray[Any]) -> bytes:
+    """What a picture's file holds, by its ending; values in OpenCV's order. UserError."""
     import cv2
 
-    done, data = cv2.imencode(ending, picture)
+    done, data = cv2.imencode(path.suffix, picture)
     if not done:
-        raise UserError(f"{picture.dtype} values {picture.shape} can't be written as {ending}.")
+        raise UserError(f"{path}: could not be encoded.")
     return data.tobytes()
 
 

@@ -204,7 +204,7 @@ def _write(path: Path, psf: NDArray[Any]) -> None:
         write_whole(path, buffer.getvalue())
         return
     values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
-    write_whole(path, encoded(values, path.suffix))
+    write_whole(path, encoded(path, values))
 
 
 def _decades(psf: NDArray[Any]) -> NDArray[np.uint8]:

@@ -61,7 +61,7 @@ def _drawn(
 
 
 def _write_png(path: Path, frames: Frames, picture: Picture, said: dict[str, str]) -> None:
-    write_whole(path, encoded(frames[0]))
+    write_whole(path, encoded(path, frames[0]))
 
 
 def _write_tiff(path: Path, frames: Frames, picture: Picture, said: dict[str, str]) -> None:

@@ -10,4 +10,4 @@ from labapp.runs.export.work import Work
 
 def write_pngs(work: Work, draft: Path) -> None:
     for name, image in zip(work.names, work.images(), strict=False):
-        (draft / name).write_bytes(encoded(image))
+        (draft / name).write_bytes(encoded(Path(name), image))
