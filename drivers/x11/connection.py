@@ -52,8 +52,6 @@ class Setup:
 
     vendor: str
     root: int
-    width: int
-    height: int
     depth: int
     masks: tuple[int, int, int]
     bits: dict[int, int]
@@ -110,17 +108,17 @@ class XConnection:
                 raise self._lost()
             libxcb.library().xcb_flush(self._open())
 
-    def ask(self, opcode: int, body: bytes, patience: float = PATIENCE) -> bytes:
+    def ask(self, opcode: int, body: bytes) -> bytes:
         """The reply to a request. body: from the opcode's place on; its length is filled in."""
         with self._lock:
-            return self._ask(self._open(), opcode, body, patience)
+            return self._ask(self._open(), opcode, body)
 
-    def _ask(self, at: int, opcode: int, body: bytes, patience: float) -> bytes:
+    def _ask(self, at: int, opcode: int, body: bytes) -> bytes:
         sequence = libxcb.send(at, opcode, body, answered=True)
         if not sequence:
             raise self._lost()
         libxcb.library().xcb_flush(at)
-        late = time.monotonic() + patience
+        late = time.monotonic() + PATIENCE
         while True:
             done, reply, error = libxcb.reply_or_error(at, sequence)
             if error:
@@ -214,24 +212,16 @@ def _setup(address: int, number: int) -> Setup:
     """Read the server's greeting; see "Connection Setup" of the protocol."""
     words = struct.unpack("<H", ctypes.string_at(address + 6, 2))[0]
     told = ctypes.string_at(address, 8 + 4 * words)
-    vendor_length, _, screens, formats, order = struct.unpack_from("<HHBBB", told, 24)
+    vendor_length, formats, order = struct.unpack_from("<H3xBB", told, 24)
     vendor = told[40 : 40 + vendor_length].decode("latin-1")
     at = 40 + vendor_length + -vendor_length % 4
     bits = {told[at + 8 * i]: told[at + 8 * i + 1] for i in range(formats)}
     at += 8 * formats
-    if number >= screens:
-        raise XError(f"the X server has {screens} screens; there is no number {number}")
     for _ in range(number):
         at = _after_screen(told, at)[0]
     visuals = _after_screen(told, at)[1]
-    root, width, height = (
-        *struct.unpack_from("<I", told, at),
-        *struct.unpack_from("<HH", told, at + 20),
-    )
-    (visual,) = struct.unpack_from("<I", told, at + 32)
-    return Setup(
-        vendor, root, width, height, told[at + 38], visuals.get(visual, (0, 0, 0)), bits, not order
-    )
+    root, visual = struct.unpack_from("<I28xI", told, at)
+    return Setup(vendor, root, told[at + 38], visuals.get(visual, (0, 0, 0)), bits, not order)
 
 
 def _after_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:

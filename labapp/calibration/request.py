@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel
 
 Part = Literal["registration", "response", "wavefront", "zeroth"]
@@ -14,7 +15,6 @@ PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 
 FEWEST_LEVELS, USUAL_LEVELS = 16, 40
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Vector = tuple[float, float]
 
 DESIGN_KEY = "calibration_design"

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from labapp.files.quantities import Finite, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.reflectance_table import Reflectance, reflectance
 from labapp.files.spectrum_file import bundled_spectra
@@ -15,10 +16,6 @@ from simulator.scene.charts import checker, outline, siemens_star, slanted_edge,
 from simulator.scene.drawable import Drawable, Even
 from simulator.scene.polygons import Polygons, rectangle
 from simulator.scene.sheets import Painted
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class _Placed(FileModel):

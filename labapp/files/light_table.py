@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
 from labapp.files.spectrum_file import read_spectrum
 from optics.light import (
@@ -22,8 +23,6 @@ from optics.light import (
 )
 from optics.light.sources import HALOGEN
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from labapp.common.errors import UserError
+from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, read_file
+from labapp.files.text_table import numbers, table_lines
 from optics.slm import Panel, Response
-
-Wavelength = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class ResponseTable(FileModel):
@@ -23,7 +22,7 @@ class ResponseTable(FileModel):
     them. Regions are equally large and cover the panel.
     """
 
-    wavelengths_nm: Annotated[list[Wavelength], Field(min_length=1)]
+    wavelengths_nm: Annotated[list[Positive], Field(min_length=1)]
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> Response:
@@ -53,11 +52,11 @@ def read_lut(path: Path, levels: int) -> ResponseTable:
     """
     if path.suffix.lower() in (".toml", ".json"):
         return ResponseTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
-    lines = _lines(path)
+    lines = table_lines(path)
     if not lines:
         raise UserError(f"{path}: is empty. Give a line of grey levels and phases a level.")
     (number, head), *rest = lines
-    wavelengths = _numbers(head[1:])
+    wavelengths = numbers(head[1:])
     if head[0].lower() != "grey" or not wavelengths or min(wavelengths) <= 0:
         raise UserError(
             f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
@@ -74,30 +73,11 @@ def read_lut(path: Path, levels: int) -> ResponseTable:
     return ResponseTable(wavelengths_nm=wavelengths, phase_pi=curves)
 
 
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Numbered lines that say something, in parts."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give a table as CSV.") from error
-    said = [(n, line.partition("#")[0].strip()) for n, line in enumerate(text.splitlines(), 1)]
-    return [(n, re.split(r"\s*[,;]\s*|\s+", line)) for n, line in said if line]
-
-
 def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    values = _numbers(parts)
+    values = numbers(parts)
     if values is None or len(values) != length:
         raise UserError(
             f"{path}: line {number} is {' '.join(parts)!r}; it must hold {length} numbers, a grey "
             "level and its phases in units of pi."
         )
     return values
-
-
-def _numbers(parts: list[str]) -> list[float] | None:
-    try:
-        return [float(part) for part in parts]
-    except ValueError:
-        return None

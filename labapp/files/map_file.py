@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.reading import FileModel
+from labapp.files.quantities import Finite
+from labapp.files.reading import FileModel, decoded, read_bytes
 from optics.slm import Map
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class MapTable(FileModel):
@@ -60,11 +59,9 @@ class FlatnessTable(MapTable):
 
 
 def _values(path: Path) -> NDArray[np.float64]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
-    values = _array(data) if path.suffix.lower() == ".npy" else _picture(data)
+    values = (
+        _array(read_bytes(path)) if path.suffix.lower() == ".npy" else decoded(path, colour=False)
+    )
     if values is None or values.dtype.kind not in "iuf":
         raise UserError(f"{path}: is no map. Give a grey PNG or TIFF, or numbers as .npy.")
     return values.astype(np.float64)
@@ -75,13 +72,3 @@ def _array(data: bytes) -> NDArray[Any] | None:
         return np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError):
         return None
-
-
-def _picture(data: bytes) -> NDArray[Any] | None:
-    import cv2
-
-    if not data:
-        return None
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    return None if image is None else np.asarray(image)

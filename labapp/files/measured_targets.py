@@ -13,8 +13,9 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import picture_of
+from labapp.files.quantities import Finite, Positive
 from labapp.files.reflectance_table import basis
-from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable, Positive
+from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable
 from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
 
 
@@ -70,7 +71,7 @@ class ReliefTable(PixelTable):
     per_value: Positive = 1.0
     baseline_mm: Positive | None = None
     focal_px: Positive | None = None
-    offset_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    offset_px: Finite = 0.0
     levels: Annotated[int, Field(ge=1, le=64)] = 8
     spectra: Literal["mallett", "primaries"] = "mallett"
 
@@ -121,7 +122,7 @@ class DisplayTable(LitTable):
     primaries_nm: tuple[
         tuple[Positive, Positive], tuple[Positive, Positive], tuple[Positive, Positive]
     ] = ((610.0, 35.0), (540.0, 40.0), (455.0, 22.0))
-    polarised_deg: Annotated[float, Field(allow_inf_nan=False)] | None = 90.0
+    polarised_deg: Finite | None = 90.0
     light: None = None
     credit: str = ""
 

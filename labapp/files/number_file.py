@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.finding import require_readable
+from labapp.files.reading import decoded
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
@@ -18,8 +20,7 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
     variable: its name in a file of several (.npz, .mat, .h5); the only one by default.
     UserError if there is no such file or variable, or no numbers in it.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    require_readable(path)
     kind = path.suffix.lower()
     try:
         values = _picked(path, _variables(path, kind), variable)
@@ -40,14 +41,10 @@ def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
         return _hdf5(path)
     if kind == ".mat":
         return _matlab(path)
-    import cv2
-
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
-    image = cv2.imdecode(data, flags) if data.size else None
+    image = decoded(path, colour=False)
     if image is None:
         raise ValueError("give numbers as .npy, .npz, .mat or .h5, or a grey PNG or TIFF")
-    return {path.stem: np.asarray(image)}
+    return {path.stem: image}
 
 
 def _matlab(path: Path) -> dict[str, NDArray[Any]]:

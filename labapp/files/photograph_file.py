@@ -13,6 +13,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.finding import require_readable
+from labapp.files.reading import from_srgb, read_bytes
+from labapp.files.writing import encoded
 
 Light = NDArray[np.float32]
 
@@ -67,8 +70,7 @@ def read_photograph(
     linear: whether levels are proportional to light; None: all are but 8-bit pictures. frame: of a
     TIFF of several. UserError says what is wrong with a file.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    require_readable(path)
     if path.suffix.lower() == ".npy":
         levels, coded = _array(path), False
     else:
@@ -79,7 +81,7 @@ def read_photograph(
     return Photograph(path, levels, coded)
 
 
-def written(path: Path, light: Light, coded: bool, full: float) -> bytes:
+def written(path: Path, light: Light, in_srgb: bool, full: float) -> bytes:
     """A picture's file, by its ending: floating-point light in .npy and .tiff; levels in .png.
 
     light: (bands, rows, columns). A .png has 8 bits of sRGB where the picture it came from did,
@@ -94,20 +96,13 @@ def written(path: Path, light: Light, coded: bool, full: float) -> bytes:
         kind = "minisblack" if len(light) == 1 else "rgb"
         tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
     else:
-        levels = _coded(shown / full) if coded else _sixteen(shown / full)
-        done, data = cv2.imencode(".png", levels[..., ::-1] if levels.ndim == 3 else levels)
-        if not done:
-            raise UserError(f"{path}: could not be encoded.")
-        buffer.write(data.tobytes())
+        levels = coded(shown / full) if in_srgb else _sixteen(shown / full)
+        buffer.write(encoded(path, levels[..., ::-1] if levels.ndim == 3 else levels))
     return buffer.getvalue()
 
 
 def coded(light: NDArray[Any]) -> NDArray[np.uint8]:
     """Light, white at 1, as sRGB's 8 bits (IEC 61966-2-1)."""
-    return _coded(light)
-
-
-def _coded(light: NDArray[Any]) -> NDArray[np.uint8]:
     light = np.clip(np.nan_to_num(light), 0, 1)
     levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255 * levels).astype(np.uint8)
@@ -117,13 +112,8 @@ def _sixteen(light: NDArray[Any]) -> NDArray[np.uint16]:
     return np.rint(65535 * np.clip(np.nan_to_num(light), 0, 1)).astype(np.uint16)
 
 
-def _linear() -> NDArray[np.float32]:
-    level = np.linspace(0, 1, 256)
-    light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-    return light.astype(np.float32)
-
-
-_LINEAR = _linear()
+_LINEAR = from_srgb(np.linspace(0, 1, 256)).astype(np.float32)
+"""Light of each of 8 bits' levels."""
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
@@ -149,10 +139,7 @@ def _array(path: Path) -> NDArray[Any]:
 
 
 def _decoded(path: Path, frame: int | None) -> NDArray[Any]:
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     number = _page(path, frame)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
     try:

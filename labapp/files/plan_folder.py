@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.writing import make_folder, write_whole
+from labapp.files.writing import encoded, make_folder, write_whole
 
 PICTURES = "patterns"
 """The folder of the pictures, beside the plan."""
@@ -21,14 +21,13 @@ PICTURES = "patterns"
 
 def write_plan(folder: Path, plan: PlanFile, shown: Mapping[str, NDArray[np.uint8]]) -> Path:
     """Write patterns/*.png and plan.toml; the path of the plan. UserError if it can't be."""
-    import cv2
-
     pictures = folder / PICTURES
     make_folder(pictures)
     path = folder / "plan.toml"
     try:
         for name, grey in shown.items():
-            write_whole(pictures / f"{name}.png", cv2.imencode(".png", grey)[1].tobytes())
+            picture = pictures / f"{name}.png"
+            write_whole(picture, encoded(picture, grey))
         write_whole(path, as_toml(plan.model_dump(mode="json", exclude_defaults=True)).encode())
     except OSError as error:
         raise UserError(

@@ -30,18 +30,30 @@ def bundled(name: str) -> Path:
     return Path(str(resources.files("labapp") / "data" / name))
 
 
+def read_bytes(path: Path) -> bytes:
+    """What is in a file; UserError if it can't be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+
+
+def read_text(path: Path, wanted: str) -> str:
+    """The text of a file. wanted: what to give, for the UserError about a file without text."""
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: is not a text file. Give {wanted}.") from error
+
+
 def read_file(path: Path, model: type[M]) -> M:
     """A validated model from a TOML file, or a JSON file by its name.
 
     UserError names file, key, value and rule.
     """
+    text = read_text(path, "a TOML or JSON file")
     try:
-        text = path.read_text(encoding="utf-8")
         data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give a TOML or JSON file.") from error
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{path}: is not valid TOML: {error}") from error
     except json.JSONDecodeError as error:
@@ -103,9 +115,8 @@ def read_picture(path: Path) -> NDArray[np.float32]:
 
     values = _decoded(path, colour=True)
     encoded = np.linspace(0, 1, np.iinfo(values.dtype).max + 1)
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     # One look-up a value: a photograph of 24 megapixels shall not need gigabytes.
-    return linear.astype(np.float32)[values[..., ::-1]]
+    return from_srgb(encoded).astype(np.float32)[values[..., ::-1]]
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -120,17 +131,26 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
 
 def _decoded(path: Path, *, colour: bool) -> NDArray[Any]:
+    image = decoded(path, colour=colour)
+    if image is None:
+        raise UserError(f"{path}: is not a picture that can be read. Give a JPEG, PNG or TIFF.")
+    if image.dtype not in ("uint8", "uint16"):
+        raise UserError(f"{path}: has {image.dtype} values. Give an 8- or 16-bit picture.")
+    return image
+
+
+def decoded(path: Path, *, colour: bool) -> NDArray[Any] | None:
+    """A picture's values as they are in its file, in OpenCV's order; None for no picture."""
     import cv2
     import numpy as np
 
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
-    image = cv2.imdecode(data, flags) if data.size else None
-    if image is None:
-        raise UserError(f"{path}: is not a picture that can be read. Give a JPEG, PNG or TIFF.")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise UserError(f"{path}: has {image.dtype} values. Give an 8- or 16-bit picture.")
-    return np.asarray(image)
+    return cv2.imdecode(data, flags) if data.size else None
+
+
+def from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light from sRGB's values (IEC 61966-2-1), both from 0 to 1."""
+    import numpy as np
+
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.reading import bundled
+from labapp.files.text_table import numbers, table_lines
 from optics.light.spectrum import Spectrum
 
 
@@ -35,19 +35,19 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
     """
     names: list[str] = []
     rows: list[list[float]] = []
-    for number, cells in _lines(path):
-        numbers = _numbers(cells)
-        if numbers is None and not rows and not names:
+    for number, cells in table_lines(path):
+        values = numbers(cells)
+        if values is None and not rows and not names:
             names = cells
             continue
-        if numbers is None:
+        if values is None:
             raise UserError(f"{path}, line {number}: {','.join(cells)!r} isn't numbers.")
-        if rows and len(numbers) != len(rows[0]):
+        if rows and len(values) != len(rows[0]):
             raise UserError(
-                f"{path}, line {number}: has {len(numbers)} numbers, the lines above have "
+                f"{path}, line {number}: has {len(values)} numbers, the lines above have "
                 f"{len(rows[0])}."
             )
-        rows.append(numbers)
+        rows.append(values)
     if not rows or len(rows[0]) < 2 or (names and len(names) != len(rows[0])):
         raise UserError(
             f"{path}: is no table of spectra. Give lines of a wavelength in nm and a value, "
@@ -70,27 +70,3 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
 def bundled_spectra(name: str) -> dict[str, Spectrum]:
     """Of a table that comes with the application; not to be changed."""
     return read_spectra(bundled("spectra") / f"{name}.csv")
-
-
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give a CSV file.") from error
-    plain = [line.split("#", 1)[0].strip() for line in text.splitlines()]
-    kept = [(k, line) for k, line in enumerate(plain, 1) if line]
-    separator = ";" if any(";" in line for _, line in kept) else ","
-    cells = csv.reader([line for _, line in kept], delimiter=separator)
-    return [
-        (number, [cell.strip() for cell in row])
-        for (number, _), row in zip(kept, cells, strict=True)
-    ]
-
-
-def _numbers(cells: list[str]) -> list[float] | None:
-    try:
-        return [float(cell) for cell in cells]
-    except ValueError:
-        return None

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
 from optics.camera import Camera, Lens, Panel
 from optics.slm import Response
@@ -21,11 +22,6 @@ from simulator.mount import Mount
 from simulator.truth import beam, bent_response, figure
 
 T = TypeVar("T")
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 def _existing(term: tuple[int, int, float]) -> tuple[int, int, float]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from labapp.common.errors import UserError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 def require_writable(path: Path, *, force: bool) -> None:
@@ -54,6 +58,16 @@ def to_disk(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def encoded(path: Path, picture: NDArray[Any]) -> bytes:
+    """What a picture's file holds, by its ending; values in OpenCV's order. UserError."""
+    import cv2
+
+    done, data = cv2.imencode(path.suffix, picture)
+    if not done:
+        raise UserError(f"{path}: could not be encoded.")
+    return data.tobytes()
 
 
 def write_whole(path: Path, data: bytes) -> None:

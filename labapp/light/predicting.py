@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_camera
 from labapp.files.reading import read_grey
-from labapp.files.writing import write_whole
+from labapp.files.writing import encoded, write_whole
 from labapp.light.asked import Case
 from optics.accuracy import Account, Budget, MachineSpeed, describe
 from optics.camera import Camera
@@ -205,13 +204,9 @@ def _write(path: Path, psf: NDArray[Any]) -> None:
         write_whole(path, buffer.getvalue())
         return
     values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
-    done, data = cv2.imencode(path.suffix, values)
-    if not done:
-        raise UserError(f"{path}: could not be encoded.")
-    write_whole(path, data.tobytes())
+    write_whole(path, encoded(path, values))
 
 
-def _decades(psf: NDArray[Any], decades: float = 5.0) -> NDArray[np.uint8]:
-    floor = 10.0**-decades
-    share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), floor, 1)
-    return (255 * (1 + np.log10(share) / decades)).round().astype(np.uint8)
+def _decades(psf: NDArray[Any]) -> NDArray[np.uint8]:
+    share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), 1e-5, 1)
+    return (255 * (1 + np.log10(share) / 5)).round().astype(np.uint8)

@@ -8,11 +8,10 @@ from pydantic import Field, ValidationError
 
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
+from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, explain
 from labapp.files.scene_file import StarTable
 from optics.shadow import in_focus
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Request(FileModel):

@@ -45,14 +45,14 @@ def draw_panel(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
     _bare(axes, title)
 
 
-def animated(pictures: Sequence[NDArray[Any]], rate: int = 5) -> bytes:
-    """A GIF file that shows pictures in turn, so many a second, again and again; four decades."""
+def animated(pictures: Sequence[NDArray[Any]]) -> bytes:
+    """A GIF file that shows pictures in turn, five a second, again and again; four decades."""
     peak = max(float(picture.max()) for picture in pictures)
     figure = Figure(figsize=(4.2, 4.2), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "movie.gif"
-        writer = PillowWriter(fps=rate)
+        writer = PillowWriter(fps=5)
         with writer.saving(figure, path, dpi=100):
             for picture in pictures:
                 axes.clear()

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import h5py
 import numpy as np
 import tifffile
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from labapp.common.console import out, say, watched
 from labapp.common.errors import UserError
-from labapp.files.writing import write_whole
+from labapp.files.writing import encoded, write_whole
 from labapp.light.simulating.asked import AskedPicture, stage
 from labapp.light.simulating.explaining import told
 from optics.progress import Progress
@@ -62,9 +61,7 @@ def _drawn(
 
 
 def _write_png(path: Path, frames: Frames, picture: Picture, said: dict[str, str]) -> None:
-    done, data = cv2.imencode(".png", frames[0])
-    assert done
-    write_whole(path, data.tobytes())
+    write_whole(path, encoded(path, frames[0]))
 
 
 def _write_tiff(path: Path, frames: Frames, picture: Picture, said: dict[str, str]) -> None:

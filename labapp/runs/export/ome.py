@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
 from xml.etree import ElementTree
+
+from labapp.runs.export.naming import short
+from labapp.runs.export.rows import heading
+from labapp.runs.export.work import Work
 
 NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
@@ -15,40 +18,13 @@ _ANNOTATIONS = "labapp/frame"
 """The name space of what is told of each plane beyond exposure and time."""
 
 
-@dataclass(frozen=True)
-class Plane:
-    """One picture of a series. Seconds; notes: whatever else is known of it, as text."""
-
-    exposure: float
-    time: float
-    notes: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class Series:
-    """Pictures of one size after each other, uint16.
-
-    date: ISO 8601. shape: (rows, columns). pitch: of the pixels (y, x) in metres, bits: of
-    the digital numbers, wavelength: of all planes in metres; each None if unknown.
-    """
-
-    name: str
-    description: str
-    date: str
-    shape: tuple[int, int]
-    pitch: tuple[float, float] | None
-    bits: int | None
-    wavelength: float | None
-    model: str
-    serial: str
-    planes: Sequence[Plane]
-
-
-def ome_xml(series: Series) -> str:
+def ome_xml(work: Work) -> str:
     """The description as ASCII, for the first page of a TIFF file with axes TYX.
 
-    Every plane has its exposure, its time, and a map annotation with its notes.
+    Every plane has its exposure, its time, and a map annotation with all that is known of it.
     """
+    record, simulated = work.record, ", ".join(work.record.simulated)
+    camera = record.devices.get("camera", {"model": "", "serial": ""})
     schema = "http://www.w3.org/2001/XMLSchema-instance"
     root = ElementTree.Element("OME", {"xmlns": NAMESPACE, "xmlns:xsi": schema})
     root.set("xsi:schemaLocation", f"{NAMESPACE} {NAMESPACE}/ome.xsd")
@@ -57,24 +33,25 @@ def ome_xml(series: Series) -> str:
     _add(
         instrument,
         "Detector",
-        Model=_legal(series.model),
-        SerialNumber=_legal(series.serial),
+        Model=_legal(camera["model"]),
+        SerialNumber=_legal(camera["serial"]),
         ID="Detector:0",
     )
-    image = _add(root, "Image", ID="Image:0", Name=_legal(series.name))
-    _add(image, "AcquisitionDate").text = series.date
-    _add(image, "Description").text = _legal(series.description)
+    image = _add(root, "Image", ID="Image:0", Name=_legal(record.text("title")))
+    _add(image, "AcquisitionDate").text = record.text("start_time")
+    taken = f"SIMULATED: {simulated}" if simulated else "taken with real devices"
+    _add(image, "Description").text = _legal(taken)
     _add(image, "InstrumentRef", ID="Instrument:0")
-    _add_pixels(image, series)
+    _add_pixels(image, work)
     annotations = _add(root, "StructuredAnnotations")
-    for number, plane in enumerate(series.planes):
-        _add_notes(annotations, number, plane.notes)
+    for number, row in enumerate(work.rows):
+        _add_notes(annotations, number, row)
     body = ElementTree.tostring(root, encoding="us-ascii", xml_declaration=False)
     return _DECLARATION + body.decode()
 
 
-def _add_pixels(image: ElementTree.Element, series: Series) -> None:
-    rows, columns = series.shape
+def _add_pixels(image: ElementTree.Element, work: Work) -> None:
+    rows, columns = work.shape
     pixels = _add(
         image,
         "Pixels",
@@ -85,43 +62,45 @@ def _add_pixels(image: ElementTree.Element, series: Series) -> None:
         SizeY=rows,
         SizeC=1,
         SizeZ=1,
-        SizeT=len(series.planes),
+        SizeT=len(work.frames),
     )
-    if series.bits is not None:
-        pixels.set("SignificantBits", str(series.bits))
-    for axis, pitch in zip("YX", series.pitch or (), strict=False):
+    if work.bits is not None:
+        pixels.set("SignificantBits", str(work.bits))
+    for axis, pitch in zip("YX", work.pitch or (), strict=False):
         pixels.set(f"PhysicalSize{axis}", f"{pitch * 1e6:.12g}")
         pixels.set(f"PhysicalSize{axis}Unit", "µm")
     channel = _add(pixels, "Channel", ID="Channel:0:0", SamplesPerPixel=1)
-    if series.wavelength is not None:
-        channel.set("EmissionWavelength", f"{series.wavelength * 1e9:.12g}")
+    wavelengths = {row["wavelength"] for row in work.rows}
+    if len(wavelengths) == 1:
+        channel.set("EmissionWavelength", f"{wavelengths.pop() * 1e9:.12g}")
         channel.set("EmissionWavelengthUnit", "nm")
     _add(channel, "DetectorSettings", ID="Detector:0")
-    _add(pixels, "TiffData", IFD=0, PlaneCount=len(series.planes))
-    for number, plane in enumerate(series.planes):
-        _add_plane(pixels, number, plane)
+    _add(pixels, "TiffData", IFD=0, PlaneCount=len(work.frames))
+    for number, row in enumerate(work.rows):
+        _add_plane(pixels, number, row)
 
 
-def _add_plane(pixels: ElementTree.Element, number: int, plane: Plane) -> None:
+def _add_plane(pixels: ElementTree.Element, number: int, row: dict[str, Any]) -> None:
     added = _add(
         pixels,
         "Plane",
         TheZ=0,
         TheT=number,
         TheC=0,
-        DeltaT=plane.time,
+        DeltaT=row["time"],
         DeltaTUnit="s",
-        ExposureTime=plane.exposure,
+        ExposureTime=row["exposure"],
         ExposureTimeUnit="s",
     )
     _add(added, "AnnotationRef", ID=f"Annotation:{number}")
 
 
-def _add_notes(parent: ElementTree.Element, number: int, notes: Mapping[str, str]) -> None:
+def _add_notes(parent: ElementTree.Element, number: int, row: dict[str, Any]) -> None:
     annotation = _add(parent, "MapAnnotation", ID=f"Annotation:{number}", Namespace=_ANNOTATIONS)
     value = _add(annotation, "Value")
-    for key, text in notes.items():
-        _add(value, "M", K=key).text = _legal(text)
+    name = f"{row['target']}, {row['pattern']}, {short(row['wavelength'] * 1e9)} nm"
+    for key, told in {"name": name, **{heading(key): told for key, told in row.items()}}.items():
+        _add(value, "M", K=key).text = _legal(str(told))
 
 
 def _add(parent: ElementTree.Element, name: str, **attributes: object) -> ElementTree.Element:
