@@ -10,6 +10,7 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.optics import one_thread
 from labapp.cli.options import ForceOption, JsonOption, readable
+from optics.deconvolution.names import ASKABLE, AUTO
 
 
 @app.command()
@@ -35,12 +36,7 @@ def reconstruct(
             min=3, metavar="SIZE", help="Look for an unknown PSF of so many pixels at most."
         ),
     ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="auto, wiener, richardson-lucy, tv, hyper-laplacian, l-bfgs-b, plug-and-play."
-        ),
-    ] = "auto",
+    method: Annotated[str, typer.Option(help=f"{', '.join(ASKABLE)}.")] = AUTO,
     budget: Annotated[
         float | None,
         typer.Option(

@@ -14,7 +14,7 @@ from scipy.ndimage import shift
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture, find, merge_all
-from labapp.pictures.analysis.photograph import Score, score
+from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star import measure_psf
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.method import PREPARED, Method, Wanted, splitting_work
 from optics.deconvolution.priors import Bounds, TotalVariation, evident_weight
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.splitting import LEAST_FREEDOM, Steps, split
@@ -51,7 +52,7 @@ def total_variation(
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
     if iterations < 1:
         raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    gradients = TotalVariation(seen.whole, _step_for(seen), power, seen.image.dtype)
+    gradients = TotalVariation(seen.whole, step_for(seen), power, seen.image.dtype)
     bounded = positive or seen.border == "dark"
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
@@ -59,7 +60,7 @@ def total_variation(
     return split(seen, gradients, bounds, steps, name, progress or Progress())
 
 
-def _step_for(seen: Blurred) -> float:
+def step_for(seen: Blurred) -> float:
     """Length of a gradient that a first iteration takes for none."""
     bright = seen.clipped is not None and bool(seen.clipped.any())
     return (_STEP_CLIPPED if bright else STEP) * seen.scale
@@ -70,3 +71,14 @@ def first_weight(seen: Blurred, power: float = 1.0) -> float:
     explained = seen.explained
     length = (_TAILS * explained.gradient / seen.gain) ** power
     return evident_weight(length, power, seen.deviation, max(explained.freedom, LEAST_FREEDOM))
+
+
+def _solve(seen: Blurred, wanted: Wanted) -> Restored:
+    return total_variation(seen, wanted.weight, iterations=wanted.count, progress=wanted.progress)
+
+
+# A PSF of a hundred pixels with a peak in its centre takes 20 to 30 iterations.
+METHOD = Method(
+    "few edges, sharp ones (Eq. 2.27)",
+    _solve, {6: 4.0, 8: 4.1, 12: 4.4, 20: 4.6, 30: 4.7}, 30, PREPARED, splitting_work,
+)  # fmt: skip

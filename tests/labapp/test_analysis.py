@@ -9,7 +9,7 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.pictures.analysis import analyse
+from labapp.pictures.report.analysis import analyse
 from labapp.pictures.report.pictures import histogram_figure
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record

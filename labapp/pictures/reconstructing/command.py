@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from labapp.pictures.reconstructing.asked import AskedProblem
 from labapp.pictures.reconstructing.drawing import draw
 from labapp.pictures.reconstructing.methods import Wish
 from labapp.pictures.reconstructing.problem import Problem
-from labapp.pictures.reconstructing.restoring import Judged, Outcome, judged, restore_picture
+from labapp.pictures.reconstructing.restoring import Outcome, restore_picture
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,12 @@ def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool)
     """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
     data, picture, found = files.data, files.picture, files.found
     with watched() as progress:
-        problem, truth = asked.problem(progress.part(0, 0.3)), asked.known
+        problem = asked.problem(progress.part(0, 0.3))
         if wish.budget is not None:
             wish = replace(wish, speed=machine_speed(progress))
         outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
-        score = None if truth is None else judged(problem.light, outcome.light, *truth)
-        drawn = draw(problem, outcome, _captions(outcome, score))
+        drawn = draw(problem, outcome, _captions(outcome))
         full = problem.full if problem.full is not None else problem.white
         encoded = written(data, outcome.light, problem.coded, full)
         progress.report(1, "writing")
@@ -49,9 +47,9 @@ def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool)
     if found is not None:
         write_whole(found, _array(problem.psf[0]))
     if as_json:
-        print_json(_as_data(problem, outcome, score, data, picture, found))
+        print_json(_as_data(problem, outcome, data, picture, found))
         return
-    table(problem.source, ["", "value"], _rows(problem, outcome, score))
+    table(problem.source, ["", "value"], _rows(problem, outcome))
     for note in problem.notes:
         say(f"note: {note}")
     for file in (data, picture, found):
@@ -66,17 +64,18 @@ def _array(psf: Any) -> bytes:
     return buffer.getvalue()
 
 
-def _captions(outcome: Outcome, score: Judged | None) -> tuple[str, str]:
+def _captions(outcome: Outcome) -> tuple[str, str]:
     after = f"After: residual {outcome.residual:.2f}"
-    if score is None:
+    if outcome.scores is None:
         return "Before", after
-    return f"Before: {score.psnr[0]:.2f} dB", f"{after}, {score.psnr[1]:.2f} dB"
+    before, now = outcome.scores
+    return f"Before: {before.psnr:.2f} dB", f"{after}, {now.psnr:.2f} dB"
 
 
-def _rows(problem: Problem, outcome: Outcome, score: Judged | None) -> list[list[str]]:
+def _rows(problem: Problem, outcome: Outcome) -> list[list[str]]:
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
-    told = "as told" if problem.noise is not None else "estimated"
+    told = problem.noise_source(bands[0].noise)
     weights = [band.weight for band in bands if band.weight is not None]
     rows = [
         ["PSF", problem.psf_source],
@@ -88,12 +87,13 @@ def _rows(problem: Problem, outcome: Outcome, score: Judged | None) -> list[list
         ["residual over noise", f"{outcome.residual:.2f}; {outcome.verdict}"],
         ["processor time", f"{outcome.cpu_seconds:.2f} s"],
     ]
-    if score is not None:
-        before, after = score.psnr
-        at = f"(full frame, peak {score.peak:g})"
-        rows.append(["PSNR", f"{before:.2f} to {after:.2f} dB, {after - before:+.2f} {at}"])
-        if score.ssim is not None:
-            rows.append(["SSIM", f"{score.ssim[0]:.3f} to {score.ssim[1]:.3f}"])
+    if (known := problem.reference) is not None and outcome.scores is not None:
+        before, after = outcome.scores
+        gain = f"{before.psnr:.2f} to {after.psnr:.2f} dB, {after.psnr - before.psnr:+.2f}"
+        rows.append(["PSNR", f"{gain} ({known.crop}, peak {known.white:g})"])
+        if np.isfinite(after.ssim):
+            rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
+        rows.append(["against", known.source])
     return rows
 
 
@@ -104,7 +104,6 @@ def _each(values: list[float]) -> str:
 def _as_data(
     problem: Problem,
     outcome: Outcome,
-    score: Judged | None,
     data: Path,
     picture: Path,
     found: Path | None,
@@ -125,15 +124,19 @@ def _as_data(
         "clipped_share": float(problem.clipped.mean()),
         "dead_share": float((~np.isfinite(problem.light)).mean()),
         "cpu_s": outcome.cpu_seconds,
-        "score": score
-        and {
-            "crop": "full frame",
-            "peak": score.peak,
-            "psnr_db": [value if math.isfinite(value) else None for value in score.psnr],
-            "ssim": score.ssim,
-        },
+        "score": _score(problem, outcome),
         "notes": list(problem.notes),
         "file": str(data),
         "picture": str(picture),
         "psf_file": None if found is None else str(found),
     }
+
+
+def _score(problem: Problem, outcome: Outcome) -> dict[str, Any] | None:
+    """Before and after, against the picture as it should be; None where nobody knows that."""
+    known = problem.reference
+    if known is None or outcome.scores is None:
+        return None
+    told: dict[str, Any] = {"against": known.source, "crop": known.crop, "peak": known.white}
+    scores = [one.as_data for one in outcome.scores]
+    return told | {name: [one[name] for one in scores] for name in scores[0]}
