@@ -16,7 +16,7 @@ from labapp.window.thumbnail import Thumbnail
 _TITLES = {
     "neutral": "Neutral (reference)",
     "coded": "Coded",
-    "earlier": "By another method before",
+    "earlier": "Reconstructed before, by another method",
     "after": "Reconstructed",
 }
 _DECADES = 4
@@ -33,8 +33,7 @@ class SideBySide(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._last: Reconstructed | None = None
-        self._earlier: Reconstructed | None = None
+        self._kept: list[Reconstructed] = []
         self.pictures = {name: Picture(self) for name in _TITLES}
         self.titles = {name: label(self, title) for name, title in _TITLES.items()}
         self.psf = Thumbnail(QSize(_INSET, _INSET), self.pictures["coded"])
@@ -56,20 +55,14 @@ class SideBySide(QWidget):
         grid.addWidget(self.note, 2, 0, 1, 2)
 
     def show_result(self, result: Reconstructed) -> None:
-        if self._last is not None and self._last.method != result.method:
-            self._earlier = self._last
-        if self._earlier is not None and self._earlier.path != result.path:
-            self._earlier = None
-        self._last = result
-        was = None if result.scores is None else result.scores[0]
-        self._show("coded", _TITLES["coded"], result.before, was)
-        self._show("neutral", _TITLES["neutral"], result.neutral, None)
-        for name, one in (("after", result), ("earlier", self._earlier)):
-            if one is None:
-                self._show(name, _TITLES[name], None, None)
-            else:
-                now = None if one.scores is None else one.scores[1]
-                self._show(name, one.method, one.after, now)
+        others = [one for one in self._kept if one.method != result.method]
+        self._kept = [*[one for one in others if one.path == result.path][-1:], result]
+        dark = np.zeros_like(result.before)
+        self._show("neutral", dark if result.neutral is None else result.neutral)
+        self._show("coded", result.before, result.scores and result.scores[0])
+        self._show("earlier", dark)
+        for name, one in zip(("after", "earlier"), reversed(self._kept), strict=False):
+            self._show(name, one.after, one.scores and one.scores[1], one.method)
         self.psf.show_grey(_logarithmic(result.psf))
         self.psf.show()
         self.pictures["coded"].fit()
@@ -82,20 +75,15 @@ class SideBySide(QWidget):
     def _show(
         self,
         name: str,
-        title: str,
-        picture: NDArray[np.uint8] | None,
-        score: tuple[float, float] | None,
+        picture: NDArray[np.uint8],
+        score: tuple[float, float] | None = None,
+        title: str = "",
     ) -> None:
-        """A picture in its place; black where there is none."""
-        assert self._last is not None
-        shown = np.zeros_like(self._last.before) if picture is None else picture
-        self.pictures[name].show_indices(shown, tone.palette(marked=False))
-        title = title[0].upper() + title[1:]
-        if picture is None:
-            title += ": none"
+        self.pictures[name].show_indices(picture, tone.palette(marked=False))
+        text = title[:1].upper() + title[1:] or _TITLES[name]
         if score is not None:
-            title += f":&nbsp; <b>{score[0]:.1f} dB</b> PSNR,&nbsp; <b>{score[1]:.3f}</b> SSIM"
-        self.titles[name].setText(title)
+            text += f":&nbsp; <b>{score[0]:.1f} dB</b> PSNR,&nbsp; <b>{score[1]:.3f}</b> SSIM"
+        self.titles[name].setText(text)
 
 
 def _titled(title: QLabel, picture: Picture) -> QWidget:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Wanted, Work
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.total_variation import total_variation
@@ -287,10 +287,6 @@ def _residual(seen: Blurred, spread: torch.Tensor) -> float:
     return math.sqrt(float(squares.mean())) / seen.deviation
 
 
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    return bounded(seen, wanted.weight, iterations=wanted.count, progress=wanted.progress)
-
-
 def _evaluation(_: Blurred) -> Work:
     """Of an objective and its gradient, in double precision."""
     return Work(8, 300)
@@ -298,5 +294,5 @@ def _evaluation(_: Blurred) -> Work:
 
 METHOD = Method(
     "few edges, light never negative, by a general minimiser (Eq. 2.32)",
-    _solve, {50: 4.4, 100: 4.4}, 100, PREPARED, _evaluation,
+    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, _evaluation,
 )  # fmt: skip

@@ -6,7 +6,7 @@ from importlib import import_module
 
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import Denoise, Method, Wanted
+from optics.deconvolution.method import Denoise, Method
 from optics.deconvolution.names import RESTORATIONS
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive, rounded_up
@@ -45,8 +45,10 @@ def restore(
     speed, progress = speed or MachineSpeed(), progress or Progress()
     _require(budget, method, weight, count)
     name, number = _chosen(seen, budget, method, count, denoise, speed)
-    progress.report(0, METHODS[name].what)
-    restored = METHODS[name].solve(seen, Wanted(number, weight, denoise, progress))
+    chosen = METHODS[name]
+    progress.report(0, chosen.what)
+    own = {"denoise": denoise} if chosen.learned else {}
+    restored = chosen.solve(seen, weight, iterations=number, progress=progress, **own)
     progress.report(1, restored.method)
     return restored
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Wanted, Work
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.priors import (
     add_gradient,
@@ -111,10 +111,8 @@ def _evident(seen: Blurred, picture: torch.Tensor, power: float, residual: float
     return evident_weight(mean_gradient(picture, power), power, seen.deviation, freedom)
 
 
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    return hyper_laplacian(
-        seen, weight=wanted.weight, rounds=wanted.count, progress=wanted.progress
-    )
+def _solve(seen: Blurred, weight: float | None, *, iterations: int, progress: Progress) -> Restored:
+    return hyper_laplacian(seen, weight=weight, rounds=iterations, progress=progress)
 
 
 def _rounds(seen: Blurred) -> Work:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 
@@ -50,14 +51,12 @@ class Work:
         )
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """How to restore. count: of iterations or rounds. weight: by itself if None."""
+class Solve(Protocol):
+    """How a restoration is asked for: weight by itself if None, so many iterations or rounds."""
 
-    count: int
-    weight: float | None
-    denoise: Denoise | None
-    progress: Progress
+    def __call__(
+        self, seen: Blurred, weight: float | None, *, iterations: int, progress: Progress
+    ) -> Restored: ...
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,11 @@ class Method:
 
     what: in a few words. gains: by its count of iterations or rounds, decibels that it gains over
     the blurred photograph. usual: the count where nothing else is asked for. before, each: work
-    once, and in each iteration.
+    once, and in each iteration. learned: whether `solve` takes a `denoise` as well.
     """
 
     what: str
-    solve: Callable[[Blurred, Wanted], Restored]
+    solve: Solve
     gains: Mapping[int, float]
     usual: int
     before: Work

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Denoise, Method, Wanted, Work
+from optics.deconvolution.method import PREPARED, Denoise, Method, Work
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored, relative_change
 from optics.deconvolution.total_variation import total_variation
@@ -136,13 +136,18 @@ def _some(picture: torch.Tensor) -> torch.Tensor:
     return picture.flatten()[:: max(1, picture.numel() >> 18)]
 
 
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    if wanted.denoise is None:
+def _solve(
+    seen: Blurred,
+    weight: float | None,
+    *,
+    iterations: int,
+    progress: Progress,
+    denoise: Denoise | None = None,
+) -> Restored:
+    if denoise is None:
         raise ValueError("method is plug-and-play, and no denoiser is given; give one")
-    chosen = {} if wanted.weight is None else {"strength": wanted.weight}
-    return plug_and_play(
-        seen, wanted.denoise, rounds=wanted.count, progress=wanted.progress, **chosen
-    )
+    chosen = {} if weight is None else {"strength": weight}
+    return plug_and_play(seen, denoise, rounds=iterations, progress=progress, **chosen)
 
 
 _WEIGHTS = 4.4e4

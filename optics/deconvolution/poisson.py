@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Wanted, Work
-from optics.deconvolution.priors import Bounds, TotalVariation
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.restored import Restored
-from optics.deconvolution.splitting import Fit, Steps, split
-from optics.deconvolution.total_variation import first_weight, step_for
-from optics.edge import require_positive
+from optics.deconvolution.splitting import Fit
+from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -23,6 +23,7 @@ def poisson_total_variation(
     *,
     iterations: int = 30,
     tol: float = 0.0,
+    positive: bool = False,
     progress: Progress | None = None,
 ) -> Restored:
     """The picture x with the least m * sum of (H x - y log H x) + weight * sum of |∇x|, trusted
@@ -37,19 +38,13 @@ def poisson_total_variation(
     split(), with v = H x held to what the scene sends, and v's step is a quadratic's root.
 
     weight: light per pixel, by the evidence of the picture if None. iterations: at most; ends when
-    the picture's relative change is tol. The light that falls on the sensor is nowhere negative
-    while it is looked for; the answer's is cut at 0.
+    the picture's relative change is tol. positive: whether x may be negative nowhere while it is
+    looked for, which single photons and stars on darkness need, and more iterations; H x never is,
+    and the answer is cut at 0.
     Raises ValueError for a weight that isn't positive, or no iteration.
     """
-    if weight is not None:
-        require_positive("weight", weight, "")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
-    gradients = TotalVariation(seen.whole, step_for(seen), 1.0, seen.image.dtype)
-    steps = Steps(iterations, tol, weight, first_weight(seen) if weight is None else 0.0)
-    others = [] if seen.lit is None else [Bounds(seen.whole, seen.lit, seen.image.dtype)]
-    name = "Poisson total variation"
-    return split(seen, gradients, others, steps, name, progress or Progress(), likeliest(seen))
+    how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
+    return total_variation(seen, weight, fit=likeliest(seen), progress=progress, **how)
 
 
 def likeliest(seen: Blurred) -> Fit:
@@ -75,13 +70,7 @@ def likeliest(seen: Blurred) -> Fit:
     return fit
 
 
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    return poisson_total_variation(
-        seen, wanted.weight, iterations=wanted.count, progress=wanted.progress
-    )
-
-
 METHOD = Method(
     "likeliest under photon noise, few edges",
-    _solve, {8: 3.8, 20: 3.9, 30: 4.0}, 30, PREPARED, lambda _: Work(4, 75),
+    poisson_total_variation, {8: 3.8, 20: 3.9, 30: 4.0}, 30, PREPARED, lambda _: Work(4, 75),
 )  # fmt: skip

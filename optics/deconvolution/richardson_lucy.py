@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Wanted, Work
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.priors import divergence_of_direction, laplacian_of
 from optics.deconvolution.restored import Restored, relative_change
 from optics.fourier import irfft2, rfft2
@@ -178,9 +178,8 @@ def _factor(
     return taken.clamp_(max=_MOST).neg_().add_(1).reciprocal_()
 
 
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    weight = wanted.weight or 0.0
-    return richardson_lucy(seen, wanted.count, total_variation=weight, progress=wanted.progress)
+def _solve(seen: Blurred, weight: float | None, *, iterations: int, progress: Progress) -> Restored:
+    return richardson_lucy(seen, iterations, total_variation=weight or 0.0, progress=progress)
 
 
 METHOD = Method(

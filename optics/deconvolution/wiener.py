@@ -9,11 +9,12 @@ from typing import Literal
 import torch
 
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Wanted, Work
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.noise import squared_radii
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive
+from optics.progress import Progress
 from optics.threads import single_threaded
 
 Smooth = Literal["spectrum", "gradient", "flat"]
@@ -121,12 +122,9 @@ _MASKED_STEPS = 10
 """Where pixels within the frame are missing, at least."""
 
 
-def _steps(seen: Blurred, count: int) -> int:
-    return count - 1 if seen.trust is None else max(count - 1, _MASKED_STEPS)
-
-
-def _solve(seen: Blurred, wanted: Wanted) -> Restored:
-    return wiener(seen, wanted.weight, steps=_steps(seen, wanted.count))
+def _solve(seen: Blurred, weight: float | None, *, iterations: int, progress: Progress) -> Restored:
+    least = 0 if seen.trust is None else _MASKED_STEPS
+    return wiener(seen, weight, steps=max(iterations - 1, least))
 
 
 def _step(seen: Blurred) -> Work:

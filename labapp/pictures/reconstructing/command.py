@@ -31,7 +31,6 @@ class Files:
 
 def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool) -> None:
     """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
-    data, picture, found = files.data, files.picture, files.found
     with watched() as progress:
         problem = asked.problem(progress.part(0, 0.3))
         if wish.budget is not None:
@@ -40,19 +39,19 @@ def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool)
         progress.report(0.9, "drawing")
         drawn = draw(problem, outcome, _captions(outcome))
         full = problem.full if problem.full is not None else problem.white
-        encoded = written(data, outcome.light, problem.coded, full)
+        encoded = written(files.data, outcome.light, problem.coded, full)
         progress.report(1, "writing")
-    write_whole(data, encoded)
-    write_whole(picture, drawn)
-    if found is not None:
-        write_whole(found, _array(problem.psf[0]))
+    write_whole(files.data, encoded)
+    write_whole(files.picture, drawn)
+    if files.found is not None:
+        write_whole(files.found, _array(problem.psf[0]))
     if as_json:
-        print_json(_as_data(problem, outcome, data, picture, found))
+        print_json(_as_data(problem, outcome, files))
         return
     table(problem.source, ["", "value"], _rows(problem, outcome))
     for note in problem.notes:
         say(f"note: {note}")
-    for file in (data, picture, found):
+    for file in (files.data, files.picture, files.found):
         if file is not None:
             out.print(f"wrote {file}", markup=False, soft_wrap=True)
 
@@ -101,13 +100,7 @@ def _each(values: list[float]) -> str:
     return " / ".join(f"{value:.3g}" for value in values)
 
 
-def _as_data(
-    problem: Problem,
-    outcome: Outcome,
-    data: Path,
-    picture: Path,
-    found: Path | None,
-) -> dict[str, Any]:
+def _as_data(problem: Problem, outcome: Outcome, files: Files) -> dict[str, Any]:
     bands = outcome.bands
     return {
         "source": problem.source,
@@ -126,9 +119,9 @@ def _as_data(
         "cpu_s": outcome.cpu_seconds,
         "score": _score(problem, outcome),
         "notes": list(problem.notes),
-        "file": str(data),
-        "picture": str(picture),
-        "psf_file": None if found is None else str(found),
+        "file": str(files.data),
+        "picture": str(files.picture),
+        "psf_file": files.found and str(files.found),
     }
 
 

@@ -1,0 +1,68 @@
+"""One record, one restored picture: of the report, of the command, and of the window."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from labapp.bench.opening import open_bench
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import read_file
+from labapp.pictures.report.analysis import analyse
+from labapp.runs.acquisition.runner import run_plan
+from labapp.window.engine.reconstruction import reconstruct
+from labapp.window.messages import Reconstruct
+from optics.deconvolution.names import RESTORATIONS
+from optics.progress import Progress
+
+REPORTED = [name for name, one in RESTORATIONS.items() if one.reported]
+
+
+@pytest.fixture
+def record(small, tmp_path):
+    """Star and photograph, neutral and through a lens on the panel."""
+    block = {"patterns": ["neutral", "lens"], "wavelengths_nm": [550], "exposures_ms": [1, 8]}
+    changes = {
+        "acquire": [
+            {"targets": ["dark"], **block, "patterns": ["neutral"]},
+            {"targets": ["star", "photograph"], **block},
+        ],
+        "reconstruct": {"coded": "lens", "psf_window_px": 31, "iterations": 7},
+    }
+    plan = PlanFile.model_validate(read_file(small.plan, PlanFile).model_dump() | changes)
+    with open_bench(small.bench_files) as bench:
+        return run_plan(bench, plan, tmp_path / "run.h5").path
+
+
+def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, record, tmp_path):
+    analysis = analyse(record)
+    assert list(analysis.restored) == REPORTED
+    code, printed, errors = labapp("report", record, "--json")
+    assert code == 0, errors
+    report = json.loads(printed)["scores"]
+    for name in REPORTED:
+        out, shown = tmp_path / f"{name}.npy", tmp_path / f"{name}-window.npy"
+        code, printed, errors = labapp(
+            "reconstruct", record, "--method", name, "--out", out, "--force", "--json"
+        )
+        assert code == 0, errors
+        told = json.loads(printed)["score"]
+        assert np.array_equal(np.load(out), analysis.restored[name].light[0])
+        for figure in ("psnr_db", "ssim"):
+            assert told[figure] == [report["coded"][figure], report[name][figure]]
+        window = reconstruct(Reconstruct(record, name, None), Progress())
+        window.save(shown)
+        assert np.array_equal(np.load(shown), np.load(out))
+        assert window.report.scores[1] == (told["psnr_db"][1], told["ssim"][1])
+    # What the plan says of its iterations holds in each of them.
+    assert analysis.restored["richardson-lucy"].bands[0].iterations <= 7
+
+
+def test_the_noise_of_a_record_is_at_least_that_of_its_photons(record):
+    outcome = analyse(record).restored["total-variation"]
+    window = reconstruct(Reconstruct(record, "tv", None), Progress())
+    variance = (window.problem.least_noise) ** 2
+    assert variance > 0
+    assert outcome.bands[0].noise >= window.problem.least_noise
