@@ -118,7 +118,8 @@ def reconstruct(
     Colour is restored band by band. The noise is estimated and the weight chosen, if you don't
     say them. The border of the frame, clipped and dead (NaN) pixels aren't guessed: the
     restoration is of what was measured. A residual of about 1 is good: what is left of the
-    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. **--blind SIZE** finds a
+    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. Of a record it is judged by
+    the neutral photograph of the same run, unless you give a truth. **--blind SIZE** finds a
     blur that nobody measured from sharp edges in the picture, writes it beside the answer, and
     says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,11 +13,14 @@ import pytest
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.pictures.analysis.brackets import merge_all
 from labapp.pictures.report.analysis import analyse
 from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
 from labapp.window.engine.reconstruction import reconstruct
 from labapp.window.messages import Reconstruct
-from optics.deconvolution.names import RESTORATIONS
+from optics.deconvolution import choice
+from optics.deconvolution.names import ASKABLE, RESTORATIONS, Named
 from optics.progress import Progress
 
 REPORTED = [name for name, one in RESTORATIONS.items() if one.reported]
@@ -61,8 +67,29 @@ def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, re
 
 
 def test_the_noise_of_a_record_is_at_least_that_of_its_photons(record):
-    outcome = analyse(record).restored["total-variation"]
     window = reconstruct(Reconstruct(record, "tv", None), Progress())
-    variance = (window.problem.least_noise) ** 2
-    assert variance > 0
-    assert outcome.bands[0].noise >= window.problem.least_noise
+    with Record(record) as opened:
+        merged = merge_all(opened, opened.plan, Progress(), {"photograph"})
+    (coded,) = [one for one in merged if one.pattern == "lens"]
+    photons = np.sqrt(coded.variance[np.isfinite(coded.variance)].mean())
+    assert window.outcome.bands[0].noise >= 0.999 * photons
+
+
+def test_every_restoration_is_offered_and_asking_loads_no_engine(labapp):
+    code, printed, _ = labapp("reconstruct", "--help")
+    assert code == 0
+    assert all(name in printed for name in ASKABLE)
+    loaded = "import sys, labapp.cli.reconstructing; print('torch' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", loaded], capture_output=True, check=True)
+    assert said.stdout.strip() == b"False"
+
+
+def test_a_restoration_that_is_named_is_all_that_it_takes(monkeypatch):
+    """Its module's METHOD and a line in the list: then it can be chosen, measured, asked for."""
+    named = {**RESTORATIONS, "mine": Named("mine", "optics.deconvolution.poisson")}
+    monkeypatch.setattr("optics.deconvolution.names.RESTORATIONS", named)
+    try:
+        assert importlib.reload(choice).METHODS["mine"].usual == 30
+    finally:
+        monkeypatch.undo()
+        importlib.reload(choice)

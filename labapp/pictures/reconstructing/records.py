@@ -218,15 +218,11 @@ def _roles(record: Record, choice: Choice) -> Reconstruction:
             f"{', '.join(record.pattern_names)}."
         )
     wavelength = wavelength or (plan.wavelength if plan else None)
-    if wavelength is None and len(seen) > 1:
+    wrong = wavelength is not None and all(abs(one - wavelength) >= _SAME for one in seen)
+    if wrong or (wavelength is None and len(seen) > 1):
         listed = ", ".join(f"{one * 1e9:g}" for one in seen)
-        raise UserError(f"{path}: has {target!r} at {listed} nm. Choose one: --wavelength-nm.")
-    if wavelength is not None and not any(abs(one - wavelength) < _SAME for one in seen):
-        listed = ", ".join(f"{one * 1e9:g}" for one in seen)
-        raise UserError(
-            f"{path}: has {target!r} at {listed} nm, and not at {wavelength * 1e9:g}. Choose one: "
-            "--wavelength-nm."
-        )
+        but = f", and not at {wavelength * 1e9:g}" if wavelength is not None else ""
+        raise UserError(f"{path}: has {target!r} at {listed} nm{but}. Choose one: --wavelength-nm.")
     return _as_roles(record, target, pattern, star, wavelength)
 
 
