@@ -21,7 +21,7 @@ from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.choice import METHODS, restore
-from optics.deconvolution.plug_and_play import Denoise
+from optics.deconvolution.method import Denoise
 from optics.progress import Progress
 from optics.threads import single_threaded
 

@@ -10,6 +10,7 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.optics import one_thread
 from labapp.cli.options import ForceOption, JsonOption, readable
+from optics.deconvolution.names import ASKABLE, AUTO
 
 
 @app.command()
@@ -35,12 +36,7 @@ def reconstruct(
             min=3, metavar="SIZE", help="Look for an unknown PSF of so many pixels at most."
         ),
     ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="auto, wiener, richardson-lucy, tv, hyper-laplacian, l-bfgs-b, plug-and-play."
-        ),
-    ] = "auto",
+    method: Annotated[str, typer.Option(help=f"{', '.join(ASKABLE)}.")] = AUTO,
     budget: Annotated[
         float | None,
         typer.Option(
@@ -122,7 +118,8 @@ def reconstruct(
     Colour is restored band by band. The noise is estimated and the weight chosen, if you don't
     say them. The border of the frame, clipped and dead (NaN) pixels aren't guessed: the
     restoration is of what was measured. A residual of about 1 is good: what is left of the
-    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. **--blind SIZE** finds a
+    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. Of a record it is judged by
+    the neutral photograph of the same run, unless you give a truth. **--blind SIZE** finds a
     blur that nobody measured from sharp edges in the picture, writes it beside the answer, and
     says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.

@@ -132,7 +132,8 @@ class Retry(FileModel):
 class Reconstruction(FileModel):
     """Which targets and patterns play which part when the pictures are undone.
 
-    wavelength_nm is needed only if the plan has several.
+    wavelength_nm is needed only if the plan has several. iterations: of Richardson-Lucy, at most;
+    it ends where no more than noise is left unexplained.
     """
 
     @property

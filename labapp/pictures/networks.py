@@ -14,7 +14,7 @@ import torch
 from labapp.common.errors import UserError
 from labapp.files.reading import bundled
 from optics.deconvolution.denoiser import denoiser_of
-from optics.deconvolution.plug_and_play import Denoise
+from optics.deconvolution.method import Denoise
 
 PACKAGED = bundled("denoiser.npz")
 """Trained by `labapp train`; see SOURCES.txt beside it."""

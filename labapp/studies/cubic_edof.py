@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import bundled, read_grey, validate
 from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
-from labapp.pictures.analysis.photograph import Score, score
+from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star import measure_psf
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.cubic_edof import STUDY

@@ -13,9 +13,9 @@ from scipy.ndimage import shift
 
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import validate
-from labapp.pictures.analysis.brackets import Picture, find, merge_all
-from labapp.pictures.analysis.photograph import Score, score
-from labapp.pictures.analysis.star import measure_psf
+from labapp.pictures.analysis.brackets import Picture, merge_all
+from labapp.pictures.analysis.score import Score, score
+from labapp.pictures.reconstructing.records import found_in
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
 from labapp.studies.contract import Plate, Results, Row
@@ -25,7 +25,6 @@ from optics.camera import Camera
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.statistics import fitted_generalised, fitted_mixture, log_histogram
 from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.measured import measured
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.total_variation import total_variation
@@ -76,40 +75,35 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
     roles = Reconstruction(
         coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
     )
-    psf = measure_psf(record, brackets, roles).measured
-    sharp, coded = (
-        find(brackets, "photograph", name, roles.wavelength, record.path)
-        for name in ("neutral", _CODED)
-    )
-    white = float(np.percentile(sharp.rate, 99.9))
-    known = np.isfinite(coded.variance)
-    seen = measured(
-        (coded.rate / white).astype(np.float32),
-        psf.astype(np.float32),
-        weights=None if known.all() else known.astype(np.float32),
-    )
+    problem = found_in(record, brackets, roles).problem()
+    (seen,), sharp, white = problem.bands(), problem.reference, problem.white
+    assert sharp is not None
+    psf = problem.psf[0].astype(np.float64)
     ways: dict[str, Callable[[], Restored]] = {
         "Wiener, one weight for all frequencies": lambda: wiener(seen, smooth="flat"),
         "Wiener, gradient": lambda: wiener(seen),
         "Richardson-Lucy": lambda: richardson_lucy(seen, settings.lucy),
         "total variation": lambda: total_variation(seen),
     }
-    pictures: dict[str, Picture] = {"sharp": sharp.rate / white, "blurred": coded.rate / white}
+    pictures: dict[str, Picture] = {
+        "sharp": sharp.light[0] / white,
+        "blurred": problem.light[0].astype(np.float64) / white,
+    }
     for number, (name, way) in enumerate(ways.items()):
         progress.report(0.3 + 0.4 * number / len(ways), name)
-        pictures[name] = way().image.double().numpy()
+        pictures[name] = way().image.double().numpy() / white
     plates, blind = [], None
     if settings.blind:
         blind = _blind(seen, settings, record.bench.build_camera(), progress.part(0.7, 1))
-        pictures["blind"] = blind.restored
+        pictures["blind"] = blind.restored / white
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     rows = [_row(name, one) for name, one in scores.items() if name != "sharp"]
     notes = [
         "PSNR (peak 1) and SSIM (range 1) are against the photograph taken with a neutral pattern, "
         "over the central 90 %; its own noise and the lens' blur are in it, so that nothing comes "
         "arbitrarily near.",
-        f"The noise, {seen.noise:.4f} of white, and all weights were found from the blurred "
-        "photograph. The PSF was measured on a star.",
+        f"The noise, {seen.noise / white:.4f} of white, and all weights were found from the "
+        "blurred photograph. The PSF was measured on a star.",
     ]
     if blind is not None:
         plates.append(_statistics(pictures["sharp"]))

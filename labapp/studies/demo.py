@@ -11,8 +11,8 @@ from labapp.files.places import RECORD, REPORT_FILES
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled, read_file
 from labapp.files.writing import make_folder, require_free
-from labapp.pictures.analysis import Analysis, analyse
 from labapp.pictures.report import as_data, print_tables, write_report
+from labapp.pictures.report.analysis import Analysis, analyse
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.running import require_complete
 from optics.progress import Progress

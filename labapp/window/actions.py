@@ -22,8 +22,7 @@ class Declared:
 DECLARED = (
     Declared("live", "Live", "F5", "Take one picture after the other", checkable=True),
     Declared("acquire", "Acquire bracket", "F6", "Put the bracket in line, into a new file"),
-    Declared("reconstruct", "Reconstruct", "F7", "Undo the coding of the last complete run"),
-    Declared("restore", "Restore", "F9", "Undo the last run's blur, by a method of your choice"),
+    Declared("reconstruct", "Reconstruct", "F7", "Undo the last run's blur, as you choose"),
     Declared("pause", "Pause", "F8", "Let the run rest after its frame, or go on"),
     Declared("cancel", "Cancel", "Esc", "Stop the run or the computation"),
     Declared("plan", "Run plan …", "Ctrl+P", "Put the run of a plan file in line"),

@@ -28,10 +28,10 @@ from labapp.window.pattern_panel import PatternPanel
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
 from labapp.window.remembered import Remembered
-from labapp.window.restore_view import RestoreView
 from labapp.window.run_panel import RunPanel
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
+from labapp.window.side_by_side import SideBySide
 
 _SIZE = QSize(1600, 900)
 _LEFT, _RIGHT = 310, 370
@@ -52,20 +52,18 @@ class MainWindow(QMainWindow):
         self.bar = ActionBar(self.actions_, self)
         self.setMenuWidget(self.bar)
         self.live_view = LiveView(self)
-        self.reconstruction = ReconstructionView(self)
+        self.reconstruction = ReconstructionView(self.actions_["reconstruct"], self)
+        self.side_by_side = SideBySide(self)
         self.tabs = QTabWidget(self)
         self.tabs.addTab(self.live_view, "Live")
         self.tabs.addTab(self.reconstruction, "Reconstruction")
-        self.restored = RestoreView(self.actions_["restore"], self)
-        self.tabs.addTab(self.restored, "Before and after")
+        self.tabs.addTab(self.side_by_side, "Side by side")
         self.call = CallLine(self.actions_["pause"], self)
         self.setCentralWidget(self._central())
         self.devices = DeviceList(self)
         self.settings = SettingsPanel(self)
         self.pattern = PatternPanel(self)
-        self.run = RunPanel(
-            [self.actions_[name] for name in ("acquire", "reconstruct", "restore")], self
-        )
+        self.run = RunPanel([self.actions_[name] for name in ("acquire", "reconstruct")], self)
         files = [self.actions_[name] for name in ("plan", "resume", "open")]
         self.queue = QueuePanel(files, self)
         self.effects = EffectsPanel(self)
@@ -96,6 +94,11 @@ class MainWindow(QMainWindow):
         self.hide()
         self.connection.close()
         event.accept()
+
+    def show_reconstruction(self) -> None:
+        """Bring it to the front, unless the person compares pictures side by side."""
+        if self.tabs.currentWidget() is not self.side_by_side:
+            self.tabs.setCurrentWidget(self.reconstruction)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Enter says that what a run asked for is done, but never what was meant for a field."""
@@ -184,8 +187,8 @@ class MainWindow(QMainWindow):
             "wavelength_nm": self.settings.wavelength,
             "exposure_ms": self.settings.exposure,
             "folder": self.run.folder,
-            "restore_method": self.restored.method,
-            "restore_s": self.restored.budget,
+            "restore_method": self.reconstruction.method,
+            "restore_s": self.reconstruction.budget,
             "pattern": form.kind,
             "pattern_file": form.file,
         }

@@ -126,11 +126,6 @@ class Reconnect:
 
 @dataclass(frozen=True)
 class Reconstruct:
-    path: Path
-
-
-@dataclass(frozen=True)
-class Restore:
     """Undo the blur of a record's photograph. budget: processor seconds; None: the usual."""
 
     path: Path
@@ -172,7 +167,6 @@ Command = (
     | Answer
     | Reconnect
     | Reconstruct
-    | Restore
     | SaveRestored
     | Cancel
     | FrameSeen
@@ -386,19 +380,11 @@ class Reconnected:
 
 @dataclass(frozen=True, eq=False)
 class Reconstructed:
-    """Pictures by name, the measured PSF, and (PSNR in dB, SSIM) by name."""
-
-    path: Path
-    images: dict[str, NDArray[np.float32]]
-    psf: NDArray[np.float32]
-    scores: dict[str, tuple[float, float]]
-
-
-@dataclass(frozen=True, eq=False)
-class PictureRestored:
     """A photograph before and after, (rows, columns) as a screen shows them, and how it went.
 
-    noise: standard deviation of a pixel, in `unit`. residual: of the photograph, over the noise.
+    neutral: the same as it should be, where the run has it; scores: PSNR in dB and SSIM against
+    it, before and after. psf: by which it was undone. noise: standard deviation of a pixel, in
+    `unit`; noise_source: how it is known, in words. residual: of the photograph, over the noise.
     verdict: on it, in words.
     """
 
@@ -406,8 +392,12 @@ class PictureRestored:
     source: str
     before: NDArray[np.uint8]
     after: NDArray[np.uint8]
+    neutral: NDArray[np.uint8] | None
+    psf: NDArray[np.float32]
+    scores: tuple[tuple[float, float], tuple[float, float]] | None
     method: str
     noise: float
+    noise_source: str
     unit: str
     weight: float | None
     iterations: int
@@ -455,7 +445,6 @@ Report = (
     | RunEnded
     | Reconnected
     | Reconstructed
-    | PictureRestored
     | PictureSaved
     | JobEnded
     | Failure

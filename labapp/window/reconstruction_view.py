@@ -1,95 +1,112 @@
-"""Before and after: neutral, coded and restored photographs side by side, zoomed together."""
+"""Reconstructing a run's photograph: how, how far, before and after, and how far to trust it."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-from PySide6.QtCore import QSize
-from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QHBoxLayout,
+    QPushButton,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 
-from labapp.window import tone
+from labapp.window.comparison import Comparison
 from labapp.window.label import label
 from labapp.window.messages import Reconstructed
-from labapp.window.picture import Picture
-from labapp.window.thumbnail import Thumbnail
+from optics.deconvolution.names import AUTO, RESTORATIONS
 
-_TITLES = {
-    "neutral": "Neutral (reference)",
-    "coded": "Coded",
-    "richardson-lucy": "Richardson-Lucy",
-    "total-variation": "Total variation",
+METHODS = {
+    "Automatic": AUTO,
+    **{one.title[0].upper() + one.title[1:]: name for name, one in RESTORATIONS.items()},
 }
-_PLACES = {"neutral": (0, 0), "coded": (0, 1), "richardson-lucy": (1, 0), "total-variation": (1, 1)}
-_GAMMA = 2.2
-_DECADES = 4
-_INSET = 104
-_EMPTY = "Nothing is reconstructed yet: acquire a bracket (F6), then reconstruct it (F7)."
+"""As a person reads them, and as the engine calls them."""
+
+_EMPTY = (
+    "Nothing is reconstructed yet: acquire a bracket (F6) or open a run, then reconstruct it (F7)."
+)
+_LONGEST = 3600.0
 
 
 class ReconstructionView(QWidget):
-    """Four pictures on one scale, figures of merit beside each, and the measured PSF.
+    """Choice of a method or of a time, the two pictures, and what the engine said of them.
 
-    The PSF stands in a corner of the coded picture, which it explains.
+    save_asked: the person wants the restored picture in a file.
     """
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    save_asked = Signal()
+
+    def __init__(self, reconstruct: QAction, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.pictures = {name: Picture(self) for name in _TITLES}
-        self.titles = {name: label(self, title) for name, title in _TITLES.items()}
-        self.psf = Thumbnail(QSize(_INSET, _INSET), self.pictures["coded"])
-        self.psf.setFixedSize(_INSET, _INSET)
-        self.psf.setToolTip(f"Measured PSF, {_DECADES} decades from its peak")
-        self.psf.move(6, 6)
-        self.psf.hide()
+        self.method = QComboBox(self)
+        self.method.addItems(list(METHODS))
+        self.method.setToolTip("Automatic takes what serves best in the time")
+        self.budget = QDoubleSpinBox(self, decimals=2, maximum=_LONGEST, singleStep=0.1)
+        self.budget.setSuffix(" s")
+        self.budget.setSpecialValueText("as usual")
+        self.budget.setToolTip("Processor seconds that it may take")
+        self.start = QToolButton(self)
+        self.start.setDefaultAction(reconstruct)
+        self.before = QPushButton("Hold for before", self)
+        self.before.setToolTip("While you hold it, the photograph before is all that is seen")
+        self.save = QPushButton("Save …", self)
+        self.picture = Comparison(self)
         self.note = label(self, _EMPTY, look="faint", wrap=True)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(4)
-        for name, (row, column) in _PLACES.items():
-            grid.addWidget(_titled(self.titles[name], self.pictures[name]), row, column)
-            grid.setRowStretch(row, 1)
-            grid.setColumnStretch(column, 1)
-            if name != "neutral":
-                self.pictures[name].link(self.pictures["neutral"])
-        grid.addWidget(self.note, 2, 0, 1, 2)
+        self.before.pressed.connect(lambda: self.picture.show_before(True))
+        self.before.released.connect(lambda: self.picture.show_before(False))
+        self.save.clicked.connect(self.save_asked)
+        for button in (self.before, self.save):
+            button.setEnabled(False)
+        self._arrange()
+
+    @property
+    def chosen(self) -> tuple[str, float | None]:
+        """The method, and seconds or None for as many as it usually takes."""
+        return METHODS[self.method.currentText()], self.budget.value() or None
 
     def show_result(self, result: Reconstructed) -> None:
-        palette = tone.palette(marked=False)
-        for name, picture in self.pictures.items():
-            picture.show_indices(_visible(result.images[name]), palette)
-            self.titles[name].setText(_title(name, result.scores))
-        self.psf.show_grey(_logarithmic(result.psf))
-        self.psf.show()
-        self.pictures["neutral"].fit()
-        self.note.setText(
-            "PSNR (peak 1) and SSIM (range 1) are against the neutral picture. All from 0 to 1, "
-            f"gamma {_GAMMA}. Inset: measured PSF over {_DECADES} decades. Zoom one and all "
-            "follow; double-click to fit."
+        self.picture.show_both(result.before, result.after)
+        self.note.setText(in_words(result))
+        self.note.setToolTip(str(result.path))
+        for button in (self.before, self.save):
+            button.setEnabled(True)
+
+    def _arrange(self) -> None:
+        bar = QHBoxLayout()
+        bar.setSpacing(6)
+        bar.addWidget(label(self, "Method"))
+        bar.addWidget(self.method)
+        bar.addWidget(label(self, "Time"))
+        bar.addWidget(self.budget)
+        bar.addWidget(self.start)
+        bar.addStretch(1)
+        bar.addWidget(self.before)
+        bar.addWidget(self.save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 4, 0, 0)
+        layout.setSpacing(4)
+        layout.addLayout(bar)
+        layout.addWidget(self.picture, 1)
+        layout.addWidget(self.note)
+        self.note.setTextFormat(Qt.TextFormat.PlainText)
+
+
+def in_words(result: Reconstructed) -> str:
+    """What a person should know of a reconstruction, in a few sentences."""
+    weight = "" if result.weight is None else f", weight {result.weight:.3g}"
+    scores = ""
+    if result.scores is not None:
+        (before, was), (after, now) = result.scores
+        scores = (
+            f"Against the neutral photograph PSNR {before:.1f} to {after:.1f} dB, "
+            f"SSIM {was:.3f} to {now:.3f}. "
         )
-
-
-def _title(name: str, scores: dict[str, tuple[float, float]]) -> str:
-    if name not in scores:
-        return _TITLES[name]
-    psnr, ssim = scores[name]
-    return f"{_TITLES[name]}:&nbsp; <b>{psnr:.1f} dB</b> PSNR,&nbsp; <b>{ssim:.3f}</b> SSIM"
-
-
-def _titled(title: QLabel, picture: Picture) -> QWidget:
-    widget = QWidget()
-    layout = QVBoxLayout(widget)
-    layout.setContentsMargins(0, 2, 0, 0)
-    layout.setSpacing(2)
-    layout.addWidget(title)
-    layout.addWidget(picture, 1)
-    return widget
-
-
-def _visible(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Linear light from 0 to 1 as the screen shows it."""
-    return np.rint(255 * np.clip(image, 0, 1) ** (1 / _GAMMA)).astype(np.uint8)
-
-
-def _logarithmic(psf: NDArray[np.float32]) -> NDArray[np.uint8]:
-    share = np.maximum(psf / psf.max(), 10.0**-_DECADES)
-    return np.rint(255 * (np.log10(share) / _DECADES + 1)).astype(np.uint8)
+    return (
+        f"{result.source}: {result.method}{weight}, {result.iterations} iterations in "
+        f"{result.cpu_seconds:.2f} s of processor time. {scores}Noise {result.noise:.3g} "
+        f"{result.unit}, {result.noise_source}. Residual {result.residual:.2f} of the noise, "
+        f"{result.verdict}. Drag the divider; zoom with the wheel, double-click to fit."
+    )

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from PySide6.QtWidgets import QWidget
 
 from labapp.window.device_list import TITLES
 from labapp.window.messages import (
@@ -20,7 +17,6 @@ from labapp.window.messages import (
     LiveFrame,
     OpeningFailed,
     PatternPreview,
-    PictureRestored,
     PictureSaved,
     QueueState,
     Reconnected,
@@ -60,7 +56,6 @@ class Reports:
             Reconnected: self._reconnected,
             RunEnded: self._run_ended,
             Reconstructed: self._reconstructed,
-            PictureRestored: self._restored,
             PictureSaved: lambda report: window.message.say(f"Saved: {report.path}."),
             Failure: lambda report: window.message.complain(report.message),
             OpeningFailed: self._opening_failed,
@@ -118,7 +113,7 @@ class Reports:
         self._session.bench_stands(report)
 
     def _job_progress(self, report: JobProgress) -> None:
-        if report.job in ("reconstruction", "restoration"):
+        if report.job == "reconstruction":
             self._window.run.show_progress(report)
 
     def _job_ended(self, report: JobEnded) -> None:
@@ -161,19 +156,14 @@ class Reports:
         self._window.message.say(f"{name} is open again. Live view starts with F5.")
 
     def _reconstructed(self, report: Reconstructed) -> None:
-        self._window.reconstruction.show_result(report)
-        self._shown(self._window.reconstruction, "reconstructed", report.path)
-
-    def _restored(self, report: PictureRestored) -> None:
-        self._window.restored.show_result(report)
-        self._shown(self._window.restored, "restored", report.path)
-
-    def _shown(self, view: QWidget, done: str, path: Path) -> None:
         """A result came from a record: its tab comes to the front."""
+        window = self._window
+        window.reconstruction.show_result(report)
+        window.side_by_side.show_result(report)
         self._session.finish()
-        self._window.run.show_end(done, done=True)
-        self._window.tabs.setCurrentWidget(view)
-        self._window.message.say(f"{done.capitalize()} from {path}.")
+        window.run.show_end("reconstructed", done=True)
+        window.show_reconstruction()
+        window.message.say(f"Reconstructed from {report.path}.")
 
     def _opening_failed(self, report: OpeningFailed) -> None:
         self._why_not_open = report.message

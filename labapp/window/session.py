@@ -19,7 +19,6 @@ from labapp.window.messages import (
     QueueState,
     Reconnect,
     Reconstruct,
-    Restore,
     SaveRestored,
     SetLive,
     Show,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 class Session(QObject):
     """Panels' signals become commands, and only what can be done can be clicked.
 
-    job: "reconstruction" or "restoration" while one is under way, else "". queue: the
+    job: "reconstruction" while one is under way, else "". queue: the
     runs. first_target: the target of the last session, for when the bench opens.
     """
 
@@ -112,8 +111,7 @@ class Session(QObject):
         actions, view = self._window.actions_, self._window.live_view
         actions["live"].triggered.connect(lambda on: self._connection.send(SetLive(on)))
         actions["reconstruct"].triggered.connect(self._reconstruct_last)
-        actions["restore"].triggered.connect(self._restore_last)
-        self._window.restored.save_asked.connect(self._save_restored)
+        self._window.reconstruction.save_asked.connect(self._save_restored)
         actions["open"].triggered.connect(self._open_run)
         actions["cancel"].triggered.connect(self._cancel)
         for name, change in (("contrast", view.set_auto), ("marks", view.set_marked)):
@@ -133,7 +131,6 @@ class Session(QObject):
             "cancel": self._open and (self.in_run or bool(self.job)),
             "open": idle,
             "reconstruct": idle and self._last_run is not None,
-            "restore": idle and self._last_run is not None,
         }
         for name, on in allowed.items():
             window.actions_[name].setEnabled(on)
@@ -171,27 +168,19 @@ class Session(QObject):
         if path:
             self._reconstruct(Path(path))
 
-    def _restore_last(self) -> None:
-        if self._last_run is None:
-            return
-        self.job = "restoration"
-        self._window.run.begin("restoring …")
-        self._window.tabs.setCurrentWidget(self._window.restored)
-        self._allow()
-        self._connection.send(Restore(self._last_run, *self._window.restored.chosen))
-
     def _save_restored(self) -> None:
         first = "" if self._last_run is None else str(self._last_run.with_suffix(".tiff"))
         kinds = "Light (*.tiff *.npy);;Picture (*.png)"
-        path, _ = QFileDialog.getSaveFileName(self._window, "Restored picture", first, kinds)
+        path, _ = QFileDialog.getSaveFileName(self._window, "Reconstructed picture", first, kinds)
         if path:
             self._connection.send(SaveRestored(Path(path)))
 
     def _reconstruct(self, path: Path) -> None:
         self.job, self._last_run = "reconstruction", path
         self._window.run.begin("reconstructing …")
+        self._window.show_reconstruction()
         self._allow()
-        self._connection.send(Reconstruct(path))
+        self._connection.send(Reconstruct(path, *self._window.reconstruction.chosen))
 
     def _cancel(self) -> None:
         self._window.run.message.setText("cancelling …")

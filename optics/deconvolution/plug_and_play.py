@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.method import PREPARED, Denoise, Method, Work
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored, relative_change
 from optics.deconvolution.total_variation import total_variation
@@ -16,10 +16,6 @@ from optics.edge import require_positive
 from optics.fourier import half_counts, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
-
-Denoise = Callable[[torch.Tensor, float], torch.Tensor]
-"""Of a picture, (rows, columns) with white at about 1, and the standard deviation of its noise: the
-picture without it."""
 
 _FIRST, _LEAST = 0.15, 0.002
 """Levels of the denoiser, of white: in the first round, and at least in any."""
@@ -138,3 +134,33 @@ class _Left:
 def _some(picture: torch.Tensor) -> torch.Tensor:
     """Of large pictures not every value, for statistics."""
     return picture.flatten()[:: max(1, picture.numel() >> 18)]
+
+
+def _solve(
+    seen: Blurred,
+    weight: float | None,
+    *,
+    iterations: int,
+    progress: Progress,
+    denoise: Denoise | None = None,
+) -> Restored:
+    if denoise is None:
+        raise ValueError("method is plug-and-play, and no denoiser is given; give one")
+    chosen = {} if weight is None else {"strength": weight}
+    return plug_and_play(seen, denoise, rounds=iterations, progress=progress, **chosen)
+
+
+_WEIGHTS = 4.4e4
+"""Multiplications and additions of the denoiser, a pixel."""
+
+
+def _round(seen: Blurred) -> Work:
+    """A denoised picture, and where part of the period was seen, conjugate gradients."""
+    network = Work(2, 100, 1.4 * _WEIGHTS)
+    return network if seen.complete else network.plus(Work(12, 150))
+
+
+METHOD = Method(
+    "a learned denoiser for a prior",
+    _solve, {8: 4.6, 12: 5.0}, 12, PREPARED.plus(Work(60, 800)), _round, learned=True,
+)  # fmt: skip

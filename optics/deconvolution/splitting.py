@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -30,6 +30,10 @@ that it goes in each; and how far it goes, as a factor, from what it was at firs
 LEAST_FREEDOM = 3e-3
 """Share of the data that a picture explains at least: its mean and its coarsest features."""
 
+Fit = Callable[[torch.Tensor, float], torch.Tensor]
+"""The light in the frame with the least misfit + coupling / 2 * its squared distance to a light
+that is given, pixel by pixel; of a light and a coupling."""
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -52,16 +56,18 @@ def split(
     steps: Steps,
     method: str,
     progress: Progress,
+    fit: Fit | None = None,
 ) -> Restored:
     """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x), of the pictures
-    that the other priors allow.
+    that the other priors allow. fit: of another misfit of H x than those squares.
 
     By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
     with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
     each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
     border and whichever pixels are missing.
     """
-    return _Splitting(seen, penalty, others, steps).restored(method, progress)
+    data = _Everywhere(seen) if seen.complete and fit is None else _Framed(seen, fit)
+    return _Splitting(seen, data, penalty, others, steps).restored(method, progress)
 
 
 def towards(wanted: float, weight: float, first: float, farthest: float = _FARTHEST) -> float:
@@ -120,10 +126,11 @@ class _Everywhere(_Data):
 
 
 class _Framed(_Data):
-    """Some of the period was measured: H x is split off."""
+    """H x is split off: some of the period was measured, or its misfit isn't of squares."""
 
-    def __init__(self, seen: Blurred) -> None:
+    def __init__(self, seen: Blurred, fit: Fit | None) -> None:
         super().__init__(seen)
+        self._fit = fit or self._least_squares
         self._light = seen.continued.clone()
         self._dual = torch.zeros_like(seen.data)
         self._squares = 1.0
@@ -138,17 +145,20 @@ class _Framed(_Data):
         seen = self.seen
         self._light = irfft2(spectrum.mul_(seen.transfer), seen.whole)
         self._squares = seen.unexplained(self._light)
-        light, data, trust = seen.frame(self._light), seen.data, seen.trust
+        light = seen.frame(self._light)
         light.add_(self._dual)
-        if trust is None:
-            wanted = torch.lerp(light, data, 1 / (1 + held))
-        else:
-            wanted = (trust * data + held * light) / (trust + held)
+        wanted = self._fit(light, held)
         if seen.clipped is not None:
             # There the light is at least what was measured.
-            wanted = torch.where(seen.clipped, torch.maximum(light, data), wanted)
+            wanted = torch.where(seen.clipped, torch.maximum(light, seen.data), wanted)
         torch.sub(light, wanted, out=self._dual)
         torch.sub(wanted, self._dual, out=light)
+
+    def _least_squares(self, light: torch.Tensor, held: float) -> torch.Tensor:
+        data, trust = self.seen.data, self.seen.trust
+        if trust is None:
+            return torch.lerp(light, data, 1 / (1 + held))
+        return (trust * data + held * light) / (trust + held)
 
     @property
     def squares(self) -> float:
@@ -159,11 +169,15 @@ class _Splitting:
     """The state between two iterations."""
 
     def __init__(
-        self, seen: Blurred, penalty: Penalty, others: Sequence[Prior], steps: Steps
+        self,
+        seen: Blurred,
+        data: _Data,
+        penalty: Penalty,
+        others: Sequence[Prior],
+        steps: Steps,
     ) -> None:
-        self._seen, self._penalty, self._steps = seen, penalty, steps
+        self._seen, self._data, self._penalty, self._steps = seen, data, penalty, steps
         self._priors: list[Prior] = [penalty, *others]
-        self._data: _Data = _Everywhere(seen) if seen.complete else _Framed(seen)
         self._weight = steps.first if steps.weight is None else steps.weight
         self._inverse: torch.Tensor | None = None
         self._inverse_for = 0.0

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.method import PREPARED, Method, splitting_work
 from optics.deconvolution.priors import Bounds, TotalVariation, evident_weight
 from optics.deconvolution.restored import Restored
-from optics.deconvolution.splitting import LEAST_FREEDOM, Steps, split
+from optics.deconvolution.splitting import LEAST_FREEDOM, Fit, Steps, split
 from optics.edge import require_positive
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -34,6 +35,7 @@ def total_variation(
     iterations: int = 30,
     tol: float = 0.0,
     positive: bool = False,
+    fit: Fit | None = None,
     progress: Progress | None = None,
 ) -> Restored:
     """The photograph with its blur undone: few edges, sharp ones (thesis Eq. 2.27).
@@ -42,7 +44,7 @@ def total_variation(
     None, from a start that its spectrum tells. power: of those lengths, above 0 to 1; 0.6 is
     natural pictures'. iterations: at most; ends when the picture's relative change is tol.
     positive: whether light may be negative nowhere while it is looked for, which dark pictures
-    need; the answer is never negative.
+    need; the answer is never negative. fit: of another misfit than squares, see split().
     Raises ValueError for a weight that isn't positive, or a power outside 0 to 1.
     """
     if weight is not None:
@@ -56,7 +58,8 @@ def total_variation(
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
-    return split(seen, gradients, bounds, steps, name, progress or Progress())
+    name = name if fit is None else f"Poisson {name}"
+    return split(seen, gradients, bounds, steps, name, progress or Progress(), fit)
 
 
 def _step_for(seen: Blurred) -> float:
@@ -70,3 +73,10 @@ def first_weight(seen: Blurred, power: float = 1.0) -> float:
     explained = seen.explained
     length = (_TAILS * explained.gradient / seen.gain) ** power
     return evident_weight(length, power, seen.deviation, max(explained.freedom, LEAST_FREEDOM))
+
+
+# A PSF of a hundred pixels with a peak in its centre takes 20 to 30 iterations.
+METHOD = Method(
+    "few edges, sharp ones (Eq. 2.27)",
+    total_variation, {6: 4.0, 8: 4.1, 12: 4.4, 20: 4.6, 30: 4.7}, 30, PREPARED, splitting_work,
+)  # fmt: skip

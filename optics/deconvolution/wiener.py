@@ -9,10 +9,12 @@ from typing import Literal
 import torch
 
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.noise import squared_radii
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored
 from optics.edge import require_positive
+from optics.progress import Progress
 from optics.threads import single_threaded
 
 Smooth = Literal["spectrum", "gradient", "flat"]
@@ -114,3 +116,24 @@ def least_error(seen: Blurred, through: Callable[[float, Frequencies], torch.Ten
         return float(((1 - share).square() * signal + share.square() / lost).mean())
 
     return min(_GRID.tolist(), key=error)
+
+
+_MASKED_STEPS = 10
+"""Where pixels within the frame are missing, at least."""
+
+
+def _solve(seen: Blurred, weight: float | None, *, iterations: int, progress: Progress) -> Restored:
+    least = 0 if seen.trust is None else _MASKED_STEPS
+    return wiener(seen, weight, steps=max(iterations - 1, least))
+
+
+def _step(seen: Blurred) -> Work:
+    """Of conjugate gradients, of which a period seen whole takes none."""
+    return Work(0, 0) if seen.complete else Work(2, 24)
+
+
+# Without a step, what lies beyond the frame is continued smoothly.
+METHOD = Method(
+    "linear filter, gradients' power known (Eq. 2.28)",
+    _solve, {1: 1.7, 11: 3.3, 31: 3.4}, 31, PREPARED, _step,
+)  # fmt: skip

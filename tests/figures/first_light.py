@@ -13,7 +13,7 @@ from judges.star import Star, star_picture
 
 from figures import Figure
 from labapp.files.scene_file import StarTable
-from labapp.pictures.analysis import analyse
+from labapp.pictures.report.analysis import analyse
 from labapp.runs.record.reader import Record
 from labapp.studies.demo import first_light
 

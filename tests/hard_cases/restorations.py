@@ -17,6 +17,7 @@ from optics.deconvolution.bounded import bounded
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
 from optics.deconvolution.measured import measured
 from optics.deconvolution.plug_and_play import plug_and_play
+from optics.deconvolution.poisson import poisson_total_variation
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
@@ -41,6 +42,11 @@ def likeliest(image: Any, psf: Any, iterations: int = 30) -> Any:
 def edged(image: Any, psf: Any) -> Any:
     """By total variation, noise and weight estimated."""
     return _as_given(image, total_variation(measured(image, psf)).image)
+
+
+def edged_photons(image: Any, psf: Any) -> Any:
+    """By total variation under Poisson's likelihood, noise and weight estimated."""
+    return _as_given(image, poisson_total_variation(measured(image, psf)).image)
 
 
 def heavy_tailed(image: Any, psf: Any) -> Any:
@@ -70,6 +76,7 @@ DIFFERENTIABLE: dict[str, Restore] = {
 EXPLICIT: dict[str, Restore] = {
     **DIFFERENTIABLE,
     "total variation": edged,
+    "Poisson total variation": edged_photons,
     "hyper-Laplacian": heavy_tailed,
     "L-BFGS-B": within_bounds,
 }

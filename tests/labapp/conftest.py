@@ -11,7 +11,7 @@ import pytest
 from small_bench.files import SmallFiles, write_small, write_tiny
 
 from labapp.common.speed import keep
-from labapp.pictures.analysis import Analysis
+from labapp.pictures.report.analysis import Analysis
 from labapp.studies.demo import first_light
 from optics.accuracy import MachineSpeed
 from simulator.caching import Cache

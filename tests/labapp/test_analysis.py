@@ -9,7 +9,7 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.pictures.analysis import analyse
+from labapp.pictures.report.analysis import analyse
 from labapp.pictures.report.pictures import histogram_figure
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
@@ -51,7 +51,7 @@ def test_several_wavelengths_need_one_to_be_named(small, tmp_path):
     with pytest.raises(UserError, match=r"540, 550 nm.*'wavelength_nm'"):
         analyse(path)
     path = acquire(small, tmp_path / "named.h5", reconstruct=roles(wavelength_nm=540))
-    restored = {"wiener", "richardson-lucy", "total-variation"}
+    restored = {"wiener", "richardson-lucy", "total-variation", "poisson-tv"}
     assert set(analyse(path).images) == {"neutral", "coded", *restored}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.photograph_file import Light, Photograph, read_photograph
+from labapp.pictures.analysis.score import Reference
 from labapp.pictures.reconstructing.problem import Problem
 from labapp.pictures.reconstructing.psfs import psf_of_file
 from labapp.pictures.reconstructing.records import Choice, is_record, photograph_of
 from optics.operators.blur import BORDERS, Border
 from optics.progress import Progress
-
-_RATE = "electrons per second"
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,8 @@ class AskedProblem:
         return self._of_picture(progress)
 
     @cached_property
-    def known(self) -> tuple[Light, float] | None:
-        """The true picture, and its peak: 1 where that is white, else its brightest."""
+    def known(self) -> Reference | None:
+        """The true picture; its white is 1 where it has that, else its brightest."""
         path = self.truth
         if path is None:
             return None
@@ -75,13 +74,13 @@ class AskedProblem:
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-        return light, 1.0 if brightest <= 1 else brightest
+        return Reference(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
 
     def _require_truth_like(self, light: NDArray[np.floating]) -> None:
         """UserError, before a blur is looked for, where the true picture has another shape."""
-        if self.known is None or self.known[0].shape == light.shape:
+        if self.known is None or self.known.light.shape == light.shape:
             return
-        is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.known[0], light))
+        is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.known.light, light))
         raise UserError(
             f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
         )
@@ -104,15 +103,19 @@ class AskedProblem:
         else:
             (psf, notes), told = psf_of_file(self.psf, len(read.levels), choice), str(self.psf)
         unit = "of white" if read.coded else "levels"
-        return self._problem(
-            light,
+        return Problem(
+            np.where(np.isfinite(light), light, np.nan).astype(np.float32),
             psf,
             clipped,
-            (str(self.source), told),
+            str(self.source),
+            told,
             unit,
-            full=_full(read),
-            coded=read.coded or read.levels.dtype.kind == "f",
-            notes=tuple(notes),
+            _full(read),
+            read.coded or read.levels.dtype.kind == "f",
+            self.noise,
+            self.border,
+            tuple(notes),
+            reference=self.known,
         )
 
     def _of_record(self, progress: Progress) -> Problem:
@@ -123,28 +126,16 @@ class AskedProblem:
                 )
         unknown = self.psf is None and self.blind is None
         found = photograph_of(self.source, self.choice, progress, star=unknown)
-        seen, notes = found.photograph, list[str]()
-        clipped = ~np.isfinite(seen.variance)[None]
-        psf: NDArray[np.floating]
-        light = np.where(clipped, 0, seen.rate[None])
-        self._require_truth_like(light)
+        self._require_truth_like(found.light)
+        psf, told, notes = None, "", list[str]()
         if self.blind is not None:
-            psf, told, notes = self._sought(light, clipped, progress)
+            psf, told, notes = self._sought(found.light, found.clipped, progress)
         elif self.psf is not None:
-            told = str(self.psf)
+            told, seen = str(self.psf), found.photograph
             choice = Choice(None, seen.pattern, seen.wavelength, None, self.choice.star)
             psf, notes = psf_of_file(self.psf, 1, choice)
-        elif found.psf is None:
-            raise UserError(
-                f"{self.source}: has no star {found.star!r} with pattern {seen.pattern!r}. Give "
-                "the PSF: --psf FILE, or name the target that is a star: --star NAME."
-            )
-        else:
-            psf, told = found.psf[None], f"star {found.star!r} of the same run"
-        source = f"{self.source}, {seen.name}"
-        if self.choice.frame is not None:
-            source += f", frame {self.choice.frame}"
-        return self._problem(light, psf, clipped, (source, told), _RATE, notes=tuple(notes))
+        posed = found.problem(psf, told, self.noise, self.border, tuple(notes))
+        return posed if self.known is None else replace(posed, reference=self.known)
 
     def _sought(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
@@ -161,32 +152,6 @@ class AskedProblem:
         surely = f"score {kernel.score:.2f}, {kernel.trust}"
         psf = np.asarray(kernel.psf, dtype=np.float32)[None]
         return psf, "looked for in the picture itself", [f"the blur that was found: {surely}"]
-
-    def _problem(
-        self,
-        light: NDArray[np.floating],
-        psf: NDArray[np.floating],
-        clipped: NDArray[np.bool_],
-        sources: tuple[str, str],
-        unit: str,
-        *,
-        full: float | None = None,
-        coded: bool = True,
-        notes: tuple[str, ...] = (),
-    ) -> Problem:
-        single: Light = light.astype(np.float32)
-        return Problem(
-            np.where(np.isfinite(single), single, np.nan).astype(np.float32),
-            psf.astype(np.float32),
-            clipped,
-            *sources,
-            unit,
-            full,
-            coded,
-            self.noise,
-            self.border,
-            notes,
-        )
 
     def _dark(self, read: Photograph) -> float:
         if self.dark is not None and read.coded:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from labapp.pictures.reconstructing.asked import AskedProblem
 from labapp.pictures.reconstructing.drawing import draw
 from labapp.pictures.reconstructing.methods import Wish
 from labapp.pictures.reconstructing.problem import Problem
-from labapp.pictures.reconstructing.restoring import Judged, Outcome, judged, restore_picture
+from labapp.pictures.reconstructing.restoring import Outcome, restore_picture
 
 
 @dataclass(frozen=True)
@@ -32,29 +31,27 @@ class Files:
 
 def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool) -> None:
     """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
-    data, picture, found = files.data, files.picture, files.found
     with watched() as progress:
-        problem, truth = asked.problem(progress.part(0, 0.3)), asked.known
+        problem = asked.problem(progress.part(0, 0.3))
         if wish.budget is not None:
             wish = replace(wish, speed=machine_speed(progress))
         outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
-        score = None if truth is None else judged(problem.light, outcome.light, *truth)
-        drawn = draw(problem, outcome, _captions(outcome, score))
+        drawn = draw(problem, outcome, _captions(outcome))
         full = problem.full if problem.full is not None else problem.white
-        encoded = written(data, outcome.light, problem.coded, full)
+        encoded = written(files.data, outcome.light, problem.coded, full)
         progress.report(1, "writing")
-    write_whole(data, encoded)
-    write_whole(picture, drawn)
-    if found is not None:
-        write_whole(found, _array(problem.psf[0]))
+    write_whole(files.data, encoded)
+    write_whole(files.picture, drawn)
+    if files.found is not None:
+        write_whole(files.found, _array(problem.psf[0]))
     if as_json:
-        print_json(_as_data(problem, outcome, score, data, picture, found))
+        print_json(_as_data(problem, outcome, files))
         return
-    table(problem.source, ["", "value"], _rows(problem, outcome, score))
+    table(problem.source, ["", "value"], _rows(problem, outcome))
     for note in problem.notes:
         say(f"note: {note}")
-    for file in (data, picture, found):
+    for file in (files.data, files.picture, files.found):
         if file is not None:
             out.print(f"wrote {file}", markup=False, soft_wrap=True)
 
@@ -66,17 +63,18 @@ def _array(psf: Any) -> bytes:
     return buffer.getvalue()
 
 
-def _captions(outcome: Outcome, score: Judged | None) -> tuple[str, str]:
+def _captions(outcome: Outcome) -> tuple[str, str]:
     after = f"After: residual {outcome.residual:.2f}"
-    if score is None:
+    if outcome.scores is None:
         return "Before", after
-    return f"Before: {score.psnr[0]:.2f} dB", f"{after}, {score.psnr[1]:.2f} dB"
+    before, now = outcome.scores
+    return f"Before: {before.psnr:.2f} dB", f"{after}, {now.psnr:.2f} dB"
 
 
-def _rows(problem: Problem, outcome: Outcome, score: Judged | None) -> list[list[str]]:
+def _rows(problem: Problem, outcome: Outcome) -> list[list[str]]:
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
-    told = "as told" if problem.noise is not None else "estimated"
+    told = problem.noise_source(bands[0].noise)
     weights = [band.weight for band in bands if band.weight is not None]
     rows = [
         ["PSF", problem.psf_source],
@@ -88,12 +86,13 @@ def _rows(problem: Problem, outcome: Outcome, score: Judged | None) -> list[list
         ["residual over noise", f"{outcome.residual:.2f}; {outcome.verdict}"],
         ["processor time", f"{outcome.cpu_seconds:.2f} s"],
     ]
-    if score is not None:
-        before, after = score.psnr
-        at = f"(full frame, peak {score.peak:g})"
-        rows.append(["PSNR", f"{before:.2f} to {after:.2f} dB, {after - before:+.2f} {at}"])
-        if score.ssim is not None:
-            rows.append(["SSIM", f"{score.ssim[0]:.3f} to {score.ssim[1]:.3f}"])
+    if (known := problem.reference) is not None and outcome.scores is not None:
+        before, after = outcome.scores
+        gain = f"{before.psnr:.2f} to {after.psnr:.2f} dB, {after.psnr - before.psnr:+.2f}"
+        rows.append(["PSNR", f"{gain} ({known.crop}, peak {known.white:g})"])
+        if np.isfinite(after.ssim):
+            rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
+        rows.append(["against", known.source])
     return rows
 
 
@@ -101,14 +100,7 @@ def _each(values: list[float]) -> str:
     return " / ".join(f"{value:.3g}" for value in values)
 
 
-def _as_data(
-    problem: Problem,
-    outcome: Outcome,
-    score: Judged | None,
-    data: Path,
-    picture: Path,
-    found: Path | None,
-) -> dict[str, Any]:
+def _as_data(problem: Problem, outcome: Outcome, files: Files) -> dict[str, Any]:
     bands = outcome.bands
     return {
         "source": problem.source,
@@ -125,15 +117,19 @@ def _as_data(
         "clipped_share": float(problem.clipped.mean()),
         "dead_share": float((~np.isfinite(problem.light)).mean()),
         "cpu_s": outcome.cpu_seconds,
-        "score": score
-        and {
-            "crop": "full frame",
-            "peak": score.peak,
-            "psnr_db": [value if math.isfinite(value) else None for value in score.psnr],
-            "ssim": score.ssim,
-        },
+        "score": _score(problem, outcome),
         "notes": list(problem.notes),
-        "file": str(data),
-        "picture": str(picture),
-        "psf_file": None if found is None else str(found),
+        "file": str(files.data),
+        "picture": str(files.picture),
+        "psf_file": files.found and str(files.found),
     }
+
+
+def _score(problem: Problem, outcome: Outcome) -> dict[str, Any] | None:
+    """Before and after, against the picture as it should be; None where nobody knows that."""
+    known = problem.reference
+    if known is None or outcome.scores is None:
+        return None
+    told: dict[str, Any] = {"against": known.source, "crop": known.crop, "peak": known.white}
+    scores = [one.as_data for one in outcome.scores]
+    return told | {name: [one[name] for one in scores] for name in scores[0]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from labapp.common.errors import UserError
@@ -9,17 +10,16 @@ from labapp.pictures.networks import packaged_denoiser
 from optics.accuracy import MachineSpeed
 from optics.deconvolution import choice
 from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.names import ASKABLE, AUTO, SHORT
 from optics.deconvolution.restored import Restored
 from optics.progress import Progress
-
-AUTO = "auto"
 
 
 @dataclass(frozen=True)
 class Wish:
     """How a picture shall be restored.
 
-    method: a name of METHODS, or AUTO. budget: seconds of processor time for the whole picture.
+    method: one of ASKABLE. budget: seconds of processor time for the whole picture.
     weight: of what is known of pictures beforehand, in the method's own unit; chosen from the
     picture if None. speed: of the machine, by which times are predicted. UserError for what
     doesn't go together.
@@ -31,8 +31,10 @@ class Wish:
     speed: MachineSpeed = field(default_factory=MachineSpeed)
 
     def __post_init__(self) -> None:
-        if self.method != AUTO and self.method not in METHODS:
-            raise UserError(f"--method {self.method}: is unknown. Take one of {listed()}.")
+        if self.method not in ASKABLE:
+            raise UserError(
+                f"--method {self.method}: is unknown. Take one of {', '.join(ASKABLE)}."
+            )
         if self.budget is not None and not 0 < self.budget < float("inf"):
             raise UserError(f"--budget {self.budget:g}: give seconds, more than 0.")
         if self.weight is not None and not 0 < self.weight < float("inf"):
@@ -43,9 +45,12 @@ class Wish:
                 "well: --method tv, for example."
             )
 
-    def restore(self, seen: Blurred, share: float, progress: Progress) -> Restored:
-        """One band; share: of the budget, that it may take. ValueError where nothing fits."""
-        name = METHODS[self.method]
+    def restore(
+        self, seen: Blurred, share: float, progress: Progress, counts: Mapping[str, int]
+    ) -> Restored:
+        """One band; share: of the budget, that it may take; counts: planned iterations of methods,
+        where there is no budget. ValueError where nothing fits."""
+        name = None if self.method == AUTO else SHORT.get(self.method, self.method)
         learned = choice.METHODS[name].learned if name else self.budget is not None
         return choice.restore(
             seen,
@@ -53,19 +58,7 @@ class Wish:
             name,
             progress,
             weight=self.weight,
+            count=counts.get(name) if name and self.budget is None else None,
             denoise=packaged_denoiser() if learned else None,
             speed=self.speed,
         )
-
-
-METHODS: dict[str, str | None] = {
-    AUTO: None,
-    **{name: name for name in choice.METHODS},
-    "tv": "total-variation",
-}
-"""The engine's names for them; None where it chooses."""
-
-
-def listed() -> str:
-    """The methods' names, for a person."""
-    return ", ".join(METHODS)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.photograph_file import Light
+from labapp.pictures.analysis.score import Reference
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.operators.blur import Border
@@ -25,8 +27,10 @@ class Problem:
     origin at n // 2; its sum is the share of light that arrives. clipped: of the same shape as
     light, where the well was full. unit: of the light, in words. full: the light of a .png's
     highest level, None for white; coded: whether that file has sRGB's 8 bits. noise: standard
-    deviation of a pixel, estimated if None. source, psf_source: where the two are from, in words.
-    notes: what a person should know.
+    deviation of a pixel; if None estimated, for what PSF and model can't explain is in it as well,
+    and no less than `least_noise`, which is known to be there. source, psf_source: where the two
+    are from, in words. notes: what a person should know. reference: the picture as it should be,
+    where there is one. counts: iterations of methods, where somebody has planned them.
     """
 
     light: Light
@@ -40,6 +44,9 @@ class Problem:
     noise: float | None = None
     border: Border = "unknown"
     notes: tuple[str, ...] = field(default=())
+    least_noise: float = 0.0
+    reference: Reference | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     def bands(self) -> list[Blurred]:
         """Each band by itself."""
@@ -48,7 +55,7 @@ class Problem:
     def _band(self, number: int) -> Blurred:
         light, clipped = self.light[number], self.clipped[number]
         sound = np.isfinite(light)
-        return measured(
+        band = measured(
             np.where(sound, light, 0),
             self.psf[min(number, len(self.psf) - 1)],
             self.noise,
@@ -56,10 +63,20 @@ class Problem:
             weights=None if sound.all() else sound.astype(np.float32),
             clipped=clipped if clipped.any() else None,
         )
+        known = self.noise is not None or band.noise >= self.least_noise
+        return band if known else replace(band, told=self.least_noise)
+
+    def noise_source(self, noise: float) -> str:
+        """How the noise that a band was taken to have is known, in words."""
+        if self.noise is not None:
+            return "as told"
+        return "of photons and read noise" if noise == self.least_noise else "estimated"
 
     @cached_property
     def white(self) -> float:
         """The light that is drawn white."""
+        if self.full is None and self.reference is not None:
+            return self.reference.white
         if self.full is not None and self.coded:
             return self.full
         bright = float(np.nanpercentile(self.light, _WHITE))

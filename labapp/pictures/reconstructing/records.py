@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Reconstruction
@@ -17,9 +19,17 @@ from labapp.pictures.analysis.brackets import (
     merge_all,
     merge_frame,
 )
+from labapp.pictures.analysis.score import CENTRAL, Reference
 from labapp.pictures.analysis.star import cut_star
+from labapp.pictures.reconstructing.problem import Problem
 from labapp.runs.record.reader import Record
+from optics.operators.blur import Border
 from optics.progress import Progress
+
+_RATE = "electrons per second"
+
+_WHITE = 99.9
+"""Percentile of the neutral photograph that counts as white."""
 
 _SAME = 1e-11
 """Metres between wavelengths that count as one."""
@@ -44,11 +54,81 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A photograph in a record; psf: of its star, (rows, columns), None where there is none."""
+    """A photograph in a record.
 
+    psf: of its star, (rows, columns), None where there is none. sharp: the same target with the
+    neutral pattern, by which restorations are judged, where it was taken. frame: None for all.
+    """
+
+    path: Path
     photograph: Bracket
     psf: Picture | None
-    star: str
+    sharp: Bracket | None
+    roles: Reconstruction
+    frame: int | None = None
+
+    @property
+    def source(self) -> str:
+        """In words."""
+        frame = "" if self.frame is None else f", frame {self.frame}"
+        return f"{self.path}, {self.photograph.name}{frame}"
+
+    @cached_property
+    def clipped(self) -> NDArray[np.bool_]:
+        """(1, rows, columns): where the light is at least what was measured."""
+        return ~np.isfinite(self.photograph.variance)[None]
+
+    @property
+    def light(self) -> Picture:
+        """(1, rows, columns)."""
+        return np.where(self.clipped, 0, self.photograph.rate[None])
+
+    def problem(
+        self,
+        psf: NDArray[np.floating] | None = None,
+        psf_source: str = "",
+        noise: float | None = None,
+        border: Border = "unknown",
+        notes: tuple[str, ...] = (),
+    ) -> Problem:
+        """To restore it; the PSF is the star's if none is given. The one way from a record to what
+        is restored: reports, commands and the window all take it."""
+        if psf is None:
+            if self.psf is None:
+                raise UserError(
+                    f"{self.path}: has no star {self.roles.star!r} with pattern "
+                    f"{self.photograph.pattern!r}. Give the PSF: --psf FILE, or name the target "
+                    "that is a star: --star NAME."
+                )
+            psf, psf_source = self.psf[None], f"star {self.roles.star!r} of the same run"
+        return Problem(
+            self.light.astype(np.float32),
+            psf.astype(np.float32),
+            self.clipped,
+            self.source,
+            psf_source,
+            _RATE,
+            noise=noise,
+            border=border,
+            notes=notes,
+            least_noise=self._least_noise,
+            reference=self._reference,
+            counts={"richardson-lucy": self.roles.iterations},
+        )
+
+    @property
+    def _least_noise(self) -> float:
+        """That photons and read noise leave in a pixel, rms; 0 where every one is clipped."""
+        known = self.photograph.variance[~self.clipped[0]]
+        return float(np.sqrt(known.mean())) if known.size else 0.0
+
+    @property
+    def _reference(self) -> Reference | None:
+        if self.sharp is None:
+            return None
+        white = float(np.percentile(self.sharp.rate, _WHITE))
+        source = f"the neutral photograph of the same run, {self.sharp.name}"
+        return Reference(self.sharp.rate[None], white, CENTRAL, source) if white > 0 else None
 
 
 def is_record(path: Path) -> bool:
@@ -66,12 +146,33 @@ def photograph_of(path: Path, choice: Choice, progress: Progress, *, star: bool)
         roles = _roles(record, choice)
         names = {roles.photograph, roles.star} if star else {roles.photograph}
         merged = merge_all(record, record.plan, progress.part(0, 0.9), names)
-        photograph = find(merged, roles.photograph, roles.coded, roles.wavelength, path)
-        if choice.frame is not None:
-            photograph = merge_frame(record, choice.frame)
-        psf = _star(record, merged, roles) if star else None
+        found = found_in(record, merged, roles, star=star, frame=choice.frame)
     progress.report(1, "merged")
-    return Found(photograph, psf, roles.star)
+    return found
+
+
+def found_in(
+    record: Record,
+    merged: list[Bracket],
+    roles: Reconstruction,
+    *,
+    star: bool = True,
+    frame: int | None = None,
+) -> Found:
+    """The photograph that has a part, among merged brackets. UserError if it isn't there."""
+    path = record.path
+    photograph = find(merged, roles.photograph, roles.coded, roles.wavelength, path)
+    sharp = [
+        one
+        for one in merged
+        if (one.target, one.pattern) == (roles.photograph, roles.neutral)
+        and one.pattern != roles.coded
+        and abs(one.wavelength - photograph.wavelength) < _SAME
+    ]
+    if frame is not None:
+        photograph = merge_frame(record, frame)
+    psf = _star(record, merged, roles) if star else None
+    return Found(path, photograph, psf, sharp[0] if sharp else None, roles, frame)
 
 
 def star_of_file(path: Path, choice: Choice) -> Picture:
@@ -117,15 +218,11 @@ def _roles(record: Record, choice: Choice) -> Reconstruction:
             f"{', '.join(record.pattern_names)}."
         )
     wavelength = wavelength or (plan.wavelength if plan else None)
-    if wavelength is None and len(seen) > 1:
+    wrong = wavelength is not None and all(abs(one - wavelength) >= _SAME for one in seen)
+    if wrong or (wavelength is None and len(seen) > 1):
         listed = ", ".join(f"{one * 1e9:g}" for one in seen)
-        raise UserError(f"{path}: has {target!r} at {listed} nm. Choose one: --wavelength-nm.")
-    if wavelength is not None and not any(abs(one - wavelength) < _SAME for one in seen):
-        listed = ", ".join(f"{one * 1e9:g}" for one in seen)
-        raise UserError(
-            f"{path}: has {target!r} at {listed} nm, and not at {wavelength * 1e9:g}. Choose one: "
-            "--wavelength-nm."
-        )
+        but = f", and not at {wavelength * 1e9:g}" if wavelength is not None else ""
+        raise UserError(f"{path}: has {target!r} at {listed} nm{but}. Choose one: --wavelength-nm.")
     return _as_roles(record, target, pattern, star, wavelength)
 
 

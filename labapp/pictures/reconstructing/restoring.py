@@ -9,13 +9,14 @@ import numpy as np
 import torch
 
 from labapp.files.photograph_file import Light
+from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.methods import Wish
 from labapp.pictures.reconstructing.problem import Problem
-from optics import metrics
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.restored import Restored
 from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
+from optics.threads import single_threaded
 
 _LEAST, _MOST = 0.8, 1.2
 """Residuals between which what is left of the photograph looks like its noise."""
@@ -26,22 +27,20 @@ class Outcome:
     """A restored picture, (bands, rows, columns).
 
     left: what its blur leaves of the photograph, over the noise; NaN where that isn't known.
-    bands: what each method said. cpu_seconds: of the process.
+    bands: what each method said. residual: of all bands, rms. cpu_seconds: of the process. scores:
+    before and after, where the problem has a reference.
     """
 
     light: Light
     left: Light
     bands: tuple[Restored, ...]
+    residual: float
     cpu_seconds: float
+    scores: tuple[Score, Score] | None = None
 
     @property
     def method(self) -> str:
         return " / ".join(dict.fromkeys(band.method for band in self.bands))
-
-    @property
-    def residual(self) -> float:
-        """Of all bands, rms."""
-        return float(np.sqrt(np.mean([band.residual**2 for band in self.bands])))
 
     @property
     def verdict(self) -> str:
@@ -49,19 +48,28 @@ class Outcome:
         return verdict(self.residual)
 
 
+@single_threaded
 def restore_picture(problem: Problem, wish: Wish, progress: Progress) -> Outcome:
-    """Each band by itself; ValueError for a problem that can't be restored."""
+    """Each band by itself; ValueError for a problem that can't be restored.
+
+    One thread, so that the same problem gives the same bits wherever it is restored.
+    """
     seen, started = problem.bands(), time.process_time()
     share = 1 / len(seen)
     found = tuple(
-        wish.restore(band, share, progress.part(number * share, (number + 1) * share))
+        wish.restore(
+            band, share, progress.part(number * share, (number + 1) * share), problem.counts
+        )
         for number, band in enumerate(seen)
     )
+    residual = float(np.sqrt(np.mean([band.residual**2 for band in found])))
     spent = time.process_time() - started
     progress.report(1, "restored")
     light = np.stack([band.image.numpy().astype(np.float32) for band in found])
     left = np.stack([_left(one, band) for one, band in zip(seen, found, strict=True)])
-    return Outcome(light, left, found, spent)
+    known = problem.reference
+    scores = None if known is None else (known.score(problem.light), known.score(light))
+    return Outcome(light, left, found, residual, spent, scores)
 
 
 def verdict(residual: float) -> str:
@@ -71,30 +79,6 @@ def verdict(residual: float) -> str:
     if residual < _LEAST:
         return "below 0.8: the noise is less than it was taken for, or some was made detail"
     return "good: what is left looks like noise"
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Against a truth: PSNR in dB and SSIM, before and after. peak: of both, on the truth's scale;
-    SSIM is None for pictures smaller than its window."""
-
-    peak: float
-    psnr: tuple[float, float]
-    ssim: tuple[float, float] | None
-
-
-def judged(before: Light, after: Light, truth: Light, white: float) -> Judged:
-    """The full frame; pictures that aren't finite somewhere are judged with 0 there."""
-    pictures = [torch.from_numpy(np.nan_to_num(one)) for one in (before, after)]
-    known = torch.from_numpy(np.nan_to_num(truth))
-    psnr = [metrics.psnr(one, known, white) for one in pictures]
-    if min(truth.shape[1:]) < 11:
-        return Judged(white, (psnr[0], psnr[1]), None)
-    ssim = [
-        float(np.mean([metrics.ssim(a, b, white) for a, b in zip(one, known, strict=True)]))
-        for one in pictures
-    ]
-    return Judged(white, (psnr[0], psnr[1]), (ssim[0], ssim[1]))
 
 
 @torch.no_grad()

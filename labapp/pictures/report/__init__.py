@@ -10,7 +10,7 @@ from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.places import REPORT_FILES
 from labapp.files.writing import require_free, write_whole
-from labapp.pictures.analysis import Analysis, analyse
+from labapp.pictures.report.analysis import Analysis, analyse
 from labapp.pictures.report.tables import as_data, print_tables
 
 __all__ = [

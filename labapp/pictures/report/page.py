@@ -7,9 +7,9 @@ from html import escape
 import cv2
 
 from labapp.common.drawing import png
-from labapp.pictures.analysis import Analysis
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.report import pictures, tables
+from labapp.pictures.report.analysis import Analysis
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
 
 

@@ -8,8 +8,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 from numpy.typing import NDArray
 
-from labapp.pictures.analysis import Analysis
 from labapp.pictures.analysis.brackets import Bracket, Picture
+from labapp.pictures.report.analysis import Analysis
 from labapp.pictures.report.tables import NAMES
 
 _DECADES = 1e-4
@@ -128,12 +128,11 @@ def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -
 
 
 def _photographs(figure: FigureBase, analysis: Analysis) -> None:
-    axes = figure.subplots(2, 3).ravel()
-    order = ("neutral", "coded", "total-variation", "wiener", "richardson-lucy", _DETAIL)
-    for one, name in zip(axes, order, strict=True):
-        if name == _DETAIL:
-            _detail(one, analysis)
-            continue
+    columns = len(analysis.images) // 2 + 1
+    cells = [*analysis.images, *[_DETAIL] * (2 * columns - len(analysis.images))]
+    axes = figure.subplot_mosaic([[*cells[:columns]], [*cells[columns:]]])
+    _detail(axes.pop(_DETAIL), analysis)
+    for name, one in axes.items():
         one.imshow(displayed(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
         one.set_title(caption(analysis, name))
         one.set_xticks([])

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from labapp.common.console import out, table
-from labapp.pictures.analysis import Analysis
+from labapp.pictures.report.analysis import Analysis
+from optics.deconvolution.names import RESTORATIONS
 
 NAMES = {
     "neutral": "neutral photograph",
     "coded": "coded photograph",
-    "wiener": "Wiener",
-    "richardson-lucy": "Richardson-Lucy",
-    "total-variation": "total variation",
+    **{name: one.title for name, one in RESTORATIONS.items()},
 }
-
 
 EXPOSURE_COLUMNS = (
     "target",
@@ -124,10 +121,7 @@ def as_data(analysis: Analysis) -> dict[str, Any]:
             "unmodulated_share": psf.unmodulated,
             "prediction_error": psf.prediction_error,
         },
-        "scores": {
-            name: {"psnr_db": s.psnr if math.isfinite(s.psnr) else None, "ssim": s.ssim}
-            for name, s in analysis.scores.items()
-        },
+        "scores": {name: score.as_data for name, score in analysis.scores.items()},
         "score_window": {"crop": "central 90 %", "peak": 1.0, "ssim_data_range": 1.0},
         "best": analysis.best,
         "seconds": analysis.seconds,

@@ -20,7 +20,6 @@ from labapp.window.messages import (
     PictureSaved,
     Preview,
     Reconstruct,
-    Restore,
     SaveRestored,
     Show,
 )
@@ -28,7 +27,7 @@ from optics.camera import Camera
 from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
-    from labapp.window.engine.restoration import Restoration
+    from labapp.window.engine.reconstruction import Restoration
 
 _THREADS = 2
 """A pattern need not wait for a reconstruction."""
@@ -74,18 +73,10 @@ class Background:
             # Its libraries take a second to load, which the first picture need not wait for.
             from labapp.window.engine.reconstruction import reconstruct
 
-            self._channel.send(reconstruct(command.path, progress))
-
-        self._start("reconstruction", work)
-
-    def restore(self, command: Restore) -> None:
-        def work(progress: Progress) -> None:
-            from labapp.window.engine.restoration import restore
-
-            self._restored = restore(command, progress)
+            self._restored = reconstruct(command, progress)
             self._channel.send(self._restored.report)
 
-        self._start("restoration", work)
+        self._start("reconstruction", work)
 
     def save_restored(self, command: SaveRestored) -> None:
         def work(progress: Progress) -> None:

@@ -36,7 +36,6 @@ from labapp.window.messages import (
     Reconnected,
     Reconstruct,
     RemoveRuns,
-    Restore,
     ResumeRun,
     RunPlan,
     SaveRestored,
@@ -88,7 +87,6 @@ class Engine:
         at_once: dict[type, Callable[[Any], None]] = {
             Preview: self._background.preview,
             Reconstruct: self._background.reconstruct,
-            Restore: self._background.restore,
             SaveRestored: self._background.save_restored,
             Acquire: self._planner.line_up,
             RunPlan: self._planner.line_up,

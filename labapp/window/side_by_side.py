@@ -1,0 +1,101 @@
+"""Neutral, coded and reconstructed photographs side by side, zoomed together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QSize
+from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
+
+from labapp.window import tone
+from labapp.window.label import label
+from labapp.window.messages import Reconstructed
+from labapp.window.picture import Picture
+from labapp.window.thumbnail import Thumbnail
+
+_TITLES = {
+    "neutral": "Neutral (reference)",
+    "coded": "Coded",
+    "earlier": "Reconstructed before, by another method",
+    "after": "Reconstructed",
+}
+_DECADES = 4
+_INSET = 104
+_EMPTY = "Nothing is reconstructed yet: acquire a bracket (F6), then reconstruct it (F7)."
+
+
+class SideBySide(QWidget):
+    """Four pictures on one scale, figures of merit beside each, and the measured PSF.
+
+    The PSF stands in a corner of the coded picture, which it explains. The last reconstruction by
+    another method stays beside the new one, as long as it is of the same run.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._kept: list[Reconstructed] = []
+        self.pictures = {name: Picture(self) for name in _TITLES}
+        self.titles = {name: label(self, title) for name, title in _TITLES.items()}
+        self.psf = Thumbnail(QSize(_INSET, _INSET), self.pictures["coded"])
+        self.psf.setFixedSize(_INSET, _INSET)
+        self.psf.setToolTip(f"PSF, {_DECADES} decades from its peak")
+        self.psf.move(6, 6)
+        self.psf.hide()
+        self.note = label(self, _EMPTY, look="faint", wrap=True)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(4)
+        for number, name in enumerate(_TITLES):
+            row, column = divmod(number, 2)
+            grid.addWidget(_titled(self.titles[name], self.pictures[name]), row, column)
+            grid.setRowStretch(row, 1)
+            grid.setColumnStretch(column, 1)
+            if name != "neutral":
+                self.pictures[name].link(self.pictures["neutral"])
+        grid.addWidget(self.note, 2, 0, 1, 2)
+
+    def show_result(self, result: Reconstructed) -> None:
+        others = [one for one in self._kept if one.method != result.method]
+        self._kept = [*[one for one in others if one.path == result.path][-1:], result]
+        dark = np.zeros_like(result.before)
+        self._show("neutral", dark if result.neutral is None else result.neutral)
+        self._show("coded", result.before, result.scores and result.scores[0])
+        self._show("earlier", dark)
+        for name, one in zip(("after", "earlier"), reversed(self._kept), strict=False):
+            self._show(name, one.after, one.scores and one.scores[1], one.method)
+        self.psf.show_grey(_logarithmic(result.psf))
+        self.psf.show()
+        self.pictures["coded"].fit()
+        self.note.setText(
+            "PSNR and SSIM are against the neutral picture, over the central 90 %; its white is "
+            f"their peak and range, and white on the screen. Inset: PSF over {_DECADES} decades. "
+            "Zoom one and all follow; double-click to fit."
+        )
+
+    def _show(
+        self,
+        name: str,
+        picture: NDArray[np.uint8],
+        score: tuple[float, float] | None = None,
+        title: str = "",
+    ) -> None:
+        self.pictures[name].show_indices(picture, tone.palette(marked=False))
+        text = title[:1].upper() + title[1:] or _TITLES[name]
+        if score is not None:
+            text += f":&nbsp; <b>{score[0]:.1f} dB</b> PSNR,&nbsp; <b>{score[1]:.3f}</b> SSIM"
+        self.titles[name].setText(text)
+
+
+def _titled(title: QLabel, picture: Picture) -> QWidget:
+    widget = QWidget()
+    layout = QVBoxLayout(widget)
+    layout.setContentsMargins(0, 2, 0, 0)
+    layout.setSpacing(2)
+    layout.addWidget(title)
+    layout.addWidget(picture, 1)
+    return widget
+
+
+def _logarithmic(psf: NDArray[np.float32]) -> NDArray[np.uint8]:
+    share = np.maximum(psf / psf.max(), 10.0**-_DECADES)
+    return np.rint(255 * (np.log10(share) / _DECADES + 1)).astype(np.uint8)
