@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import json
 import mmap
 import os
 import sys
 import threading
 import time
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 
 from drivers.aravis.library.camera import OWNED
 from drivers.errors import DeviceError
-from drivers.hosted.process import KILLING, reap, spawn
+from drivers.hosted.calls import Answer, Request
+from drivers.hosted.process import Ended, Late, Process
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 """Where distributions put gi for."""
@@ -32,12 +32,6 @@ _STARTING = 10.0
 
 _LEAVING = 4.0
 """Seconds in which the process must have closed the camera and ended."""
-
-_CHILD = (
-    "import sys; sys.path.insert(0, sys.argv[1]); from library.desk import main; "
-    "del sys.path[0]; main(*sys.argv[2:])"
-)
-"""What runs there; it finds its own package, and nothing that lies beside it."""
 
 _INSTALL = f"Install it with: sudo apt-get install --no-install-recommends {PACKAGES}"
 
@@ -58,15 +52,19 @@ class Link:
 
     def __init__(self, model: str) -> None:
         self.model = model
-        memory = os.memfd_create("labapp-frames")
-        self._memory = os.dup(memory)
+        self._memory = os.memfd_create("labapp-frames")
         try:
-            end, self._process = spawn(lambda end: _command(end, memory), memory)
+            self._process = Process(
+                "library.desk:main",
+                self._memory,
+                python=python_with_gi(),
+                folders=[str(Path(__file__).parent)],
+                passed=[self._memory],
+                grace=_LEAVING,
+            )
         except OSError as error:
             os.close(self._memory)
             raise DeviceError(model, "open", f"no Python with gi: {error}", _INSTALL) from error
-        self._end = Connection(end)
-        self._ended = os.pidfd_open(self._process.pid)
         self._mapped: mmap.mmap | None = None
         self._turn = threading.RLock()
         self._open = True
@@ -79,12 +77,10 @@ class Link:
         if not self._turn.acquire(blocking=False):
             return None
         try:
-            if not self._open or wait([self._ended], 0):
+            if not self._open or wait([self._process.ended], 0):
                 return None
             # Nothing was asked, and its process says by itself only that the camera is lost.
-            return "it answers no more" if self._end.poll(0) else ""
-        except (OSError, EOFError):
-            return None
+            return "it answers no more" if wait([self._process.line], 0) else ""
         finally:
             self._turn.release()
 
@@ -97,26 +93,26 @@ class Link:
         if not self._open:
             raise Gone(self.model, name, "its process is closed", "Take it again")
         try:
-            self._end.send_bytes(json.dumps({"name": name, "given": given}).encode())
-            wait([self._end, self._ended], max(0.0, within))
-            answer = json.loads(self._end.recv_bytes()) if self._end.poll(0) else None
-        except (OSError, EOFError) as error:
-            raise self._death(name, f"its process ended ({error!r})") from error
-        if answer is None:
-            ended = self._process.poll()
-            if ended is not None:
-                raise self._death(name, f"its process ended (exit status {ended})")
-            raise self._death(name, f"no answer within {within:.1f} s; its process was killed")
-        if "good" in answer:
-            return answer["good"]
-        if "missing" in answer:
+            # Numpy's numbers are floats, too, but the other Python may not know them.
+            plain = [float(one) if isinstance(one, float) else one for one in given]
+            self._process.line.send(Request(name, plain))
+            answer: Answer = self._process.next(within)
+        except (Ended, OSError) as error:
+            raise self._death(name, self._process.end_in_words()) from error
+        except Late as error:
+            reply = f"no answer within {within:.1f} s; its process was killed"
+            raise self._death(name, reply) from error
+        try:
+            return answer.result()
+        except ConnectionError as lost:
+            raise self._death(name, str(lost)) from lost
+        except ImportError as missing:
             self.kill()
-            reply = f"Aravis isn't there: {answer['missing']}"
-            raise DeviceError(self.model, "open", reply, _INSTALL)
-        if "lost" in answer:
-            raise self._death(name, answer["lost"])
-        remedy = "Look at the camera's settings, its network and its cable"
-        raise Refused(self.model, name.replace("_", " "), answer["bad"], remedy)
+            reply = f"Aravis isn't there: {missing}"
+            raise DeviceError(self.model, "open", reply, _INSTALL) from missing
+        except RuntimeError as refusal:
+            remedy = "Look at the camera's settings, its network and its cable"
+            raise Refused(self.model, name.replace("_", " "), str(refusal), remedy) from refusal
 
     def _death(self, name: str, reply: str) -> Gone:
         self.kill()
@@ -132,7 +128,6 @@ class Link:
     def kill(self) -> None:
         """End the process at once; from any thread, as often as you like."""
         self._process.kill()
-        reap(self._process, KILLING)
 
     def close(self) -> None:
         """Let the process close the camera and end; kill it if it doesn't."""
@@ -140,10 +135,7 @@ class Link:
             if not self._open:
                 return
             self._open = False
-            self._end.close()
-        if reap(self._process, _LEAVING) is None:
-            self.kill()
-        os.close(self._ended)
+        self._process.close()
         os.close(self._memory)
         self._mapped = None
 
@@ -151,14 +143,9 @@ class Link:
 def python_with_gi() -> list[str]:
     """The command of a Python that can load Aravis, if any can."""
     if importlib.util.find_spec("gi") is not None:
-        return [sys.executable, "-P", "-X", "faulthandler"]
+        return [sys.executable, "-P"]
     # Nothing of this Python's packages: they may be of another version.
-    return [SYSTEM_PYTHON, "-I", "-X", "faulthandler"]
-
-
-def _command(end: int, memory: int) -> list[str]:
-    here = str(Path(__file__).parent)
-    return [*python_with_gi(), "-c", _CHILD, here, str(end), str(memory)]
+    return [SYSTEM_PYTHON, "-I"]
 
 
 def found_cameras() -> list[dict[str, str]]:

@@ -381,7 +381,7 @@ def test_a_device_goes_on_between_calls():
 def test_a_device_that_is_busy_between_calls_is_left_when_its_owner_is_gone(tmp_path):
     notes = tmp_path / "notes"
     device = opened("Busy", notes=str(notes)).__enter__()
-    device._channel.connection.close()
+    device._channel.line.close()
     wait_for(notes, "left")
     assert notes.read_text().split() == ["entered", "safe", "left"]
     device._release()
