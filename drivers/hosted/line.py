@@ -37,6 +37,9 @@ class Line:
     def close(self) -> None:
         self._socket.close()
 
+    # A pyusb backend, for one, is never told that nobody needs it any more.
+    __del__ = close
+
     def send(self, message: object) -> None:
         """Wait for as long as the other end doesn't read. What can't be pickled isn't sent."""
         body = pickle.dumps(message, protocol=5)

@@ -145,6 +145,7 @@ class FakeGigE:
         try:
             if self._process.next(_STARTING).result():
                 return
+            reply = "it doesn't run"
         except ImportError as missing:
             raise NoAravis(str(missing)) from missing
         except Ended:
