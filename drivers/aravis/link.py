@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import mmap
-import os
 import sys
 import threading
 import time
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from drivers.aravis.library.camera import OWNED
 from drivers.errors import DeviceError
-from drivers.hosted.calls import Answer, Request
-from drivers.hosted.process import Ended, Late, Process
+from drivers.hosted.calls import Request
+from drivers.hosted.process import Ended, Process
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 """Where distributions put gi for."""
@@ -52,18 +51,14 @@ class Link:
 
     def __init__(self, model: str) -> None:
         self.model = model
-        self._memory = os.memfd_create("labapp-frames")
         try:
             self._process = Process(
                 "library.desk:main",
-                self._memory,
                 python=python_with_gi(),
                 folders=[str(Path(__file__).parent)],
-                passed=[self._memory],
                 grace=_LEAVING,
             )
         except OSError as error:
-            os.close(self._memory)
             raise DeviceError(model, "open", f"no Python with gi: {error}", _INSTALL) from error
         self._mapped: mmap.mmap | None = None
         self._turn = threading.RLock()
@@ -80,7 +75,7 @@ class Link:
             if not self._open or wait([self._process.ended], 0):
                 return None
             # Nothing was asked, and its process says by itself only that the camera is lost.
-            return "it answers no more" if wait([self._process.line], 0) else ""
+            return "it answers no more" if wait([self._process.line.fileno()], 0) else ""
         finally:
             self._turn.release()
 
@@ -92,21 +87,16 @@ class Link:
     def _ask(self, name: str, *given: Any, within: float) -> Any:
         if not self._open:
             raise Gone(self.model, name, "its process is closed", "Take it again")
+        # Numpy's numbers are floats, too, but the other Python may not know them.
+        plain = [float(one) if isinstance(one, float) else one for one in given]
+        self._process.tell(Request(name, plain))
         try:
-            # Numpy's numbers are floats, too, but the other Python may not know them.
-            plain = [float(one) if isinstance(one, float) else one for one in given]
-            self._process.line.send(Request(name, plain))
-            answer: Answer = self._process.next(within)
-        except (Ended, OSError) as error:
-            raise self._death(name, self._process.end_in_words()) from error
-        except Late as error:
-            reply = f"no answer within {within:.1f} s; its process was killed"
-            raise self._death(name, reply) from error
-        try:
-            return answer.result()
+            return self._process.next(within).result()
+        except Ended as ended:
+            raise self._death(name, str(ended)) from ended
         except ConnectionError as lost:
             raise self._death(name, str(lost)) from lost
-        except ImportError as missing:
+        except (ImportError, ValueError) as missing:
             self.kill()
             reply = f"Aravis isn't there: {missing}"
             raise DeviceError(self.model, "open", reply, _INSTALL) from missing
@@ -122,7 +112,7 @@ class Link:
     def bytes_at(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
         """What lies in the memory that both see, `length` bytes long; not a copy."""
         if self._mapped is None or len(self._mapped) != length:
-            self._mapped = mmap.mmap(self._memory, length)
+            self._mapped = mmap.mmap(self._process.line.memory, length)
         return np.frombuffer(self._mapped, np.uint8, size, place)
 
     def kill(self) -> None:
@@ -136,7 +126,6 @@ class Link:
                 return
             self._open = False
         self._process.close()
-        os.close(self._memory)
         self._mapped = None
 
 

@@ -1,4 +1,4 @@
-"""What is asked over a line, and what comes back; all other messages are news."""
+"""What is asked over a line, and what comes back. All else is news, which isn't answered."""
 
 from __future__ import annotations
 
@@ -15,8 +15,15 @@ class Request(NamedTuple):
     given: Sequence[Any] = ()
 
 
+class News(NamedTuple):
+    """The same, but nobody waits for what comes of it."""
+
+    name: str
+    given: Sequence[Any] = ()
+
+
 class Answer(NamedTuple):
-    """What came of it: a value, or an exception."""
+    """What came of it, or of the whole process: a value, or an exception."""
 
     value: Any = None
     failure: Failure | None = None

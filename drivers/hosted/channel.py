@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import os
 from typing import NamedTuple
 
 from drivers.hosted.line import Line, hang_up
@@ -24,14 +23,12 @@ class Note(NamedTuple):
 class Channel:
     """One of two ends between which parcels go: they lie in memory that both can see.
 
-    The line carries notes of them. The memory has no name, so that nothing is left behind,
-    whoever is killed. Both speak in turn: a parcel is copied out before the next.
+    It is the line's, which carries notes of them. Both speak in turn: a parcel is copied out
+    before the next.
     """
 
-    def __init__(self, line: Line, memory: int) -> None:
-        self.line = line
-        self._memory = mmap.mmap(memory, 0)
-        os.close(memory)
+    def __init__(self, line: Line) -> None:
+        self.line, self._memory = line, mmap.mmap(line.memory, 0)
 
     def close(self) -> None:
         self.line.close()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import mmap
-import os
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,7 +16,7 @@ from drivers.hosted.calls import Answer, Request
 from drivers.hosted.channel import FLAGS, Channel
 from drivers.hosted.flags import replaced
 from drivers.hosted.parcels import Parcel, pack
-from drivers.hosted.process import Ended, Late, Process
+from drivers.hosted.process import Ended, Process
 
 if TYPE_CHECKING:
     from typing import Self
@@ -75,7 +74,8 @@ class Hosted:
         self._lock = threading.RLock()
         self._busy = self._owed = self._lost = False
         request = pack(Request("open", (factory, began, dict(options))))
-        self._channel, self._process = _started()
+        self._process = Process("drivers.hosted.serving:serve", memory=mmap.PAGESIZE)
+        self._channel = Channel(self._process.line)
         self._release = weakref.finalize(self, _close, self._channel, self._process)
         with self._or_ended():
             self._names = self._exchange("open", request, within=opening)
@@ -162,7 +162,8 @@ class Hosted:
             if self._owed:  # to a call that was broken off: nobody wants that answer
                 self._receive(words, within)
             self._channel.lower()
-            self._send(words, request)
+            self._owed = True
+            self._process.tell(self._channel.write(request))
             try:
                 parcel = self._receive(words, within, watched)
             except BaseException:
@@ -184,14 +185,6 @@ class Hosted:
             finally:
                 self._busy = False
 
-    def _send(self, words: str, request: Parcel) -> None:
-        note = self._channel.write(request)
-        self._owed = True
-        try:
-            self._channel.line.send(note)
-        except OSError:
-            raise self._death(words) from None
-
     def _receive(
         self, words: str, within: float, watched: Sequence[Callable[[], Any]] = ()
     ) -> Parcel:
@@ -204,14 +197,12 @@ class Hosted:
 
         try:
             note = self._process.next(within, look if deaf else None)
-        except Ended:
-            raise self._death(words) from None
-        except Late:
-            self.kill()
-            reply = f"no answer within {within:g} s; its process was killed"
-            raise DeviceError(self._model, words, reply, _REMEDY) from None
+        except Ended as error:
+            self._lost = True
+            raise DeviceError(self._model, words, str(error), _REMEDY) from None
         self._owed = False
-        return self._channel.read(note)
+        # An answer without a note is the last one: the whole process has failed.
+        return pack(note) if isinstance(note, Answer) else self._channel.read(note)
 
     def _result(self, words: str, parcel: Parcel) -> Any:
         """The answer itself, or what it says that went wrong."""
@@ -229,10 +220,6 @@ class Hosted:
         raised.add_note(f"In the device's process:\n{failure.trace}")
         raise raised
 
-    def _death(self, words: str) -> DeviceError:
-        self._lost = True
-        return DeviceError(self._model, words, self._process.end_in_words(), _REMEDY)
-
     @contextlib.contextmanager
     def _or_ended(self) -> Iterator[None]:
         """What fails to open is never left: nobody else would end its process."""
@@ -245,18 +232,6 @@ class Hosted:
             with self._lock:
                 self._release()
             raise
-
-
-def _started() -> tuple[Channel, Process]:
-    """A device's process that has not been told yet which."""
-    memory = os.memfd_create("labapp-device")
-    try:
-        os.ftruncate(memory, mmap.PAGESIZE)
-        process = Process("drivers.hosted.serving:serve", memory, passed=[memory])
-    except BaseException:
-        os.close(memory)
-        raise
-    return Channel(process.line, memory), process
 
 
 def _close(channel: Channel, process: Process) -> None:

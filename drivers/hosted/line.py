@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import math
+import os
 import pickle
 import select
 import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from multiprocessing.connection import wait
 from typing import Any
 
 _LENGTH = struct.Struct("!Q")
+
+
+_LOOK = 0.02
+"""Seconds between looks at what else may happen while a message is waited for."""
+
+
+class Closed(EOFError):
+    """The other end is closed, or its process has ended."""
+
+
+class Late(TimeoutError):
+    """No message has come in time."""
 
 
 class Unreadable(Exception):
@@ -22,20 +37,26 @@ class Line:
     """One end of a socket for messages: a length, then the pickled object. Never None.
 
     Both ends are our own processes. Any thread may send, and one at a time may receive.
-    Where the other end is closed, receiving raises EOFError and sending an OSError.
+    Where the other end is closed, receiving raises Closed and sending an OSError. memory:
+    descriptor of memory that both ends can map, for what is large or in a hurry.
     """
 
-    def __init__(self, end: int) -> None:
+    def __init__(self, end: int, memory: int = -1) -> None:
+        self.memory = memory
         self._socket = socket.socket(fileno=end)
         self._sending = threading.Lock()
-        self._unsent = bytearray()
-        self._await_length()
+        self._part = bytearray(_LENGTH.size)
+        self._read = 0
+        self._is_length = True
 
     def fileno(self) -> int:
         return self._socket.fileno()
 
     def close(self) -> None:
         self._socket.close()
+        memory, self.memory = self.memory, -1
+        if memory >= 0:
+            os.close(memory)
 
     # A pyusb backend, for one, is never told that nobody needs it any more.
     __del__ = close
@@ -47,21 +68,6 @@ class Line:
             self._socket.sendall(_LENGTH.pack(len(body)))
             self._socket.sendall(body)
 
-    def post(self, message: object) -> bool:
-        """Send and never wait; see `flush` for what it gives back. Not to be mixed with `send`."""
-        body = pickle.dumps(message, protocol=5)
-        self._unsent += _LENGTH.pack(len(body)) + body
-        return self.flush()
-
-    def flush(self) -> bool:
-        """Send what was posted, as far as there is room for it; whether nothing is left."""
-        try:
-            while self._unsent:
-                del self._unsent[: self._socket.send(self._unsent, socket.MSG_DONTWAIT)]
-        except BlockingIOError:
-            return False
-        return True
-
     def take(self) -> Any:
         """The next message; None if it hasn't come yet, or not all of it. Never waits.
 
@@ -72,34 +78,51 @@ class Line:
                 with memoryview(self._part) as part:
                     count = self._socket.recv_into(part[self._read :], 0, socket.MSG_DONTWAIT)
                 if not count:
-                    raise EOFError("the other end is closed")
+                    raise Closed
                 self._read += count
                 if self._is_length and self._read == len(self._part):
-                    (length,) = _LENGTH.unpack(self._part)
-                    self._part, self._read, self._is_length = bytearray(length), 0, False
+                    self._begin(*_LENGTH.unpack(self._part), is_length=False)
         except BlockingIOError:
             return None
-        except ConnectionResetError as error:
-            # It was closed before it had read everything.
-            raise EOFError("the other end is closed") from error
+        except OSError as error:
+            # Such as ECONNRESET: it was closed before it had read everything.
+            raise Closed from error
         body = self._part
-        self._await_length()
+        self._begin(_LENGTH.size, is_length=True)
         try:
             return pickle.loads(body)
         except Exception as error:
             raise Unreadable(repr(error)) from error
 
-    def receive(self, patience: float | None = None) -> Any:
-        """The next message, waited for. TimeoutError if it takes longer than so many seconds."""
-        late = None if patience is None else time.monotonic() + patience
-        while (message := self.take()) is None:
-            left = None if late is None else late - time.monotonic()
-            if not wait([self._socket], left) and left is not None and left <= 0:
-                raise TimeoutError(f"no message within {patience:g} s")
-        return message
+    def receive(
+        self,
+        within: float = math.inf,
+        look: Callable[[], None] | None = None,
+        ended: int | None = None,
+    ) -> Any:
+        """The next message. Late if there is none within so many seconds; or Closed.
 
-    def _await_length(self) -> None:
-        self._part, self._read, self._is_length = bytearray(_LENGTH.size), 0, True
+        look: called every 20 ms meanwhile; what it raises comes from here. ended: descriptor
+        that can be read once the other process has ended, though one of its own processes may
+        still hold the socket open.
+        """
+        late = time.monotonic() + within
+        ends = [self.fileno()] if ended is None else [self.fileno(), ended]
+        while True:
+            if look is not None:
+                look()
+            left = max(0.0, late - time.monotonic())
+            patience = left if look is None else min(left, _LOOK)
+            ready = wait(ends, None if patience == math.inf else patience)
+            if ready and (message := self.take()) is not None:
+                return message
+            if ended in ready:
+                raise Closed
+            if time.monotonic() >= late:
+                raise Late(f"no message within {within:g} s")
+
+    def _begin(self, size: int, *, is_length: bool) -> None:
+        self._part, self._read, self._is_length = bytearray(size), 0, is_length
 
 
 def hang_up(end: int) -> select.poll:

@@ -9,14 +9,12 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
 from drivers.hosted.child import BOOT, IGNORED
-from drivers.hosted.line import Line
+from drivers.hosted.line import Closed, Late, Line
 
 _GRACE = 10.0
 """Seconds in which a process that was left alone must have made its device safe and ended."""
@@ -24,30 +22,23 @@ _GRACE = 10.0
 _KILLING = 1.0
 """Seconds for which a kill waits for its effect: one stuck in the kernel stays for longer."""
 
-_LOOK = 0.02
-"""Seconds between looks at what else may happen while an answer is waited for."""
-
 _ROOT = str(Path(__file__).parents[2])
 """Where another Python finds this package."""
 
 
 class Ended(Exception):
-    """The process answers no more: see `Process.end_in_words`."""
-
-
-class Late(Exception):
-    """It didn't answer in time."""
+    """The process answers no more; how that came, in words."""
 
 
 class Process:
     """A Python process that calls target(line, *given) and ends when that returns.
 
-    target: "module:function". line: the way to it, which it has the other end of; once this
-    one is closed, because of `close` or because we are gone, it has `grace` seconds before
-    its guard kills it. python: the command of another Python; it has the standard library and
-    its own packages, but for what it imports from `folders` while it loads the target.
-    passed: descriptors that it gets under the same numbers. errors: descriptor of what it
-    prints. Signals to a whole process group, as by Ctrl-C, don't end it.
+    target: "module:function". What it raises comes as an `Answer`, asked or not. python: the
+    command of another Python; that one has its own packages, and others only while it loads
+    the target, from `folders`. memory: bytes of what both can map, see `Line`; it has no name,
+    so that nothing is left behind, whoever is killed. grace: seconds that the process has when
+    the line is closed, by `close` or because we are gone; its guard kills it then. errors: a
+    descriptor for what it prints. Signals to a whole process group, as by Ctrl-C, don't end it.
 
     OSError if there is no such Python.
     """
@@ -58,17 +49,17 @@ class Process:
         *given: Any,
         python: Sequence[str] = (),
         folders: Sequence[str] = (),
-        passed: Sequence[int] = (),
+        memory: int = 0,
         grace: float | None = None,
         errors: int = 2,
     ) -> None:
         self._grace = _GRACE if grace is None else grace
         ours, theirs = socket.socketpair()
-        words = [str(theirs.fileno()), str(self._grace), target]
-        if python:
-            words += ["lent", _ROOT, *folders]
-        else:
-            words += ["", *sys.path]
+        shared = os.memfd_create("labapp")
+        os.ftruncate(shared, memory)
+        self.line = Line(ours.detach(), shared)
+        words = [str(theirs.fileno()), str(shared), str(self._grace), target]
+        words += ["lent", _ROOT, *folders] if python else ["", *sys.path]
         # Blocked until the child ignores them: Ctrl-C must not find it half awake.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED)
         try:
@@ -77,10 +68,10 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=errors,
                 stderr=errors,
-                pass_fds=(theirs.fileno(), *passed),
+                pass_fds=(theirs.fileno(), shared),
             )
         except BaseException:
-            ours.close()
+            self.line.close()
             raise
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -89,36 +80,25 @@ class Process:
         self.ended = os.pidfd_open(self.pid)
         """A descriptor that can be read once it has ended."""
         self._open = True
-        self.line = Line(ours.detach())
-        # It may have ended already; whoever asks it next is told.
+        self.tell(given)
+
+    def tell(self, message: object) -> None:
+        """Send it. Whether the process has ended is told to whoever wants an answer."""
         with contextlib.suppress(OSError):
-            self.line.send(given)
+            self.line.send(message)
 
     def next(self, within: float = math.inf, look: Callable[[], None] | None = None) -> Any:
-        """The next message from it. Late if there is none within so many seconds; or Ended.
+        """The next message. Ended if it hasn't come within so many seconds: it is killed then.
 
         look: called every 20 ms meanwhile; what it raises comes from here.
         """
-        late = time.monotonic() + within
-        while True:
-            if look is not None:
-                look()
-            left = max(0.0, late - time.monotonic())
-            patience = left if look is None else min(left, _LOOK)
-            ready = wait([self.line, self.ended], None if patience == math.inf else patience)
-            if ready and (message := self._taken()) is not None:
-                return message
-            # One of its own processes may still hold the socket open.
-            if self.ended in ready:
-                raise Ended
-            if time.monotonic() >= late:
-                raise Late
-
-    def _taken(self) -> Any:
         try:
-            return self.line.take()
-        except (EOFError, OSError):
-            raise Ended from None
+            return self.line.receive(within, look, self.ended)
+        except Late:
+            self.kill()
+            raise Ended(f"no answer within {within:g} s; its process was killed") from None
+        except Closed:
+            raise Ended(self._end_in_words()) from None
 
     def send_signal(self, number: int) -> None:
         self._popen.send_signal(number)
@@ -127,7 +107,7 @@ class Process:
         """Its exit status, waited for; None if it hasn't ended."""
         return reap(self._popen, patience)
 
-    def end_in_words(self) -> str:
+    def _end_in_words(self) -> str:
         """How it has ended. One that only has closed its line is killed."""
         code = self.code(_KILLING)
         if code is None:

@@ -18,9 +18,9 @@ from drivers.hosted.line import Line
 from drivers.hosted.parcels import pack
 
 
-def serve(line: Line, memory: int) -> None:
+def serve(line: Line) -> None:
     """Do what is asked until the line is closed; then leave the device safe."""
-    _Host(Channel(line, memory)).run()
+    _Host(Channel(line)).run()
 
 
 class _Host:

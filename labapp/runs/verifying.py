@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.markup import escape
 
-from drivers.hosted.process import Ended, Late, Process
+from drivers.hosted.calls import Answer
+from drivers.hosted.process import Ended, Process
 from labapp.common.console import out, print_json, table, watched
 from labapp.files.finding import require_file
 from labapp.runs.record.finding import Finding, Verification
@@ -48,22 +49,24 @@ def verify(
     """
     progress = progress or Progress()
     require_file(path)
-    with tempfile.TemporaryFile() as complaints:
-        with closing(Process(_CHECKS, path, grace=0.0, errors=complaints.fileno())) as process:
-            try:
-                while not isinstance(news := process.next(patience, progress.check), Verification):
-                    progress.report(*news)
-                return news
-            except Late:
+    with (
+        tempfile.TemporaryFile() as complaints,
+        closing(Process(_CHECKS, path, grace=0.0, errors=complaints.fileno())) as process,
+    ):
+        try:
+            while not isinstance(news := process.next(patience, progress.check), Answer):
+                progress.report(*news)
+            if news.failure is None:
+                return news.value
+            said = news.failure.trace
+        except Ended:
+            code = process.code(_PATIENCE)
+            if code is None or code < 0:
                 return _lost(path)
-            except Ended:
-                code = process.code(_PATIENCE)
-        if code is None or code < 0:
-            return _lost(path)
-        # No damage of the file does that.
-        complaints.seek(0)
-        said = complaints.read().decode(errors="replace")
-        raise RuntimeError(f"the checks of {path} failed: {said[-2000:]}")
+            complaints.seek(0)
+            said = complaints.read().decode(errors="replace")
+    # No damage of the file does that.
+    raise RuntimeError(f"the checks of {path} failed: {said[-2000:]}")
 
 
 def _lost(path: Path) -> Verification:

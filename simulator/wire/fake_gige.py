@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import os
 import signal
 import socket
 import tempfile
@@ -19,8 +18,9 @@ from numpy.typing import NDArray
 
 from drivers.aravis.link import python_with_gi
 from drivers.aravis.pixels import FORMATS
-from drivers.hosted.calls import Answer, Request
-from drivers.hosted.process import Ended, Late, Process
+from drivers.hosted.calls import Answer, News, Request
+from drivers.hosted.line import Closed, Late
+from drivers.hosted.process import Process
 from drivers.interfaces import Clock
 from simulator.wire.camera_faults import CameraFault
 from simulator.wire.camera_xml import description
@@ -108,27 +108,21 @@ class FakeGigE:
             xml = folder / "camera.xml"
             names = [form.name for form in self._formats.values()]
             xml.write_text(description(dict.fromkeys(names), self._exposure_us))
-            memory = os.memfd_create("labapp-pictures")
-            # Two sets: one is sent while the next is made.
-            os.ftruncate(memory, PAGE + 2 * self._cycle * self._slot)
-            self._memory = mmap.mmap(memory, 0)
             try:
                 self._process = Process(
                     "gige_process:main",
-                    memory,
                     {**self._given, "xml": str(xml)},
                     python=python_with_gi(),
                     folders=[str(Path(__file__).parent)],
-                    passed=[memory],
+                    # Two sets: one is sent while the next is made.
+                    memory=PAGE + 2 * self._cycle * self._slot,
                 )
             except FileNotFoundError as error:
                 raise NoAravis(f"no Python with gi: {error}") from error
-            finally:
-                os.close(memory)
+            self._memory = mmap.mmap(self._process.line.memory, 0)
             self._ended = False
             self._sent, self._set = "", 0
-            self._told = self._heard = 0
-            self._obeyed = threading.Condition()
+            self._obeyed = threading.Event()
             self._counting, self._scripting = threading.Lock(), threading.RLock()
             stack.callback(self._close)
             self._require_running()
@@ -141,18 +135,14 @@ class FakeGigE:
         self._closing.close()
 
     def _require_running(self) -> None:
-        reply = "no answer"
         try:
-            if self._process.next(_STARTING).result():
-                return
-            reply = "it doesn't run"
-        except ImportError as missing:
+            running, reply = self._process.next(_STARTING).result(), "it doesn't run"
+        except (ImportError, ValueError) as missing:
             raise NoAravis(str(missing)) from missing
-        except Ended:
-            reply = self._process.end_in_words()
-        except Late:
-            pass
-        raise OSError(f"no simulated camera at {self.address}: {reply}")
+        except Exception as error:
+            running, reply = False, str(error)
+        if not running:
+            raise OSError(f"no simulated camera at {self.address}: {reply}")
 
     def _close(self) -> None:
         self._ended = True
@@ -185,7 +175,7 @@ class FakeGigE:
 
     def pulse(self) -> None:
         """An electric pulse at the camera's trigger line."""
-        self._say("pulse")
+        self._process.tell(News("pulse"))
 
     def _now(self) -> float:
         return time.monotonic() if self._clock is None else self._clock.now()
@@ -208,37 +198,27 @@ class FakeGigE:
 
     def _tell(self, name: str, *given: Any) -> None:
         """And wait until it is done, unless it is the one who hears of that who says it."""
-        number = self._say(name, *given)
+        self._obeyed.clear()
+        self._process.tell(Request(name, given))
         if threading.current_thread() is not self._thread:
-            with self._obeyed:
-                self._obeyed.wait_for(lambda: self._heard >= number, 5.0)
-
-    def _say(self, name: str, *given: Any) -> int:
-        """What the camera shall do; how many answers there are once it has."""
-        with self._obeyed:
-            self._told += 1
-            with contextlib.suppress(OSError):
-                self._process.line.send(Request(name, given))
-            return self._told
+            self._obeyed.wait(5.0)
 
     def _serve(self) -> None:
-        with contextlib.suppress(Ended):
+        with contextlib.suppress(Closed):
             while not self._ended:
                 with contextlib.suppress(Late):
-                    self._hear(self._process.next(_LOOK))
+                    self._hear(self._process.line.receive(_LOOK))
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
                     finally:
                         self._scripting.release()
 
-    def _hear(self, message: Request | Answer) -> None:
-        if isinstance(message, Request):
+    def _hear(self, message: News | Answer) -> None:
+        if isinstance(message, News):
             threading.Thread(target=self._make, args=message.given, daemon=True).start()
-            return
-        with self._obeyed:
-            self._heard += 1
-            self._obeyed.notify_all()
+        else:
+            self._obeyed.set()
 
     def _make(self, wanted: dict[str, Any]) -> None:
         """Make the pictures that are wanted, in the places that aren't being sent."""
@@ -254,7 +234,7 @@ class FakeGigE:
         except Exception as error:
             self.failure = error
             return
-        self._say("made", places, wanted)
+        self._process.tell(News("made", (places, wanted)))
 
 
 def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:

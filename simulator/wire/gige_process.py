@@ -18,8 +18,7 @@ import time
 from collections import deque
 from typing import Any
 
-from drivers.hosted.calls import Answer, Request
-from drivers.hosted.failures import Failure
+from drivers.hosted.calls import Answer, News, Request
 from drivers.hosted.line import Line
 
 EXPOSURE, GAIN, WIDTH, HEIGHT, X, Y = 0x120, 0x110, 0x100, 0x104, 0x130, 0x134
@@ -249,26 +248,25 @@ class Machine:
             self._socket.sendto(leader, (address, self._register(STREAM_PORT) & 0xFFFF))
 
 
-def main(line: Line, memory: int, given: dict[str, Any]) -> None:
-    """Answer whether the camera is there, and then obey; a request is named as its method."""
-    try:
-        import gi
+def main(line: Line, given: dict[str, Any]) -> None:
+    """Answer whether the camera is there, and then obey; what is said is named as its method."""
+    import gi
 
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis
-    except (ImportError, ValueError) as error:
-        line.send(Answer(failure=Failure.of(ImportError(str(error)))))
-        return
-    machine = Machine(Aravis, given, memory)
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis
+
+    machine = Machine(Aravis, given, line.memory)
 
     def ask(wanted: dict[str, Any]) -> None:
         with contextlib.suppress(OSError):
-            line.send(Request("make", (wanted,)))
+            line.send(News("make", (wanted,)))
 
     machine.ask = ask
     line.send(Answer(machine.running))
     with contextlib.suppress(EOFError, OSError):
         while True:
-            request: Request = line.receive()
-            line.send(Answer(getattr(machine, request.name)(*request.given)))
+            message: Request | News = line.receive()
+            done = getattr(machine, message.name)(*message.given)
+            if isinstance(message, Request):
+                line.send(Answer(done))
     os._exit(0)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from drivers.hosted.calls import Answer, Request, answer_of
-from drivers.hosted.failures import Failure
 from drivers.hosted.line import Line
 
 from .camera import Camera
@@ -88,21 +86,15 @@ class _Desk:
                     self._tell_lost()
 
 
-def main(line: Line, memory: int) -> None:
-    """Serve until nobody asks any more. memory: a descriptor of what frames lie in."""
-    os.set_inheritable(memory, False)
-    try:
-        import gi
+def main(line: Line) -> None:
+    """Serve until nobody asks any more. Frames lie in the line's memory."""
+    import gi
 
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis
-    except (ImportError, ValueError) as error:
-        missing = ImportError(str(error))
-        line.receive()
-        line.send(Answer(failure=Failure.of(missing)))
-        return
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis
+
     camera = Camera(Aravis)
-    frames = Frames(camera, memory)
+    frames = Frames(camera, line.memory)
     try:
         _Desk(line, camera, frames).run()
     finally:

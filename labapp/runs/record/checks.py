@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.hosted.calls import Answer
 from drivers.hosted.line import Line
 from labapp.common.errors import UserError
 from labapp.files.frame_list import frame_list
@@ -302,4 +303,4 @@ def answer(line: Line, path: Path) -> None:
     """Tell the progress of all checks, (share, message), and at last what they found."""
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
-    line.send(check_record(path, progress))
+    line.send(Answer(check_record(path, progress)))
