@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import pickle
@@ -11,7 +12,6 @@ import struct
 import threading
 import time
 from collections.abc import Callable
-from multiprocessing.connection import wait
 from typing import Any
 
 _LENGTH = struct.Struct("!Q")
@@ -19,6 +19,9 @@ _LENGTH = struct.Struct("!Q")
 
 _LOOK = 0.02
 """Seconds between looks at what else may happen while a message is waited for."""
+
+_LONGEST = 3600.0
+"""Seconds for which the system is asked to wait at once: it counts milliseconds in 32 bits."""
 
 
 class Closed(EOFError):
@@ -63,10 +66,13 @@ class Line:
 
     def send(self, message: object) -> None:
         """Wait for as long as the other end doesn't read. What can't be pickled isn't sent."""
-        body = pickle.dumps(message, protocol=5)
-        with self._sending:
-            self._socket.sendall(_LENGTH.pack(len(body)))
-            self._socket.sendall(body)
+        # In one piece, so that who waits for it wakes only once.
+        whole = io.BytesIO(bytes(_LENGTH.size))
+        whole.seek(_LENGTH.size)
+        pickle.dump(message, whole, protocol=5)
+        with whole.getbuffer() as data, self._sending:
+            _LENGTH.pack_into(data, 0, len(data) - _LENGTH.size)
+            self._socket.sendall(data)
 
     def take(self) -> Any:
         """The next message; None if it hasn't come yet, or not all of it. Never waits.
@@ -107,13 +113,15 @@ class Line:
         still hold the socket open.
         """
         late = time.monotonic() + within
-        ends = [self.fileno()] if ended is None else [self.fileno(), ended]
+        either = select.poll()
+        for end in (self.fileno(),) if ended is None else (self.fileno(), ended):
+            either.register(end, select.POLLIN)
         while True:
             if look is not None:
                 look()
             left = max(0.0, late - time.monotonic())
-            patience = left if look is None else min(left, _LOOK)
-            ready = wait(ends, None if patience == math.inf else patience)
+            patience = min(left, _LONGEST if look is None else _LOOK)
+            ready = dict(either.poll(math.ceil(patience * 1e3)))
             if ready and (message := self.take()) is not None:
                 return message
             if ended in ready:

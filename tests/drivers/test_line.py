@@ -5,12 +5,14 @@ import select
 import socket
 import struct
 import threading
+from contextlib import closing
 
 import numpy as np
 import pytest
 
 from drivers.hosted.calls import Answer, answer_of
 from drivers.hosted.line import Closed, Late, Line, Unreadable
+from drivers.hosted.process import Ended, Process
 
 
 @pytest.fixture
@@ -108,3 +110,16 @@ def test_an_exception_that_nobody_here_knows_comes_in_words():
 
     with pytest.raises(RuntimeError, match=r"Stranger\('odd'\)"):
         answer_of(fail).result()
+
+
+def test_what_a_process_raises_comes_as_its_answer_and_how_it_ended_after_that():
+    with closing(Process("operator:truediv", 0)) as process:
+        with pytest.raises(TypeError, match="unsupported operand"):
+            process.next(60).result()
+        with pytest.raises(Ended, match=r"its process ended \(exit status 1\)"):
+            process.next(60)
+
+
+def test_a_process_whose_function_is_not_there_says_so():
+    with closing(Process("no_such_module:run")) as process, pytest.raises(ModuleNotFoundError):
+        process.next(60).result()
