@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import json
 import mmap
-import os
 import sys
 import threading
 import time
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,8 @@ from numpy.typing import NDArray
 
 from drivers.aravis.library.camera import OWNED
 from drivers.errors import DeviceError
-from drivers.hosted.process import KILLING, reap, spawn
+from drivers.hosted.calls import Request
+from drivers.hosted.process import Ended, Process
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 """Where distributions put gi for."""
@@ -32,12 +31,6 @@ _STARTING = 10.0
 
 _LEAVING = 4.0
 """Seconds in which the process must have closed the camera and ended."""
-
-_CHILD = (
-    "import sys; sys.path.insert(0, sys.argv[1]); from library.desk import main; "
-    "del sys.path[0]; main(*sys.argv[2:])"
-)
-"""What runs there; it finds its own package, and nothing that lies beside it."""
 
 _INSTALL = f"Install it with: sudo apt-get install --no-install-recommends {PACKAGES}"
 
@@ -58,15 +51,15 @@ class Link:
 
     def __init__(self, model: str) -> None:
         self.model = model
-        memory = os.memfd_create("labapp-frames")
-        self._memory = os.dup(memory)
         try:
-            end, self._process = spawn(lambda end: _command(end, memory), memory)
+            self._process = Process(
+                "library.desk:main",
+                python=python_with_gi(),
+                folders=[str(Path(__file__).parent)],
+                grace=_LEAVING,
+            )
         except OSError as error:
-            os.close(self._memory)
             raise DeviceError(model, "open", f"no Python with gi: {error}", _INSTALL) from error
-        self._end = Connection(end)
-        self._ended = os.pidfd_open(self._process.pid)
         self._mapped: mmap.mmap | None = None
         self._turn = threading.RLock()
         self._open = True
@@ -79,12 +72,10 @@ class Link:
         if not self._turn.acquire(blocking=False):
             return None
         try:
-            if not self._open or wait([self._ended], 0):
+            if not self._open or wait([self._process.ended], 0):
                 return None
             # Nothing was asked, and its process says by itself only that the camera is lost.
-            return "it answers no more" if self._end.poll(0) else ""
-        except (OSError, EOFError):
-            return None
+            return "it answers no more" if wait([self._process.line.fileno()], 0) else ""
         finally:
             self._turn.release()
 
@@ -96,27 +87,22 @@ class Link:
     def _ask(self, name: str, *given: Any, within: float) -> Any:
         if not self._open:
             raise Gone(self.model, name, "its process is closed", "Take it again")
+        # Numpy's numbers are floats, too, but the other Python may not know them.
+        plain = [float(one) if isinstance(one, float) else one for one in given]
+        self._process.tell(Request(name, plain))
         try:
-            self._end.send_bytes(json.dumps({"name": name, "given": given}).encode())
-            wait([self._end, self._ended], max(0.0, within))
-            answer = json.loads(self._end.recv_bytes()) if self._end.poll(0) else None
-        except (OSError, EOFError) as error:
-            raise self._death(name, f"its process ended ({error!r})") from error
-        if answer is None:
-            ended = self._process.poll()
-            if ended is not None:
-                raise self._death(name, f"its process ended (exit status {ended})")
-            raise self._death(name, f"no answer within {within:.1f} s; its process was killed")
-        if "good" in answer:
-            return answer["good"]
-        if "missing" in answer:
+            return self._process.next(within).result()
+        except Ended as ended:
+            raise self._death(name, str(ended)) from ended
+        except ConnectionError as lost:
+            raise self._death(name, str(lost)) from lost
+        except (ImportError, ValueError) as missing:
             self.kill()
-            reply = f"Aravis isn't there: {answer['missing']}"
-            raise DeviceError(self.model, "open", reply, _INSTALL)
-        if "lost" in answer:
-            raise self._death(name, answer["lost"])
-        remedy = "Look at the camera's settings, its network and its cable"
-        raise Refused(self.model, name.replace("_", " "), answer["bad"], remedy)
+            reply = f"Aravis isn't there: {missing}"
+            raise DeviceError(self.model, "open", reply, _INSTALL) from missing
+        except RuntimeError as refusal:
+            remedy = "Look at the camera's settings, its network and its cable"
+            raise Refused(self.model, name.replace("_", " "), str(refusal), remedy) from refusal
 
     def _death(self, name: str, reply: str) -> Gone:
         self.kill()
@@ -126,13 +112,12 @@ class Link:
     def bytes_at(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
         """What lies in the memory that both see, `length` bytes long; not a copy."""
         if self._mapped is None or len(self._mapped) != length:
-            self._mapped = mmap.mmap(self._memory, length)
+            self._mapped = mmap.mmap(self._process.line.memory, length)
         return np.frombuffer(self._mapped, np.uint8, size, place)
 
     def kill(self) -> None:
         """End the process at once; from any thread, as often as you like."""
         self._process.kill()
-        reap(self._process, KILLING)
 
     def close(self) -> None:
         """Let the process close the camera and end; kill it if it doesn't."""
@@ -140,25 +125,16 @@ class Link:
             if not self._open:
                 return
             self._open = False
-            self._end.close()
-        if reap(self._process, _LEAVING) is None:
-            self.kill()
-        os.close(self._ended)
-        os.close(self._memory)
+        self._process.close()
         self._mapped = None
 
 
 def python_with_gi() -> list[str]:
     """The command of a Python that can load Aravis, if any can."""
     if importlib.util.find_spec("gi") is not None:
-        return [sys.executable, "-P", "-X", "faulthandler"]
+        return [sys.executable, "-P"]
     # Nothing of this Python's packages: they may be of another version.
-    return [SYSTEM_PYTHON, "-I", "-X", "faulthandler"]
-
-
-def _command(end: int, memory: int) -> list[str]:
-    here = str(Path(__file__).parent)
-    return [*python_with_gi(), "-c", _CHILD, here, str(end), str(memory)]
+    return [SYSTEM_PYTHON, "-I"]
 
 
 def found_cameras() -> list[dict[str, str]]:

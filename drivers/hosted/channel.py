@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import os
-import select
-from multiprocessing.connection import Connection
 from typing import NamedTuple
 
+from drivers.hosted.line import Line, hang_up
 from drivers.hosted.parcels import Parcel
 
 FLAGS = 64
@@ -25,17 +23,15 @@ class Note(NamedTuple):
 class Channel:
     """One of two ends between which parcels go: they lie in memory that both can see.
 
-    The connection carries notes of them. The memory has no name, so that nothing is left
-    behind, whoever is killed. Both speak in turn: a parcel is copied out before the next.
+    It is the line's, which carries notes of them. Both speak in turn: a parcel is copied out
+    before the next.
     """
 
-    def __init__(self, end: int, memory: int) -> None:
-        self.connection = Connection(end)
-        self._memory = mmap.mmap(memory, 0)
-        os.close(memory)
+    def __init__(self, line: Line) -> None:
+        self.line, self._memory = line, mmap.mmap(line.memory, 0)
 
     def close(self) -> None:
-        self.connection.close()
+        self.line.close()
         # Not while the traceback of a failed read still holds a part of it.
         with contextlib.suppress(BufferError):
             self._memory.close()
@@ -51,7 +47,7 @@ class Channel:
         return Note(len(self._memory), sizes)
 
     def read(self, note: Note) -> Parcel:
-        # Only here, for it starts threads: the device's process forks its guard before.
+        # Only here, for the system's Python, which begins with this package, too, may lack it.
         import numpy as np
 
         self._reach(note.length)
@@ -81,11 +77,4 @@ class Channel:
 
     def abandoned(self) -> bool:
         """Whether the other end has been closed."""
-        return bool(hang_up(self.connection.fileno()).poll(0))
-
-
-def hang_up(end: int) -> select.poll:
-    """What tells that the other end of a socket has been closed, and nothing else."""
-    closed = select.poll()
-    closed.register(end, select.POLLRDHUP)
-    return closed
+        return bool(hang_up(self.line.fileno()).poll(0))

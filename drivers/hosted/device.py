@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
+import mmap
 import threading
-import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted.channel import FLAGS
-from drivers.hosted.failures import Failure
+from drivers.hosted.calls import Answer, Request
+from drivers.hosted.channel import FLAGS, Channel
 from drivers.hosted.flags import replaced
 from drivers.hosted.parcels import Parcel, pack
-from drivers.hosted.process import KILLING, close, reap, start
+from drivers.hosted.process import Ended, Process
 
 if TYPE_CHECKING:
-    from drivers.interfaces import Surroundings
+    from typing import Self
 
-_PATIENCE = 0.02
-"""Seconds between looks at whether a call was cancelled."""
+    from drivers.interfaces import Surroundings
 
 _REMEDY = "Look at the device and at what its process wrote, and open it again"
 
@@ -76,10 +73,10 @@ class Hosted:
         self._names: dict[str, bool] = {}
         self._lock = threading.RLock()
         self._busy = self._owed = self._lost = False
-        request = pack(("open", factory, (began, dict(options)), {}))
-        self._channel, self._process = start()
-        self._ended = os.pidfd_open(self._process.pid)
-        self._release = weakref.finalize(self, close, self._channel, self._process, self._ended)
+        request = pack(Request("open", (factory, began, dict(options))))
+        self._process = Process("drivers.hosted.serving:serve", memory=mmap.PAGESIZE)
+        self._channel = Channel(self._process.line)
+        self._release = weakref.finalize(self, _close, self._channel, self._process)
         with self._or_ended():
             self._names = self._exchange("open", request, within=opening)
 
@@ -111,12 +108,11 @@ class Hosted:
         """
         self._lost = True
         self._process.kill()
-        reap(self._process, KILLING)
 
     @property
     def dead(self) -> bool:
         """Whether the device's process has ended, or is about to, and answers no more."""
-        return self._lost or reap(self._process, 0) is not None
+        return self._lost or self._process.code() is not None
 
     def __getattr__(self, name: str) -> Any:
         # Through __dict__: without names, as in a half-made object, this would ask itself.
@@ -124,10 +120,10 @@ class Hosted:
         if name not in names:
             raise AttributeError(f"{self.__dict__.get('_model', 'a device')} has no {name!r}")
         if not names[name]:
-            return self._ask("get", name)
+            return self._exchange(name, pack(Request("get", (name,))), within=self._replying)
 
         def forwarded(*arguments: Any, **options: Any) -> Any:
-            return self._ask("call", name, arguments, options)
+            return self._call(name, arguments, options)
 
         return forwarded
 
@@ -139,23 +135,20 @@ class Hosted:
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self._names})
 
-    def _ask(
-        self,
-        command: str,
-        name: str = "",
-        arguments: Sequence[Any] = (),
-        options: Mapping[str, Any] | None = None,
-        within: float | None = None,
-    ) -> Any:
+    def _ask(self, command: str, *given: Any, within: float | None = None) -> Any:
+        """What the device's process answers."""
+        seconds = self._replying if within is None else within
+        return self._exchange(command, pack(Request(command, given)), within=seconds)
+
+    def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
         """What the device answers; what can't be sent raises here, and nothing was sent."""
         watched: list[Callable[[], Any]] = []
-        given = tuple(replaced(value, watched) for value in arguments)
-        named = {key: replaced(value, watched) for key, value in (options or {}).items()}
+        given = [replaced(value, watched) for value in arguments]
+        named = {key: replaced(value, watched) for key, value in options.items()}
         if len(watched) > FLAGS:
             raise ValueError(f"{name}: {len(watched)} callables; {FLAGS} can be given at most")
-        request = pack((command, name, given, named))
-        seconds = self._replying if within is None else within
-        return self._exchange(name or command, request, watched, seconds)
+        request = pack(Request("call", (name, given, named)))
+        return self._exchange(name, request, watched, self._replying)
 
     def _exchange(
         self,
@@ -167,17 +160,17 @@ class Hosted:
         """One request and its answer. words: the command's name in errors."""
         with self._turn(words):
             if self._owed:  # to a call that was broken off: nobody wants that answer
-                self._wait(words, (), within)
-                self._receive(words)
+                self._receive(words, within)
             self._channel.lower()
-            self._send(words, request)
+            self._owed = True
+            self._process.tell(self._channel.write(request))
             try:
-                self._wait(words, watched, within)
+                parcel = self._receive(words, within, watched)
             except BaseException:
                 # By Ctrl-C, for example: the device, too, needs to wait no longer.
                 self._channel.raise_all()
                 raise
-            return self._answer(words, self._receive(words))
+            return self._result(words, parcel)
 
     @contextlib.contextmanager
     def _turn(self, words: str) -> Iterator[None]:
@@ -192,71 +185,40 @@ class Hosted:
             finally:
                 self._busy = False
 
-    def _send(self, words: str, request: Parcel) -> None:
-        note = self._channel.write(request)
-        self._owed = True
-        try:
-            self._channel.connection.send(note)
-        except OSError:
-            raise self._death(words) from None
-
-    def _wait(self, words: str, watched: Sequence[Callable[[], Any]], within: float) -> None:
-        """Return when there is an answer, or none will come; see `_receive`."""
-        late = time.monotonic() + within
+    def _receive(
+        self, words: str, within: float, watched: Sequence[Callable[[], Any]] = ()
+    ) -> Parcel:
         deaf = dict(enumerate(watched))
-        while True:
+
+        def look() -> None:
             for index in [i for i, turned_true in deaf.items() if turned_true()]:
                 self._channel.raise_flag(index)
                 del deaf[index]
-            patience = _PATIENCE if deaf or late < math.inf else None
-            if wait([self._channel.connection, self._ended], patience):
-                return
-            if time.monotonic() > late:
-                self.kill()
-                reply = f"no answer within {within:g} s; its process was killed"
-                raise DeviceError(self._model, words, reply, _REMEDY)
 
-    def _receive(self, words: str) -> Parcel:
         try:
-            # An ended process may still have answered; a process of its own that it has
-            # left behind may hold the socket open, so that no end of file comes.
-            if not self._channel.connection.poll(0):
-                raise EOFError
-            note = self._channel.connection.recv()
-        except (EOFError, OSError):
-            raise self._death(words) from None
+            note = self._process.next(within, look if deaf else None)
+        except Ended as error:
+            self._lost = True
+            raise DeviceError(self._model, words, str(error), _REMEDY) from None
         self._owed = False
-        return self._channel.read(note)
+        # An answer without a note is the last one: the whole process has failed.
+        return pack(note) if isinstance(note, Answer) else self._channel.read(note)
 
-    def _answer(self, words: str, parcel: Parcel) -> Any:
+    def _result(self, words: str, parcel: Parcel) -> Any:
         """The answer itself, or what it says that went wrong."""
         try:
-            good, answer = parcel.unpacked()
+            answer: Answer = parcel.unpacked()
         except Exception as error:
             reply = f"its answer can't be read in this process: {error!r}"
             raise DeviceError(self._model, words, reply, _REMEDY) from error
-        if good:
-            return answer
-        failure: Failure = answer
+        failure = answer.failure
+        if failure is None:
+            return answer.value
         raised = failure.known()
         if raised is None:
             raised = DeviceError(self._model, words, failure.said, _REMEDY)
         raised.add_note(f"In the device's process:\n{failure.trace}")
         raise raised
-
-    def _death(self, words: str) -> DeviceError:
-        """How the process has ended. One that only has shut its ears is killed."""
-        self._lost = True
-        code = reap(self._process, KILLING)
-        if code is None:
-            self.kill()
-            code = self._process.returncode
-        reply = f"its process ended (exit status {code})"
-        if code is None:
-            reply = "its process was killed, but hangs in the system"
-        elif code < 0:
-            reply = f"its process ended (signal {-code})"
-        return DeviceError(self._model, words, reply, _REMEDY)
 
     @contextlib.contextmanager
     def _or_ended(self) -> Iterator[None]:
@@ -270,6 +232,12 @@ class Hosted:
             with self._lock:
                 self._release()
             raise
+
+
+def _close(channel: Channel, process: Process) -> None:
+    """Let the process end, which makes its device safe first if it was never left."""
+    channel.close()
+    process.close()
 
 
 def _start_of(surroundings: Surroundings, model: str) -> float:

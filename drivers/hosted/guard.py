@@ -1,4 +1,4 @@
-"""Who ends a device's process that neither its parent nor itself can end."""
+"""Who ends a process that neither its parent nor itself can end."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import select
 import signal
 
-from drivers.hosted.channel import hang_up
+from drivers.hosted.line import hang_up
 
 
 def guard(end: int, grace: float) -> None:
@@ -16,22 +16,22 @@ def guard(end: int, grace: float) -> None:
     this is to be called before there are threads; and it is nobody's child, for a library
     that waits for its own children must not find it.
     """
-    device = os.pidfd_open(os.getpid())
+    guarded = os.pidfd_open(os.getpid())
     between = os.fork()
     if between:
-        os.close(device)
+        os.close(guarded)
         os.waitpid(between, 0)
         return
     try:
         if not os.fork():
-            _watch(device, end, grace)
+            _watch(guarded, end, grace)
     finally:
         os._exit(0)
 
 
-def _watch(device: int, end: int, grace: float) -> None:
+def _watch(guarded: int, end: int, grace: float) -> None:
     either = hang_up(end)
-    either.register(device, select.POLLIN)
+    either.register(guarded, select.POLLIN)
     either.poll()
-    if not select.select([device], [], [], grace)[0]:
-        signal.pidfd_send_signal(device, signal.SIGKILL)
+    if not select.select([guarded], [], [], grace)[0]:
+        signal.pidfd_send_signal(guarded, signal.SIGKILL)

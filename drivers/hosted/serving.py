@@ -1,44 +1,30 @@
-"""The life of a device's process, which alone runs what stands here."""
+"""The life of a device in a process of its own, which alone runs what stands here."""
 
 from __future__ import annotations
 
 import contextlib
 import inspect
-import os
 import pkgutil
-import signal
-import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drivers.clock import RealClock
+from drivers.hosted.calls import Answer, Request, answer_of
 from drivers.hosted.channel import Channel, Note
 from drivers.hosted.failures import Failure
 from drivers.hosted.flags import Flag
-from drivers.hosted.guard import guard
-from drivers.hosted.parcels import Parcel, pack
-from drivers.hosted.process import IGNORED
+from drivers.hosted.line import Line
+from drivers.hosted.parcels import pack
 
 
-def serve(end: str, memory: str, grace: str) -> None:
-    """Do what is asked at `end` of a socket, until it is closed; then leave the device safe.
-
-    end, memory: file descriptors. grace: seconds for that. All three from a command line,
-    which isn't the device's: some libraries read it.
-    """
-    for number in IGNORED:
-        signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, IGNORED)
-    del sys.argv[1:]
-    for descriptor in (int(end), int(memory)):
-        os.set_inheritable(descriptor, False)
-    guard(int(end), float(grace))
-    _Host(Channel(int(end), int(memory))).run()
+def serve(line: Line) -> None:
+    """Do what is asked until the line is closed; then leave the device safe."""
+    _Host(Channel(line)).run()
 
 
 class _Host:
-    """Where the device lives."""
+    """Where the device lives. A request is named as the method that answers it."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -51,47 +37,26 @@ class _Host:
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             while not self._left:
                 self._attend()
-                request = self._channel.read(self._channel.connection.recv())
-                self._channel.connection.send(self._reply(request))
+                request = self._channel.read(self._channel.line.receive())
+                self._channel.line.send(self._note_of(answer_of(self._obey, request.unpacked)))
 
     def _attend(self) -> None:
         """Let a device that has something to do between two calls do it, until one comes."""
         attend = getattr(type(self._device), "_attend_until_readable", None)
         if attend is not None:
-            attend(self._device, self._channel.connection.fileno())
+            attend(self._device, self._channel.line.fileno())
 
-    def _reply(self, request: Parcel) -> Note:
+    def _note_of(self, answer: Answer) -> Note:
         try:
-            answer = self._obey(*request.unpacked())
-        except BaseException as error:
-            return self._channel.write(pack((False, Failure.of(error))))
-        try:
-            return self._channel.write(pack((True, answer)))
+            return self._channel.write(pack(answer))
         except Exception as error:
             said = f"its answer can't leave its process: {error!r}"
             failure = Failure(None, said, "".join(traceback.format_exception(error)))
-            return self._channel.write(pack((False, failure)))
+            return self._channel.write(pack(Answer(failure=failure)))
 
-    def _obey(
-        self, command: str, name: str, arguments: Sequence[Any], options: Mapping[str, Any]
-    ) -> Any:
-        match command:
-            case "open":
-                return self._open(name, *arguments)
-            case "enter":
-                return self._enter()
-            case "leave":
-                self._left = True
-                self._duties.pop_all()
-                self._manager.__exit__(None, None, None)
-                return None
-            case "get":
-                return getattr(self._device, name)
-        with contextlib.ExitStack() as heard:
-            for value in (*arguments, *options.values()):
-                if isinstance(value, Flag):
-                    heard.enter_context(value.heard(self._channel))
-            return getattr(self._device, name)(*arguments, **options)
+    def _obey(self, unpacked: Any) -> Any:
+        request: Request = unpacked()
+        return getattr(self, f"_{request.name}")(*request.given)
 
     def _open(self, factory: str, start: float, options: Mapping[str, Any]) -> dict[str, bool]:
         from drivers.interfaces import Surroundings
@@ -105,6 +70,21 @@ class _Host:
         self._duties.push(self._manager.__exit__)
         self._duties.callback(self._device.make_safe)
         return _public(self._device)
+
+    def _leave(self) -> None:
+        self._left = True
+        self._duties.pop_all()
+        self._manager.__exit__(None, None, None)
+
+    def _get(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
+        with contextlib.ExitStack() as heard:
+            for value in (*arguments, *options.values()):
+                if isinstance(value, Flag):
+                    heard.enter_context(value.heard(self._channel))
+            return getattr(self._device, name)(*arguments, **options)
 
 
 def _public(device: Any) -> dict[str, bool]:

@@ -1,27 +1,34 @@
-"""The window's end of the pipes to its engine: starts it, hears it, notices its death."""
+"""The window's end of the line to its engine: starts it, hears it, notices its death."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
+import threading
 from pathlib import Path
+from queue import SimpleQueue
 
-from PySide6.QtCore import QObject, QProcess, Signal
+from PySide6.QtCore import QObject, QSocketNotifier, Signal
 
+from drivers.hosted.calls import Answer
+from drivers.hosted.process import Process
 from labapp.window.messages import Command, FrameSeen, LiveFrame
-from labapp.window.stream import Unpacker, pack
 
-_PATIENCE = 12_000
-"""Milliseconds that a closing window gives the engine to leave the bench safe.
+_ENGINE = "labapp.window.engine.process:run_engine"
 
-More than the engine gives itself, which then ends on its own.
-"""
+_GRACE = 10.0
+"""Seconds in which the engine must have left the bench safe once the window is gone."""
 
 _KEPT = 2000
-"""Characters of the engine's error output that are kept for the message about its death."""
+"""Characters of a line of its error output that are kept for the message about its death."""
+
+_READING = 1.0
+"""Seconds in which the last words of an engine that has ended must have come."""
 
 
 class Connection(QObject):
-    """A child process and two streams of messages; nothing here ever waits, but close().
+    """A child process and messages with it; nothing here ever waits, but close().
 
     received: every report, but of frames that came together only the newest. died: the
     engine ended and nobody had asked it to; the text says how.
@@ -39,14 +46,10 @@ class Connection(QObject):
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
-        files = {"--bench": bench, "--scene": scene, "--image": image, "--faults": faults}
-        self._arguments = ["-m", "labapp.window.engine"]
-        for option, path in files.items():
-            if path is not None:
-                self._arguments += [option, str(path)]
-        self._process: QProcess | None = None
-        self._unpacker = Unpacker()
-        self._said = ""
+        self._files = (bench, scene, image, faults)
+        self._process: Process | None = None
+        self._notifiers: list[QSocketNotifier] = []
+        self._waiting: SimpleQueue[Command | None] = SimpleQueue()
 
     @property
     def running(self) -> bool:
@@ -55,68 +58,95 @@ class Connection(QObject):
     @property
     def process_id(self) -> int:
         """Of the engine; 0 if there is none."""
-        return int(self._process.processId()) if self._process else 0
+        return self._process.pid if self._process else 0
 
     def start(self) -> None:
         """Start an engine, in place of the one before."""
         self.close()
-        self._unpacker, self._said = Unpacker(), ""
-        process = QProcess(self)
-        process.readyReadStandardOutput.connect(self._read)
-        process.readyReadStandardError.connect(self._read_errors)
-        process.finished.connect(self._end)
-        process.errorOccurred.connect(self._fail)
-        self._process = process
-        process.start(sys.executable, self._arguments)
+        self._last_words = ""
+        reading, theirs = os.pipe()
+        self._passing = threading.Thread(target=self._pass_on, args=(reading,), daemon=True)
+        self._passing.start()
+        try:
+            process = Process(_ENGINE, *self._files, grace=_GRACE, errors=theirs)
+        except OSError as error:
+            self.died.emit(f"The engine could not be started: {error}.")
+            return
+        finally:
+            os.close(theirs)
+        self._process, self._waiting = process, SimpleQueue()
+        threading.Thread(target=_send, args=(process, self._waiting), daemon=True).start()
+        for end, obey in ((process.line.fileno(), self._read), (process.ended, self._end)):
+            notifier = QSocketNotifier(end, QSocketNotifier.Type.Read, self)
+            notifier.activated.connect(obey)
+            self._notifiers.append(notifier)
 
     def send(self, command: Command) -> None:
         """Hand a command over; without an engine it is lost, and the window says so."""
         if self._process is not None:
-            self._process.write(pack(command))
+            self._waiting.put(command)
 
     def close(self) -> None:
-        """End the engine in order: it leaves the bench safe when its input closes."""
+        """End the engine in order: it leaves the bench safe when the line closes."""
         process, self._process = self._process, None
         if process is None:
             return
-        process.closeWriteChannel()
-        if not process.waitForFinished(_PATIENCE):
-            process.kill()
-            process.waitForFinished(_PATIENCE)
-        process.deleteLater()
+        while self._notifiers:
+            notifier = self._notifiers.pop()
+            notifier.setEnabled(False)
+            notifier.deleteLater()
+        self._waiting.put(None)
+        process.close()
 
     def _read(self) -> None:
-        if self._process is None:
-            return
-        messages = self._unpacker.feed(bytes(self._process.readAllStandardOutput().data()))
+        messages = self._messages()
         frames = [message for message in messages if isinstance(message, LiveFrame)]
         for message in messages:
             if isinstance(message, LiveFrame):
                 self.send(FrameSeen())
-            if not isinstance(message, LiveFrame) or message is frames[-1]:
+            if isinstance(message, Answer) and message.failure is not None:
+                for line in message.failure.trace.splitlines(keepends=True):
+                    self._note(line)
+            elif not isinstance(message, LiveFrame) or message is frames[-1]:
                 self.received.emit(message)
 
-    def _read_errors(self) -> None:
-        if self._process is None:
-            return
-        text = bytes(self._process.readAllStandardError().data()).decode(errors="replace")
-        sys.stderr.write(text)
-        self._said = (self._said + text)[-_KEPT:]
+    def _messages(self) -> list[object]:
+        """All that have come."""
+        messages: list[object] = []
+        # Whether the engine has ended is noticed elsewhere.
+        with contextlib.suppress(EOFError, OSError):
+            while self._process is not None and (message := self._process.line.take()) is not None:
+                messages.append(message)
+        return messages
 
-    def _fail(self, error: QProcess.ProcessError) -> None:
-        if error is QProcess.ProcessError.FailedToStart:
-            self._bury("could not be started")
+    def _pass_on(self, end: int) -> None:
+        """In a thread: what the engine prints."""
+        with open(end, errors="replace") as printed:
+            for line in printed:
+                self._note(line)
 
-    def _end(self, code: int, status: QProcess.ExitStatus) -> None:
+    def _note(self, line: str) -> None:
+        sys.stderr.write(line)
+        # What follows such a line only says where.
+        if line.strip() and not self._last_words.startswith("Fatal Python error"):
+            self._last_words = line.strip()[:_KEPT]
+
+    def _end(self) -> None:
+        """It has ended by itself: take in what it still said, and say so."""
         self._read()
-        self._read_errors()
-        crashed = status is QProcess.ExitStatus.CrashExit
-        self._bury("was killed or crashed" if crashed else f"ended with code {code}")
-
-    def _bury(self, how: str) -> None:
-        process, self._process = self._process, None
+        process = self._process
         if process is None:
             return
-        process.deleteLater()
-        last = self._said.strip().rpartition("\n")[2]
+        self.close()
+        self._passing.join(_READING)
+        code = process.code()
+        crashed = code is None or code < 0
+        how = "was killed or crashed" if crashed else f"ended with code {code}"
+        last = self._last_words
         self.died.emit(f"The engine {how}." + (f" Its last words: {last}." if last else ""))
+
+
+def _send(process: Process, waiting: SimpleQueue[Command | None]) -> None:
+    """In a thread: an engine that hangs doesn't read, and the window must not wait for it."""
+    while (command := waiting.get()) is not None:
+        process.tell(command)

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.hosted.process import stop
 from simulator.screens.xwd import pixels_of
 
 _PATIENCE = 60.0
@@ -77,8 +78,7 @@ class XServer:
         try:
             yield process
         finally:
-            process.terminate()
-            process.wait()
+            stop(process, _STARTING)
 
     def _environment(self) -> dict[str, str]:
         return {**os.environ, "DISPLAY": self.display}
@@ -112,7 +112,7 @@ def started(command: list[str]) -> Iterator[XServer]:
                 raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
             yield XServer(f":{number}", server.pid)
         finally:
-            _end(server)
+            stop(server, _STARTING)
 
 
 @contextmanager
@@ -133,12 +133,3 @@ def require_program(name: str, packages: str) -> str:
     if found is None:
         raise NoXServer(f"{name} isn't installed: sudo apt-get install {packages}")
     return found
-
-
-def _end(server: subprocess.Popen[bytes]) -> None:
-    server.terminate()
-    try:
-        server.wait(_STARTING)
-    except subprocess.TimeoutExpired:
-        server.kill()
-        server.wait()

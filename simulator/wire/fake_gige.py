@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import mmap
-import os
 import signal
 import socket
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,7 +18,9 @@ from numpy.typing import NDArray
 
 from drivers.aravis.link import python_with_gi
 from drivers.aravis.pixels import FORMATS
-from drivers.hosted.process import KILLING, reap, spawn
+from drivers.hosted.calls import Answer, News, Request
+from drivers.hosted.line import Closed, Late
+from drivers.hosted.process import Process
 from drivers.interfaces import Clock
 from simulator.wire.camera_faults import CameraFault
 from simulator.wire.camera_xml import description
@@ -44,6 +43,10 @@ _LOOK = 0.01
 """Seconds between looks at what the script of faults says."""
 
 
+class NoAravis(OSError):
+    """Aravis, or Python's gi, isn't installed."""
+
+
 class FakeGigE:
     """Aravis' fake camera in a process of its own: real GVCP and GVSP packets.
 
@@ -53,7 +56,7 @@ class FakeGigE:
     pixel_format: that it is switched on with. pixel_formats: that it has besides. latency:
     frames for which a new exposure isn't obeyed yet. exposure_us: its range. address: only of
     this computer, and one camera at a time. clock, faults: a script of what goes wrong.
-    OSError if there is no gi, or no free address.
+    NoAravis if there is no gi, OSError if there is no free address.
 
     A picture is cut to the region, the mean of binned pixels, and cut to full scale. An
     exposure takes its time if the camera is triggered; a running one exposes all the time.
@@ -87,7 +90,7 @@ class FakeGigE:
         self._given = {
             "address": address,
             "serial": serial,
-            "shape": list(shape),
+            "shape": shape,
             "code": FORMATS[pixel_format].code,
             "fresh": fresh,
             "latency": latency,
@@ -105,25 +108,24 @@ class FakeGigE:
             xml = folder / "camera.xml"
             names = [form.name for form in self._formats.values()]
             xml.write_text(description(dict.fromkeys(names), self._exposure_us))
-            memory = os.memfd_create("labapp-pictures")
-            # Two sets: one is sent while the next is made.
-            os.ftruncate(memory, PAGE + 2 * self._cycle * self._slot)
-            self._memory = mmap.mmap(memory, 0)
-            script = str(Path(__file__).with_name("gige_process.py"))
-            given = json.dumps({**self._given, "xml": str(xml)})
-            command = python_with_gi()
-            end, self._process = spawn(
-                lambda end: [*command, script, str(end), str(memory), given], memory
-            )
-            self._end = Connection(end)
+            try:
+                self._process = Process(
+                    "gige_process:main",
+                    {**self._given, "xml": str(xml)},
+                    python=python_with_gi(),
+                    folders=[str(Path(__file__).parent)],
+                    # Two sets: one is sent while the next is made.
+                    memory=PAGE + 2 * self._cycle * self._slot,
+                )
+            except FileNotFoundError as error:
+                raise NoAravis(f"no Python with gi: {error}") from error
+            self._memory = mmap.mmap(self._process.line.memory, 0)
             self._ended = False
             self._sent, self._set = "", 0
-            self._suffered = threading.Event()
-            self._sending, self._scripting = threading.Lock(), threading.RLock()
+            self._obeyed = threading.Event()
+            self._counting, self._scripting = threading.Lock(), threading.RLock()
             stack.callback(self._close)
-            told = json.loads(self._end.recv_bytes()) if self._end.poll(_STARTING) else {}
-            if not told.get("running"):
-                raise OSError(f"no simulated camera at {self.address}: {told or 'no answer'}")
+            self._require_running()
             self._thread = threading.Thread(target=self._serve, daemon=True)
             self._thread.start()
             self._closing = stack.pop_all()
@@ -132,19 +134,26 @@ class FakeGigE:
     def __exit__(self, *error: object) -> None:
         self._closing.close()
 
+    def _require_running(self) -> None:
+        try:
+            running, reply = self._process.next(_STARTING).result(), "it doesn't run"
+        except (ImportError, ValueError) as missing:
+            raise NoAravis(str(missing)) from missing
+        except Exception as error:
+            running, reply = False, str(error)
+        if not running:
+            raise OSError(f"no simulated camera at {self.address}: {reply}")
+
     def _close(self) -> None:
         self._ended = True
-        with contextlib.suppress(OSError):
-            self._process.send_signal(signal.SIGCONT)
         self._process.kill()
-        reap(self._process, KILLING)
         if hasattr(self, "_thread"):
             self._thread.join(10.0)
-        self._end.close()
+        self._process.close()
 
     def changed(self) -> None:
         """What the camera sees is another thing now: the pictures are to be made anew."""
-        with self._sending:
+        with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
             self._memory[:8] = count.to_bytes(8, "little")
 
@@ -162,11 +171,11 @@ class FakeGigE:
 
     def set_latency(self, frames: int) -> None:
         """How many frames a new exposure isn't obeyed yet, from now on."""
-        self._tell({"latency": frames})
+        self._tell("set_latency", frames)
 
     def pulse(self) -> None:
         """An electric pulse at the camera's trigger line."""
-        self._say({"pulse": 1})
+        self._process.tell(News("pulse"))
 
     def _now(self) -> float:
         return time.monotonic() if self._clock is None else self._clock.now()
@@ -185,35 +194,31 @@ class FakeGigE:
             if kind == "silence":
                 self._process.send_signal(signal.SIGSTOP)
             elif (before, kind) != ("silence", ""):
-                self._tell({"suffer": kind})
+                self._tell("suffer", kind)
 
-    def _tell(self, thing: dict[str, Any]) -> None:
-        """And wait until it has been heard, unless it is the one who hears who says it."""
-        self._suffered.clear()
-        self._say(thing)
+    def _tell(self, name: str, *given: Any) -> None:
+        """And wait until it is done, unless it is the one who hears of that who says it."""
+        self._obeyed.clear()
+        self._process.tell(Request(name, given))
         if threading.current_thread() is not self._thread:
-            self._suffered.wait(5.0)
-
-    def _say(self, thing: dict[str, Any]) -> None:
-        with self._sending, contextlib.suppress(OSError):
-            self._end.send_bytes(json.dumps(thing).encode())
+            self._obeyed.wait(5.0)
 
     def _serve(self) -> None:
-        with contextlib.suppress(EOFError, OSError):
+        with contextlib.suppress(Closed):
             while not self._ended:
-                if self._end.poll(_LOOK):
-                    told = json.loads(self._end.recv_bytes())
-                    if "wanted" in told:
-                        threading.Thread(
-                            target=self._make, args=(told["wanted"],), daemon=True
-                        ).start()
-                    else:
-                        self._suffered.set()
+                with contextlib.suppress(Late):
+                    self._hear(self._process.line.receive(_LOOK))
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
                     finally:
                         self._scripting.release()
+
+    def _hear(self, message: News | Answer) -> None:
+        if isinstance(message, News):
+            threading.Thread(target=self._make, args=message.given, daemon=True).start()
+        else:
+            self._obeyed.set()
 
     def _make(self, wanted: dict[str, Any]) -> None:
         """Make the pictures that are wanted, in the places that aren't being sent."""
@@ -229,7 +234,7 @@ class FakeGigE:
         except Exception as error:
             self.failure = error
             return
-        self._say({"made": places, "of": wanted})
+        self._process.tell(News("made", (places, wanted)))
 
 
 def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:

@@ -1,7 +1,7 @@
 """The life of the simulated camera's process: Aravis' fake camera, and pictures from outside.
 
-Stands alone: Python's standard library and gi, so that the system's Python can run it as a
-file. The fake camera speaks GigE Vision; here are its exposures, which take their time, and
+With Python's standard library, gi and `drivers.hosted`, so that the system's Python can run
+it. The fake camera speaks GigE Vision; here are its exposures, which take their time, and
 what goes wrong with it. The registers from 0x3d0 on are ours; the others are the fake's.
 """
 
@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json
 import mmap
 import os
-import signal
 import socket
 import struct
-import sys
 import threading
 import time
 from collections import deque
-from multiprocessing.connection import Connection
 from typing import Any
+
+from drivers.hosted.calls import Answer, News, Request
+from drivers.hosted.line import Line
 
 EXPOSURE, GAIN, WIDTH, HEIGHT, X, Y = 0x120, 0x110, 0x100, 0x104, 0x130, 0x134
 ACROSS, DOWN, FORMAT, RUNNING = 0x108, 0x10C, 0x128, 0x124
@@ -118,6 +117,9 @@ class Machine:
         fake = self._fake
         if fake is not None and kind == "heartbeat loss":
             fake.write_register(PRIVILEGE, 0)
+
+    def set_latency(self, frames: int) -> None:
+        self.latency = frames
 
     def pulse(self) -> None:
         """An electric pulse at the trigger line."""
@@ -246,43 +248,25 @@ class Machine:
             self._socket.sendto(leader, (address, self._register(STREAM_PORT) & 0xFFFF))
 
 
-def main(end: str, memory: str, given: str) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())
-    connection = Connection(int(end))
-    lock = threading.Lock()
+def main(line: Line, given: dict[str, Any]) -> None:
+    """Answer whether the camera is there, and then obey; what is said is named as its method."""
+    import gi
 
-    def say(thing: dict[str, Any]) -> None:
-        with lock, contextlib.suppress(OSError):
-            connection.send_bytes(json.dumps(thing).encode())
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis
 
-    try:
-        import gi
+    machine = Machine(Aravis, given, line.memory)
 
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis
-    except (ImportError, ValueError) as error:
-        say({"missing": str(error)})
-        return
-    machine = Machine(Aravis, json.loads(given), int(memory))
-    machine.ask = lambda wanted: say({"wanted": wanted})
-    say({"running": machine.running})
+    def ask(wanted: dict[str, Any]) -> None:
+        with contextlib.suppress(OSError):
+            line.send(News("make", (wanted,)))
+
+    machine.ask = ask
+    line.send(Answer(machine.running))
     with contextlib.suppress(EOFError, OSError):
         while True:
-            told = json.loads(connection.recv_bytes())
-            if "made" in told:
-                machine.made(told["made"], told["of"])
-            elif "suffer" in told:
-                machine.suffer(told["suffer"])
-                say({"suffered": told["suffer"]})
-            elif "latency" in told:
-                machine.latency = told["latency"]
-                say({"suffered": ""})
-            elif "pulse" in told:
-                machine.pulse()
+            message: Request | News = line.receive()
+            done = getattr(machine, message.name)(*message.given)
+            if isinstance(message, Request):
+                line.send(Answer(done))
     os._exit(0)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -18,6 +18,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
 
+from drivers.hosted.calls import Answer, Request, answer_of
+from drivers.hosted.line import Line
 from simulator.machines.usb import Setup
 from simulator.wire.usb_backend import Handle, UsbBus, fill
 from simulator.wire.usb_plug import usb_error
@@ -63,7 +65,7 @@ class UsbServer:
     def __init__(self, bus: UsbBus, path: str | Path) -> None:
         self._bus = bus
         self._path = str(path)
-        self._connections: list[Connection] = []
+        self._lines: list[Line] = []
         self._ended = False
 
     def __enter__(self) -> Self:
@@ -83,37 +85,43 @@ class UsbServer:
         with contextlib.suppress(OSError, EOFError):
             Client(self._path, "AF_UNIX").close()
         self._listener.close()
-        for connection in self._connections:
-            connection.close()
+        for line in self._lines:
+            line.close()
         _key_file(self._path).unlink(missing_ok=True)
 
     def _accept(self) -> None:
         while not self._ended:
             try:
-                connection = self._listener.accept()
+                line = _line(self._listener.accept())
             except Exception:
                 # Whoever knows not the key, or has gone again.
                 continue
-            self._connections.append(connection)
-            threading.Thread(
-                target=self._serve, args=(connection,), name="USB host", daemon=True
-            ).start()
+            self._lines.append(line)
+            threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
-    def _serve(self, connection: Connection) -> None:
+    def _serve(self, line: Line) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
-                name, given = connection.recv()
-                connection.send(self._answer(name, given))
+                request: Request = line.receive()
+                line.send(answer_of(self._obey, request.name, *request.given))
 
-    def _answer(self, name: str, given: tuple[Any, ...]) -> tuple[str, Any]:
+    def _obey(self, name: str, *given: Any) -> Any:
+        """What the bus answers. OSError if it fails, IndexError after the last of a list."""
         if name not in _FORWARDED:
-            return "refused", name
+            raise AttributeError(f"a backend has no {name!r}")
         try:
-            return "good", getattr(self._bus, name)(*given)
+            return getattr(self._bus, name)(*given)
         except IndexError:
-            return "end", ""
+            raise
         except Exception as error:
-            return "error", getattr(error, "errno", None) or errno.EIO
+            # Another class may not survive the way there.
+            raise OSError(getattr(error, "errno", None) or errno.EIO, str(error)) from error
+
+
+def _line(connection: Connection) -> Line:
+    """The key has opened the connection; what is said over it is said as everywhere."""
+    with connection:
+        return Line(os.dup(connection.fileno()))
 
 
 class RemoteBackend:
@@ -121,7 +129,7 @@ class RemoteBackend:
 
     def __init__(self, path: str) -> None:
         self._path = path
-        self._connection: Connection | None = None
+        self._line: Line | None = None
         self._turn = threading.Lock()
 
     def __getattr__(self, name: str) -> Any:
@@ -176,34 +184,30 @@ class RemoteBackend:
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
         with self._turn:
             try:
-                kind, answer = self._exchange(name, given, timeout * 1e-3 + _PATIENCE)
+                answer = self._exchange(Request(name, given), timeout * 1e-3 + _PATIENCE)
             except (OSError, EOFError):
                 self._drop()
                 # As if the whole bus had been unplugged.
                 if name == "enumerate_devices":
                     return []
                 raise usb_error(errno.ENODEV) from None
-        if kind == "good":
-            return answer
-        if kind == "end":
-            raise IndexError
-        raise usb_error(answer if kind == "error" else errno.EIO)
+        try:
+            return answer.result()
+        except OSError as error:
+            raise usb_error(error.errno or errno.EIO) from None
 
-    def _exchange(self, name: str, given: tuple[Any, ...], patience: float) -> tuple[str, Any]:
-        connection = self._connection
-        if connection is None:
+    def _exchange(self, request: Request, patience: float) -> Answer:
+        if self._line is None:
             key = _key_file(self._path).read_bytes()
-            connection = self._connection = Client(self._path, "AF_UNIX", authkey=key)
-        connection.send((name, given))
-        if not connection.poll(patience):
-            raise EOFError
-        kind, answer = connection.recv()
-        return kind, answer
+            self._line = _line(Client(self._path, "AF_UNIX", authkey=key))
+        self._line.send(request)
+        answer: Answer = self._line.receive(patience)
+        return answer
 
     def _drop(self) -> None:
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            connection.close()
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
 
 
 def backend(path: str) -> RemoteBackend:

@@ -25,7 +25,6 @@ FOR_CALLERS = {
 """Modules of the engine that people call from Python, with the reason; no command does."""
 
 OTHER_PROCESSES = {
-    "drivers.hosted.serving": "started by a file name in the process of a device",
     "drivers.aravis.library": "runs under the system's Python, which has gi",
 }
 

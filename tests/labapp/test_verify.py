@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from small_bench.setups import small_setup
 
+from drivers.hosted import process
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.runs import verifying
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.checks import _rising_rows, check_record
 from labapp.runs.record.finding import Verification
@@ -62,7 +62,7 @@ def good(tmp_path_factory) -> bytes:
 @pytest.fixture(autouse=True)
 def checks_with_their_libraries_loaded(monkeypatch):
     """The process that checks a file is forked; `subprocess` would start it the same way."""
-    monkeypatch.setattr(verifying, "subprocess", forked)
+    monkeypatch.setattr(process, "subprocess", forked)
 
 
 @pytest.fixture
@@ -439,7 +439,7 @@ def test_whoever_cancels_need_not_wait_for_hdf5(tmp_path):
 
 
 def test_a_verification_that_fails_by_itself_is_no_damage(run, monkeypatch):
-    monkeypatch.setattr(verifying, "subprocess", subprocess)
+    monkeypatch.setattr(process, "subprocess", subprocess)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match=r"checks of .* failed"):
         verify(run)

@@ -9,6 +9,8 @@ from pathlib import Path
 from waits import wait_until
 from window_bench import alive, state_of
 
+from labapp.window.messages import Expose
+
 
 def test_a_killed_engine_is_noticed_and_restarted(bench, person):
     window = bench.window
@@ -44,6 +46,9 @@ def test_an_engine_that_hangs_does_not_hang_the_window(bench, person, qtbot):
         person.types(bench.window.settings.exposure, "50")
         for _ in range(20):
             person.clicks(bench.window.pattern.show_button)
+        # More than the way to it holds.
+        for _ in range(2000):
+            bench.connection.send(Expose(0.05))
         assert bench.frames == count
         assert "400.000 ms" in bench.window.live_view.caption.text()
         assert bench.window.settings.exposure_read.property("differs") is not None

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
+from drivers.hosted.calls import Request
 from drivers.interfaces import Surroundings
 from drivers.starlight_wheel import StarlightWheel
 from drivers.zwo_wheel import ZwoWheel
@@ -104,7 +105,8 @@ def test_strangers_are_not_served(tmp_path):
         assert backend.enumerate_devices() == [1]
         with pytest.raises(AttributeError):
             _ = backend.plug_in
-        assert backend._exchange("plug_in", (1,), 1.0) == ("refused", "plug_in")
+        with pytest.raises(AttributeError, match="plug_in"):
+            backend._exchange(Request("plug_in", (1,)), 1.0).result()
 
 
 def test_where_nobody_serves_there_are_no_devices(tmp_path):

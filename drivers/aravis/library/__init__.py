@@ -1,6 +1,6 @@
 """What lives in Aravis' process.
 
-Stands alone, with Python's standard library and gi, so that the system's Python can run it:
+With Python's standard library, gi and `drivers.hosted`, so that the system's Python can run it:
 its modules know each other only by relative imports. Whoever started the process decides what
 frames are good for; here is only what the library does.
 """

@@ -1,23 +1,19 @@
-"""The life of Aravis' process: answers requests in JSON at a socket, one by one."""
+"""The life of Aravis' process: it answers requests one by one."""
 
 from __future__ import annotations
 
 import contextlib
-import json
-import os
-import signal
 import threading
 import time
-from collections.abc import Callable
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Sequence
 from typing import Any
+
+from drivers.hosted.calls import Answer, Request, answer_of
+from drivers.hosted.line import Line
 
 from .camera import Camera
 from .frames import Frames
 from .settings import Settings
-
-_ORPHANED = 10.0
-"""Seconds in which this process must have ended after its parent has."""
 
 _OBEYED = ("set_exposure", "set_gain", "trigger", "exposure", "start")
 """After these it is looked whether the camera still obeys us."""
@@ -29,33 +25,39 @@ class _Desk:
     A request is named as the method that answers it: of the camera, its settings or its frames.
     """
 
-    def __init__(self, end: Connection, camera: Camera, frames: Frames) -> None:
-        self._end, self._camera = end, camera
+    def __init__(self, line: Line, camera: Camera, frames: Frames) -> None:
+        self._line, self._camera = line, camera
         self._answering = (camera, Settings(camera), frames)
         self._owed = self._told = False
         self._lock = threading.Lock()
-        threading.Thread(target=self._attend, daemon=True).start()
+        threading.Thread(target=self._watch, daemon=True).start()
 
     def run(self) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
-                request = json.loads(self._end.recv_bytes())
+                request: Request = self._line.receive()
                 self._owed = True
-                self._answer(self._done(**request))
+                self._send(answer_of(self._done, request.name, request.given))
 
-    def _done(self, name: str, given: list[Any]) -> dict[str, Any]:
-        if self._camera.gone():
-            return {"lost": self._camera.lost}
+    def _done(self, name: str, given: Sequence[Any]) -> Any:
+        """The answer. ConnectionError if the camera is lost, RuntimeError if it says no."""
+        self._require_camera()
         try:
             answer = self._method(name)(*given)
             if name in _OBEYED:
                 # A camera that obeys somebody else may have been set anew by them.
                 self._camera.look()
-            return {"lost": self._camera.lost} if self._camera.lost else {"good": answer}
         except Exception as error:
-            if self._camera.gone():
-                return {"lost": self._camera.lost}
-            return {"bad": getattr(error, "message", "") or str(error) or repr(error)}
+            self._require_camera()
+            words = getattr(error, "message", "") or str(error) or repr(error)
+            raise RuntimeError(words) from error
+        if self._camera.lost:
+            raise ConnectionError(self._camera.lost)
+        return answer
+
+    def _require_camera(self) -> None:
+        if self._camera.gone():
+            raise ConnectionError(self._camera.lost)
 
     def _method(self, name: str) -> Callable[..., Any]:
         found: Callable[..., Any] = next(
@@ -63,52 +65,38 @@ class _Desk:
         )
         return found
 
-    def _answer(self, answer: dict[str, Any]) -> None:
+    def _send(self, answer: Answer) -> None:
         with self._lock:
             if self._owed:
                 self._owed = False
-                self._end.send_bytes(json.dumps(answer).encode())
+                self._line.send(answer)
 
     def _tell_lost(self) -> None:
         """Once, asked or not: whoever asks next takes it for the answer, which it is."""
         with self._lock:
             if not self._told:
                 self._told, self._owed = True, False
-                self._end.send_bytes(json.dumps({"lost": self._camera.lost}).encode())
+                self._line.send(answer_of(self._require_camera))
 
-    def _attend(self) -> None:
-        parent = os.getppid()
-        while True:
+    def _watch(self) -> None:
+        while not self._told:
             time.sleep(0.05)
             if self._camera.gone():
                 with contextlib.suppress(OSError):
                     self._tell_lost()
-            if os.getppid() != parent:
-                time.sleep(_ORPHANED)
-                os._exit(1)
 
 
-def main(end: str, memory: str) -> None:
-    """Serve until nobody asks any more. end, memory: numbers of descriptors."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())
-    connection = Connection(int(end))
-    for descriptor in (int(end), int(memory)):
-        os.set_inheritable(descriptor, False)
-    try:
-        import gi
+def main(line: Line) -> None:
+    """Serve until nobody asks any more. Frames lie in the line's memory."""
+    import gi
 
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis
-    except (ImportError, ValueError) as error:
-        connection.recv_bytes()
-        connection.send_bytes(json.dumps({"missing": str(error)}).encode())
-        return
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis
+
     camera = Camera(Aravis)
-    frames = Frames(camera, int(memory))
+    frames = Frames(camera, line.memory)
     try:
-        _Desk(connection, camera, frames).run()
+        _Desk(line, camera, frames).run()
     finally:
         with contextlib.suppress(Exception):
             frames.stop()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
 from contextlib import ExitStack
 
-from drivers.aravis.link import PACKAGES, python_with_gi
+from drivers.aravis.link import PACKAGES
 from drivers.aravis.pixels import FORMATS
 from drivers.interfaces import Clock
 from labapp.bench.virtual_bench.instruments import Instrument, behind_packets
 from labapp.bench.virtual_bench.shared import SharedWorld
 from labapp.common.errors import UserError
 from optics.camera import Sensor
-from simulator.wire.fake_gige import FakeGigE
+from simulator.wire.fake_gige import FakeGigE, NoAravis
 
 CAMERAS = ("gige", "none")
 
@@ -20,12 +19,6 @@ _ADDRESS = "127.0.0.1"
 
 _COMPUTING_MS = 30_000.0
 """For which the driver waits for a picture: it must first be computed."""
-
-_ARAVIS = """
-import gi
-gi.require_version("Aravis", "0.8")
-from gi.repository import Aravis
-"""
 
 
 def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitStack) -> Instrument:
@@ -36,7 +29,6 @@ def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitS
             f"a sensor of {sensor.bits} bits: a GigE camera sends 8, 10, 12, 14 or 16. Change "
             "'sensor.bits', or leave the camera out with --camera none."
         )
-    _require_aravis()
     shortest, longest = sensor.exposure_range
     camera = FakeGigE(
         shared.seen,
@@ -49,6 +41,11 @@ def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitS
     )
     try:
         stack.enter_context(camera)
+    except NoAravis as error:
+        raise UserError(
+            "the camera needs Aravis and Python's gi. Install them: sudo apt-get install "
+            f"{PACKAGES}. Or leave the camera out with --camera none."
+        ) from error
     except OSError as error:
         raise UserError(
             f"the camera doesn't start: {error}. There can be one at a time: end the other "
@@ -62,18 +59,3 @@ def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitS
         "electrons_per_number": sensor.gain,
     }
     return behind_packets(options, camera, clock)
-
-
-def _require_aravis() -> None:
-    """Now and in words, where its process would just not come."""
-    command = [*python_with_gi(), "-c", _ARAVIS]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=60, check=False)
-        found = done.returncode == 0
-    except (OSError, subprocess.TimeoutExpired):
-        found = False
-    if not found:
-        raise UserError(
-            "the camera needs Aravis and Python's gi. Install them: sudo apt-get install "
-            f"{PACKAGES}. Or leave the camera out with --camera none."
-        )

@@ -1,21 +1,17 @@
 """The checks of a record, also of a badly damaged one.
 
 HDF5 trusts what a file says of itself: a few bytes can make it search for ever, or end the
-process. `python -m labapp.runs.record.checks RUN.h5 SECONDS` therefore makes the checks in a
-process of its own, which the system ends when nothing has happened for so long. Lines of JSON
-on standard output tell the progress, and at last what was found.
+process. `answer` therefore makes the checks in a process of its own, which whoever has started
+it ends when nothing has happened for long.
 """
 
 from __future__ import annotations
 
 import json
 import re
-import signal
 import socket
-import sys
 from bisect import bisect_left
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.hosted.calls import Answer
+from drivers.hosted.line import Line
 from labapp.common.errors import UserError
 from labapp.files.frame_list import frame_list
 from labapp.runs.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
@@ -301,19 +299,8 @@ def _printable(text: str) -> str:
     return "".join(one if one.isprintable() else " " for one in text)
 
 
-def _answer(path: Path, patience: int) -> None:
-    """Print the progress of all checks, and what they found."""
-
-    def tell(data: dict[str, Any]) -> None:
-        # The clock is wound up again; when it runs down, the system ends this process, even
-        # if that is lost in HDF5.
-        signal.alarm(patience)
-        print(json.dumps(data), flush=True)
-
-    progress = Progress(lambda share, message: tell({"share": share, "message": message}))
+def answer(line: Line, path: Path) -> None:
+    """Tell the progress of all checks, (share, message), and at last what they found."""
+    progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
-    tell({"found": asdict(check_record(path, progress))})
-
-
-if __name__ == "__main__":
-    _answer(Path(sys.argv[1]), int(sys.argv[2]))
+    line.send(Answer(check_record(path, progress)))

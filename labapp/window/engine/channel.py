@@ -1,21 +1,20 @@
-"""The engine's end of the pipes to the window."""
+"""The engine's end of the line to the window."""
 
 from __future__ import annotations
 
-import os
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from drivers.hosted.line import Line
 from labapp.window.messages import Expose, FrameSeen, Place, Tune
-from labapp.window.stream import Unpacker, pack
 
 _SUPERSEDED = (Place, Tune, Expose)
 """Commands of which only the newest matters: a turned wheel sends dozens."""
 
 _FRAMES_UNDER_WAY = 2
-_CHUNK = 1 << 16
 
 
 class Channel:
@@ -26,36 +25,23 @@ class Channel:
     command; everything else is put in line. on_end: what is called when the window is gone.
     """
 
-    def __init__(self, incoming: int, outgoing: int) -> None:
-        self._in, self._out = incoming, outgoing
+    def __init__(self, line: Line) -> None:
+        self._line = line
         self._waiting: deque[Any] = deque()
         self._news = threading.Condition()
-        self._sending = threading.Lock()
         self._room = _FRAMES_UNDER_WAY
         self.closed = False
         self.at_once: Mapping[type, Callable[[Any], None]] = {}
         self.on_end: list[Callable[[], None]] = []
         threading.Thread(target=self._read, name="window", daemon=True).start()
 
-    @classmethod
-    def on_standard_streams(cls) -> Channel:
-        """Take standard input and output over; what prints goes to the error output."""
-        incoming, outgoing = os.dup(0), os.dup(1)
-        nothing = os.open(os.devnull, os.O_RDONLY)
-        os.dup2(nothing, 0)
-        os.dup2(2, 1)
-        os.close(nothing)
-        return cls(incoming, outgoing)
-
     def send(self, report: object) -> None:
         """Write a report; once the window is gone, nothing."""
-        data = memoryview(pack(report))
-        with self._sending:
-            try:
-                while data and not self.closed:
-                    data = data[os.write(self._out, data) :]
-            except BrokenPipeError:
-                self._close()
+        try:
+            if not self.closed:
+                self._line.send(report)
+        except OSError:
+            self._close()
 
     def send_frame(self, frame: object) -> None:
         with self._news:
@@ -84,10 +70,9 @@ class Channel:
             return self._waiting.popleft() if self._waiting else None
 
     def _read(self) -> None:
-        unpacker = Unpacker()
-        while data := os.read(self._in, _CHUNK):
-            for message in unpacker.feed(data):
-                self._receive(message)
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                self._receive(self._line.receive())
         self._close()
         for duty in self.on_end:
             duty()

@@ -1,0 +1,125 @@
+"""Messages between two processes, whatever the socket makes of them."""
+
+import pickle
+import select
+import socket
+import struct
+import threading
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from drivers.hosted.calls import Answer, answer_of
+from drivers.hosted.line import Closed, Late, Line, Unreadable
+from drivers.hosted.process import Ended, Process
+
+
+@pytest.fixture
+def ends():
+    """A line, and the bare socket at its other end."""
+    ours, theirs = socket.socketpair()
+    line = Line(ours.detach())
+    with theirs:
+        yield line, theirs
+    line.close()
+
+
+def framed(message: object) -> bytes:
+    body = pickle.dumps(message)
+    return struct.pack("!Q", len(body)) + body
+
+
+@pytest.mark.parametrize("piece", [1, 7, 64, 10_000])
+def test_messages_survive_any_cutting(ends, piece):
+    line, theirs = ends
+    image = np.arange(600, dtype=np.uint16).reshape(20, 30)
+    data = b"".join(framed(message) for message in ("star", {"image": image}, (6e-7,)))
+    got = []
+    for start in range(0, len(data), piece):
+        theirs.send(data[start : start + piece])
+        while (message := line.take()) is not None:
+            got.append(message)
+    assert (got[0], got[2]) == ("star", (6e-7,))
+    np.testing.assert_array_equal(got[1]["image"], image)
+
+
+def test_half_a_message_is_not_waited_for_longer_than_asked(ends):
+    line, theirs = ends
+    theirs.send(framed("star")[:-1])
+    with pytest.raises(Late, match=r"within 0\.05 s"):
+        line.receive(0.05)
+    theirs.send(framed("star")[-1:])
+    assert line.receive() == "star"
+
+
+def test_what_comes_after_a_message_can_still_be_read_from_the_socket(ends):
+    line, theirs = ends
+    theirs.send(framed(1) + framed(2))
+    assert line.take() == 1
+    assert select.select([line], [], [], 0)[0]
+    assert line.take() == 2
+    assert not select.select([line], [], [], 0)[0]
+
+
+def test_threads_send_whole_messages(ends):
+    line, theirs = ends
+    threads = [threading.Thread(target=line.send, args=((n, bytes(300_000)),)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    other = Line(theirs.detach())
+    assert sorted(other.receive(20)[0] for _ in threads) == [0, 1, 2, 3]
+    for thread in threads:
+        thread.join()
+
+
+@pytest.mark.parametrize("unread", [False, True])
+def test_a_closed_end_is_the_end_also_if_it_had_not_read_everything(ends, unread):
+    line, theirs = ends
+    if unread:
+        line.send("nobody reads it")
+    theirs.send(framed("last words"))
+    theirs.close()
+    assert line.take() == "last words"
+    with pytest.raises(Closed):
+        line.receive()
+    with pytest.raises(OSError):
+        line.send("too late")
+
+
+def test_what_cannot_be_unpickled_does_not_harm_the_next_message(ends):
+    line, theirs = ends
+    theirs.send(struct.pack("!Q", 3) + b"abc" + framed("star"))
+    with pytest.raises(Unreadable):
+        line.take()
+    assert line.take() == "star"
+
+
+def test_an_answer_is_a_value_or_what_was_raised():
+    assert answer_of(max, 1, 3) == Answer(3)
+    with pytest.raises(KeyError, match="slit"):
+        answer_of({}.__getitem__, "slit").result()
+
+
+def test_an_exception_that_nobody_here_knows_comes_in_words():
+    class Stranger(Exception):
+        pass
+
+    def fail():
+        raise Stranger("odd")
+
+    with pytest.raises(RuntimeError, match=r"Stranger\('odd'\)"):
+        answer_of(fail).result()
+
+
+def test_what_a_process_raises_comes_as_its_answer_and_how_it_ended_after_that():
+    with closing(Process("operator:truediv", 0)) as process:
+        with pytest.raises(TypeError, match="unsupported operand"):
+            process.next(60).result()
+        with pytest.raises(Ended, match=r"its process ended \(exit status 1\)"):
+            process.next(60)
+
+
+def test_a_process_whose_function_is_not_there_says_so():
+    with closing(Process("no_such_module:run")) as process, pytest.raises(ModuleNotFoundError):
+        process.next(60).result()
