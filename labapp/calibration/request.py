@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Positive
 
 Part = Literal["registration", "response", "wavefront", "zeroth"]
 
@@ -14,7 +14,6 @@ PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 
 FEWEST_LEVELS, USUAL_LEVELS = 16, 40
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Vector = tuple[float, float]
 
 DESIGN_KEY = "calibration_design"

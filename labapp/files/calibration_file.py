@@ -12,15 +12,13 @@ import numpy as np
 import torch
 from pydantic import AwareDatetime, Field, model_validator
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite, Positive
 from optics.calibration.registration import Registration
 from optics.calibration.wavefront import path_of
 from optics.camera import Camera
 from optics.plane import Plane
 from optics.slm import Map, Panel, Response
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]

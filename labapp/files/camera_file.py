@@ -12,15 +12,13 @@ from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
-from labapp.files.reading import FileModel, read_file, validate
+from labapp.files.reading import FileModel, Finite, Positive, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Lens
 from optics.slm import Panel
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 

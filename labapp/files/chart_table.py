@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite, Positive
 from labapp.files.reflectance_table import Reflectance, reflectance
 from labapp.files.spectrum_file import bundled_spectra
 from simulator.scene.bricks import brick
@@ -16,8 +16,6 @@ from simulator.scene.drawable import Drawable, Even
 from simulator.scene.polygons import Polygons, rectangle
 from simulator.scene.sheets import Painted
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 

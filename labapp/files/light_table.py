@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite, Positive
 from labapp.files.spectrum_file import read_spectrum
 from optics.light import (
     Spectrum,
@@ -22,8 +22,6 @@ from optics.light import (
 )
 from optics.light.sources import HALOGEN
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 
 

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite
 from optics.slm import Map
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class MapTable(FileModel):

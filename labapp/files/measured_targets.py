@@ -13,8 +13,9 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import picture_of
+from labapp.files.reading import Positive
 from labapp.files.reflectance_table import basis
-from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable, Positive
+from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable
 from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
 
 

@@ -13,10 +13,9 @@ from labapp.common.errors import UserError
 from labapp.files.finding import find_part
 from labapp.files.lut_file import ResponseTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable
-from labapp.files.reading import FileModel, read_file, validate
+from labapp.files.reading import FileModel, Positive, read_file, validate
 from optics.slm import Panel
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1, le=100_000)]

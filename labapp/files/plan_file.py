@@ -9,12 +9,11 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from labapp.files.finding import find_plan
-from labapp.files.pattern_table import Pattern, Positive, VideoPattern
-from labapp.files.reading import FileModel, read_file
+from labapp.files.pattern_table import Pattern, VideoPattern
+from labapp.files.reading import FileModel, Finite, Positive, read_file
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
 

@@ -7,10 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite
 from optics.polarisation import Light, PolarisedPath, Polariser, Splitter
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 

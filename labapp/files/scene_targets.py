@@ -13,12 +13,10 @@ from labapp.common.errors import UserError
 from labapp.files.chart_table import Brick, Chart, ColorChecker, Patch, Siemens, SlantedEdge, Usaf
 from labapp.files.light_table import Lamp
 from labapp.files.picture_cache import picture_of
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite, Positive
 from labapp.files.reflectance_table import basis
 from simulator.scene import Dark, Flat, Photograph, Pinhole, Sheet, Sheets, Star, Target
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Distance = Annotated[float, Field(gt=0)]
 
 Lamps = Mapping[str, Lamp]

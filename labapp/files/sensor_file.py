@@ -9,13 +9,12 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.finding import find_part
-from labapp.files.reading import FileModel, read_file, validate
+from labapp.files.reading import FileModel, Positive, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
 from optics.camera import Sensor
 from optics.light import Spectrum
 from optics.sensor import Mosaic
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Efficiency = Annotated[float, Field(gt=0, le=1)]
 Millionths = Annotated[float, Field(ge=0, le=1e6)]

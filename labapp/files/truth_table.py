@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
-from labapp.files.reading import FileModel
+from labapp.files.reading import FileModel, Finite, Positive
 from optics.camera import Camera, Lens, Panel
 from optics.slm import Response
 from optics.zernike import require_zernike
@@ -22,8 +22,6 @@ from simulator.truth import beam, bent_response, figure
 
 T = TypeVar("T")
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 

@@ -8,11 +8,9 @@ from pydantic import Field, ValidationError
 
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
-from labapp.files.reading import FileModel, explain
+from labapp.files.reading import FileModel, Positive, explain
 from labapp.files.scene_file import StarTable
 from optics.shadow import in_focus
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Request(FileModel):
@@ -37,7 +35,7 @@ class Request(FileModel):
         try:
             return Request.model_validate(words)
         except ValidationError as error:
-            raise UserError(explain(error, Request, "refine")) from error
+            raise UserError(explain(error, "refine")) from error
 
 
 def milliseconds(text: str) -> list[float]:
