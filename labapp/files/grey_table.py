@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from annotated_types import Ge, Le, MultipleOf
 
 from labapp.common.errors import UserError
-from labapp.files.table import Key, Table, table
+from labapp.files.table import Key, Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 Grey = Annotated[int, Ge(0), Le(255)]
 
 
-@table
 class GreyPattern(Table):
     """A pattern of grey levels, whatever phase they make."""
 
@@ -45,7 +44,6 @@ class GreyPattern(Table):
         raise NotImplementedError
 
 
-@table
 class ConstantPattern(GreyPattern):
     """One grey level everywhere; a neutral pattern."""
 
@@ -63,7 +61,6 @@ class ConstantPattern(GreyPattern):
         return np.full(camera.panel.shape, self.grey, dtype=np.uint8)
 
 
-@table
 class GratingPattern(GreyPattern):
     """Stripes of two grey levels, equally wide; the light in the centre tells their phase step."""
 
@@ -85,7 +82,6 @@ class GratingPattern(GreyPattern):
         return np.where(stripes % 2, self.high, self.low).astype(np.uint8)
 
 
-@table
 class ImagePattern(GreyPattern):
     """Grey levels from an 8-bit picture of the panel's size, or from a design file (.h5)."""
 

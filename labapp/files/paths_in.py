@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
 from os.path import normpath
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from labapp.files.reading import FileModel
-from labapp.files.table import Table
 
-M = TypeVar("M", bound=FileModel | Table)
+M = TypeVar("M", bound=FileModel)
 
 KEYS = frozenset({"file", "disparity", "depth"})
 """Names of the keys whose values are paths."""
@@ -18,25 +16,19 @@ KEYS = frozenset({"file", "disparity", "depth"})
 
 def with_folder(table: M, folder: Path) -> M:
     """The table with absolute paths of its files, looked for in `folder`."""
-    changes = {name: _moved(name, getattr(table, name), folder) for name in _keys(table)}
-    if isinstance(table, Table):
-        return replace(table, **changes)
-    return cast(M, table.model_copy(update=changes))
+    changes = {
+        name: _moved(name, getattr(table, name), folder) for name in type(table).model_fields
+    }
+    return table.model_copy(update=changes)
 
 
-def files_of(table: FileModel | Table) -> list[Path]:
+def files_of(table: FileModel) -> list[Path]:
     """All files that a table and those in it name, each once, sorted."""
     return sorted(set(_found("", table)))
 
 
-def _keys(table: FileModel | Table) -> list[str]:
-    if isinstance(table, Table):
-        return [one.name for one in fields(table)]
-    return list(type(table).model_fields)
-
-
 def _moved(name: str, value: Any, folder: Path) -> Any:
-    if isinstance(value, FileModel | Table):
+    if isinstance(value, FileModel):
         return with_folder(value, folder)
     if isinstance(value, dict):
         return {key: _moved("", one, folder) for key, one in value.items()}
@@ -46,8 +38,9 @@ def _moved(name: str, value: Any, folder: Path) -> Any:
 
 
 def _found(name: str, value: Any) -> list[Path]:
-    if isinstance(value, FileModel | Table):
-        return [path for field in _keys(value) for path in _found(field, getattr(value, field))]
+    if isinstance(value, FileModel):
+        fields = type(value).model_fields
+        return [path for field in fields for path in _found(field, getattr(value, field))]
     if isinstance(value, dict | list | tuple):
         items = value.values() if isinstance(value, dict) else value
         return [path for one in items for path in _found("", one)]

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from annotated_types import MinLen
 from pydantic import Field, TypeAdapter, model_validator
-from pydantic.dataclasses import dataclass, rebuild_dataclass
 
 from labapp.files.grey_table import GREYS, GreyPattern
 from labapp.files.phase_table import FORMULAS, Iterations, PhasePattern, RingPattern
 from labapp.files.reading import FileModel
-from labapp.files.table import Key, Positive, Table, table, tag_of
+from labapp.files.table import Key, Positive, tag_of
 from labapp.files.target_table import SHAPES, TargetShape
 
 Method = Literal[
@@ -44,7 +43,6 @@ else:
     TargetTable = _any_of(SHAPES, "shape")
 
 
-@table
 class PSFPattern(PhasePattern):
     """A pattern whose PSF has a target's shape, by phase retrieval.
 
@@ -58,7 +56,7 @@ class PSFPattern(PhasePattern):
     iterations: Annotated[Iterations | None, Key("of the method")] = None
     method: Annotated[Method | None, Key("none: what serves best")] = None
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         if self.budget_s is not None and self.iterations is not None:
             raise ValueError("a psf has either budget_s or iterations")
 
@@ -74,7 +72,6 @@ class PSFPattern(PhasePattern):
         return replace(self, iterations=1, budget_s=None, target=self.target.quick())
 
 
-@dataclass(frozen=True, kw_only=True, config=Table.__pydantic_config__)
 class SumPattern(PhasePattern):
     """Several patterns at once: their phases add up."""
 
@@ -92,7 +89,7 @@ class SumPattern(PhasePattern):
         parts = [shared | part if isinstance(part, dict) else part for part in given]
         return table | {"parts": parts or table["parts"]}
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         for part in self.parts:
             if part.wavelength_nm != self.wavelength_nm:
                 raise ValueError(
@@ -124,8 +121,6 @@ else:
 _stills: tuple[type[GreyPattern | PhasePattern], ...] = (*GREYS, *PHASES)
 STILLS = {tag_of(one, "kind"): one for one in _stills}
 """All kinds by their names: whoever lists, reads or shows patterns takes them from here."""
-
-rebuild_dataclass(SumPattern)  # type: ignore[arg-type]
 
 
 class VideoPattern(FileModel):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Le, MinLen
 
-from labapp.files.table import Count, Key, Positive, Table, table
+from labapp.files.table import Count, Key, Positive, Table
 from labapp.files.target_table import RingTarget
 from optics.zernike_order import require_zernike
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 Iterations = Annotated[int, Ge(1), Le(10_000)]
 
 
-@table
 class PhasePattern(Table):
     """Waves that a pattern is made for; how many of the panel's whole waves it may use."""
 
@@ -59,7 +58,6 @@ class PhasePattern(Table):
         return self
 
 
-@table
 class FormulaPattern(PhasePattern):
     """A pattern whose phase is known at once."""
 
@@ -68,7 +66,6 @@ class FormulaPattern(PhasePattern):
         raise NotImplementedError
 
 
-@table
 class LensPattern(FormulaPattern):
     """A Fresnel lens of a focal length; negative diverges."""
 
@@ -92,7 +89,6 @@ class LensPattern(FormulaPattern):
         return patterns.fresnel_lens(camera.panel, self.focal_length_m, self.wavelength, centre)
 
 
-@table
 class AxiconPattern(FormulaPattern):
     """A cone that sends a point to a ring of a radius on the sensor."""
 
@@ -111,7 +107,6 @@ class AxiconPattern(FormulaPattern):
         return patterns.axicon(camera.panel, self.radius_um * 1e-6, distance, self.wavelength)
 
 
-@table
 class CubicPattern(FormulaPattern):
     """A cubic phase, which extends the depth of field (thesis section 2.5)."""
 
@@ -130,7 +125,6 @@ class CubicPattern(FormulaPattern):
         return patterns.cubic(camera.panel, self.strength_rad, _metres(self.radius_mm))
 
 
-@table
 class AnnularPattern(FormulaPattern):
     """Rings with a parabola across each, which extend the depth of field (thesis section 5.6)."""
 
@@ -153,7 +147,6 @@ class AnnularPattern(FormulaPattern):
         return patterns.annular(camera.panel, self.rings, self.depth_rad, radius)
 
 
-@table
 class LogarithmicPattern(FormulaPattern):
     """A logarithmic asphere, in focus from a near object to a far one (George and Chi 2003)."""
 
@@ -165,7 +158,7 @@ class LogarithmicPattern(FormulaPattern):
         Positive | None, Key("on the panel; none: the stop's, or the panel's corners")
     ] = None
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         if not self.near_m < self.far_m:
             raise ValueError(f"far_m is {self.far_m:g}; it must be more than near_m")
 
@@ -182,7 +175,6 @@ class LogarithmicPattern(FormulaPattern):
         return patterns.logarithmic_asphere(camera.panel, *distances, self.wavelength, radius)
 
 
-@table
 class BlazePattern(FormulaPattern):
     """A blazed grating: all light goes to one side, by a shift or by the grating's period."""
 
@@ -196,7 +188,7 @@ class BlazePattern(FormulaPattern):
         float, Key("of period_px, from x towards y", "Direction", 0, -360, 360)
     ] = 0.0
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         if (self.shift_um is None) == (self.period_px is None):
             raise ValueError("a blaze has either shift_um or period_px")
 
@@ -219,7 +211,6 @@ class BlazePattern(FormulaPattern):
         return patterns.steered(camera.panel, (y * 1e-6, x * 1e-6), distance, self.wavelength)
 
 
-@table
 class BinaryPattern(FormulaPattern):
     """Stripes of two phases: half a wave splits the light in two."""
 
@@ -240,7 +231,6 @@ class BinaryPattern(FormulaPattern):
         return patterns.binary_grating(camera.panel, self.period_px, self.step_rad, angle)
 
 
-@table
 class SinePattern(FormulaPattern):
     """A wave of phase: low with a long period, high with a short one (thesis section 6.4)."""
 
@@ -263,7 +253,6 @@ class SinePattern(FormulaPattern):
         return patterns.sine(camera.panel, self.amplitude_rad, self.period_px, angle)
 
 
-@table
 class PatchesPattern(FormulaPattern):
     """Rectangles of random phase (thesis section 6.4)."""
 
@@ -289,7 +278,6 @@ class PatchesPattern(FormulaPattern):
         return patterns.random_patches(camera.panel, grid, generator, self.depth_rad)
 
 
-@table
 class ZernikePattern(FormulaPattern):
     """Aberrations by their Zernike polynomials; negative ones undo the lens' own."""
 
@@ -304,7 +292,7 @@ class ZernikePattern(FormulaPattern):
         Positive | None, Key("of the disc; none: the stop's, or the panel's corners")
     ] = None
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         for n, m, _ in self.terms:
             require_zernike(n, m)
 
@@ -320,7 +308,6 @@ class ZernikePattern(FormulaPattern):
         return patterns.aberrated(camera.panel, terms, radius, self.wavelength)
 
 
-@table
 class RingPattern(PhasePattern):
     """A pattern whose PSF is a ring, by Gerchberg-Saxton. Sizes on the sensor."""
 
@@ -350,19 +337,8 @@ class RingPattern(PhasePattern):
         return replace(self, iterations=1)
 
 
-FORMULAS: tuple[type[FormulaPattern], ...] = (
-    LensPattern,
-    AxiconPattern,
-    CubicPattern,
-    AnnularPattern,
-    LogarithmicPattern,
-    BlazePattern,
-    BinaryPattern,
-    SinePattern,
-    PatchesPattern,
-    ZernikePattern,
-)
-"""All that there are, in the order in which they are listed."""
+FORMULAS = tuple(FormulaPattern.__subclasses__())
+"""All of this file, in its order: a formula is listed, read, shown and offered from here."""
 
 
 def _metres(millimetres: float | None) -> float | None:

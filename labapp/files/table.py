@@ -46,29 +46,23 @@ class Key:
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
-def table(cls: type[Any]) -> Any:
-    """A dataclass whose entries are given by name and never change."""
-    return dataclass(frozen=True, kw_only=True)(cls)
-
-
-@table
 class Table:
-    """Unknown keys are errors, as are numbers that aren't finite.
+    """A dataclass whose entries are given by name and never change.
 
-    title: what a form calls it; without one it isn't on forms.
+    Unknown keys are errors, as are numbers that aren't finite; what else can't be, its
+    `__post_init__` says by a ValueError. title: what a form calls it; without one it isn't on
+    forms.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid", "allow_inf_nan": False}
     title: ClassVar[str] = ""
 
-    def __post_init__(self) -> None:
-        self.check()
-
-    def check(self) -> None:
-        """ValueError if its keys don't go together."""
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
 
 
-def tag_of(table: type[Any], key: str) -> str:
+def tag_of(table: type[Table], key: str) -> str:
     """The value that a key of a table always has: what it is known by."""
     name: str = get_args(get_type_hints(table)[key])[0]
     return name

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
-from labapp.files.table import Key, Positive, Table, table
+from labapp.files.table import Key, Positive, Table
 
 if TYPE_CHECKING:
     from optics.targets.drawing import Drawing
@@ -26,7 +26,6 @@ Width = Annotated[
 ]
 
 
-@table
 class TargetShape(Table):
     """A PSF shape."""
 
@@ -54,7 +53,6 @@ class TargetShape(Table):
         raise NotImplementedError
 
 
-@table
 class Stroked(TargetShape):
     """What is drawn within a circle, with a stroke."""
 
@@ -70,7 +68,6 @@ class Stroked(TargetShape):
         return self.radius_um * 1e-6, self.width_um * 1e-6
 
 
-@table
 class RingTarget(Stroked):
     """A ring."""
 
@@ -82,7 +79,6 @@ class RingTarget(Stroked):
         return targets.ring.draw(*self._metres)
 
 
-@table
 class Spiral(Stroked):
     """What every spiral has."""
 
@@ -90,7 +86,6 @@ class Spiral(Stroked):
     hole: Annotated[float, Ge(0), Lt(1), Key("share of the radius left out")] = 0.36
 
 
-@table
 class SpiralTarget(Spiral):
     """The thesis' spiral (Fig. 3.3): its distance from the axis grows as the angle squared."""
 
@@ -103,7 +98,6 @@ class SpiralTarget(Spiral):
         return targets.spiral.draw(*self._metres, self.turns, self.hole)
 
 
-@table
 class ShrinkingSpiralTarget(Spiral):
     """A spiral that shrinks with time (thesis Fig. 3.4); for videos."""
 
@@ -133,7 +127,6 @@ class ShrinkingSpiralTarget(Spiral):
         return list(targets.shrinking_spiral.draw(*sizes).parts)
 
 
-@table
 class HeartTarget(Stroked):
     """A heart, upright."""
 
@@ -146,7 +139,6 @@ class HeartTarget(Stroked):
         return targets.heart.draw(*self._metres)
 
 
-@table
 class InfinityTarget(Stroked):
     """The symbol of infinity, lying."""
 
@@ -159,7 +151,6 @@ class InfinityTarget(Stroked):
         return targets.infinity.draw(*self._metres)
 
 
-@table
 class EyeTarget(Stroked):
     """An eye with its iris and pupil."""
 
@@ -172,7 +163,6 @@ class EyeTarget(Stroked):
         return targets.eye.draw(*self._metres)
 
 
-@table
 class DotsTarget(TargetShape):
     """Dots on a circle; in a grid, with rows and columns; or at positions."""
 
@@ -186,7 +176,7 @@ class DotsTarget(TargetShape):
     positions_um: Annotated[tuple[tuple[float, float], ...], Key("y and x of each, instead")] = ()
     width_um: Annotated[Positive, Key("standard deviation of a dot", "Width", 8, 0.5, 500)] = 8.0
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         if (self.rows is None) != (self.columns is None):
             raise ValueError("a grid of dots has rows and columns; give both")
         if self.rows is not None and self.positions_um:
@@ -212,7 +202,6 @@ class DotsTarget(TargetShape):
         return targets.dots.draw(places, self.width_um * 1e-6)
 
 
-@table
 class LettersTarget(TargetShape):
     """A line of text."""
 
@@ -234,7 +223,6 @@ class LettersTarget(TargetShape):
         return targets.letters.draw(self.text, self.height_um * 1e-6, self.width_um * 1e-6)
 
 
-@table
 class LogoTarget(TargetShape):
     """A grey picture: bright is light."""
 
@@ -258,7 +246,6 @@ class LogoTarget(TargetShape):
         return targets.logo.draw(picture, self.size_um * 1e-6, self.invert)
 
 
-@table
 class DispersionTarget(TargetShape):
     """A row of dots, as a prism makes it of so many wavelengths (thesis Fig. 4.11)."""
 

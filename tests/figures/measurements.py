@@ -27,7 +27,7 @@ _FOUND = {
 }
 
 MEASUREMENTS = dict(sorted(_FOUND.items()))
-"""Name to module, by name: a measurement is a function of one file, and an entry at the file's end."""
+"""Name to module: a measurement is a function of one file, and an entry at the file's end."""
 
 
 def measurement(name: str) -> Measurement:
