@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivers.interfaces import Surroundings
-from drivers.usb_link import UsbLink
 from drivers.usb_wheel import UsbWheel
 
 VENDOR, PRODUCT = 0x1278, 0x0920
@@ -36,6 +35,7 @@ class StarlightWheel(UsbWheel):
     """
 
     model = "Starlight Xpress filter wheel"
+    usb = (VENDOR, PRODUCT)
     _answers = 4.0
 
     def __init__(
@@ -50,8 +50,8 @@ class StarlightWheel(UsbWheel):
         count_filters: bool = False,
         backend: str = "",
     ) -> None:
-        link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
-        super().__init__(link, surroundings, slots_nm, names, avoid, step_ms, settling_ms)
+        options = (slots_nm, names, avoid, step_ms, settling_ms, serial, backend)
+        super().__init__(surroundings, *options)
         if not isinstance(count_filters, bool):
             raise ValueError(f"count_filters is {count_filters!r}; it is true or false")
         self._count_filters = count_filters

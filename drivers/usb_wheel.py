@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from drivers.interfaces import Identity, Surroundings
 from drivers.usb_link import UsbLink
@@ -12,18 +13,22 @@ from drivers.wheel import Wheel
 class UsbWheel(Wheel):
     """A filter wheel at the end of a link, which is closed with it. The rest: see Wheel."""
 
+    usb: ClassVar[tuple[int, int]]
+    """Numbers of vendor and product."""
+
     def __init__(
         self,
-        link: UsbLink,
         surroundings: Surroundings,
         slots_nm: Sequence[Sequence[float]],
         names: Sequence[str],
         avoid: Sequence[int],
         step_ms: float,
         settling_ms: float,
+        serial: str,
+        backend: str,
     ) -> None:
         super().__init__(surroundings, slots_nm, names, avoid, step_ms, settling_ms)
-        self._link = link
+        self._link = UsbLink(self.model, *self.usb, serial, backend)
 
     @property
     def identity(self) -> Identity:

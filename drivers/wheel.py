@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from typing import Self
 
@@ -104,7 +105,63 @@ def steps_between(start: int, end: int, count: int) -> int:
     return min((end - start) % count, (start - end) % count)
 
 
-class Wheel:
+class Slotted(ABC):
+    """A filter whose bands are the slots of a wheel: what can be said of it by where it stands."""
+
+    model = ""
+    _slots: tuple[Slot, ...]
+
+    @property
+    @abstractmethod
+    def slot(self) -> int:
+        """Where it stands."""
+
+    @abstractmethod
+    def set_slot(self, number: int) -> Setting[int]:
+        """Turn to a slot."""
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        return self._slots
+
+    @property
+    def wavelength_range(self) -> tuple[float, float]:
+        centres = [slot.wavelength for slot in self._slots]
+        return min(centres), max(centres)
+
+    @property
+    def bandwidth(self) -> float:
+        return self._slots[self.slot - 1].bandwidth
+
+    @property
+    def wavelength(self) -> float:
+        return self._slots[self.slot - 1].wavelength
+
+    def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Turn to the slot whose centre is within a picometre."""
+        for number, slot in enumerate(self._slots, start=1):
+            if abs(slot.wavelength - wavelength) < PICOMETRE:
+                setting = self.set_slot(number)
+                return Setting(wavelength, slot.wavelength, setting.ready_at)
+        raise self._refuse(
+            f"tune to {wavelength * 1e9:.1f} nm",
+            "no slot passes it",
+            f"Choose one of {', '.join(map(_called, self._slots))}",
+        )
+
+    def make_safe(self) -> None:
+        """Park it at its first slot."""
+        self.set_slot(1)
+
+    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self.model, command, reply, remedy)
+
+    def _require_slot(self, number: int, command: str) -> None:
+        if not 1 <= number <= len(self._slots):
+            raise self._refuse(command, "no such slot", f"Choose 1 to {len(self._slots)}")
+
+
+class Wheel(Slotted):
     """A filter wheel but for its wire; its driver says where it stands and has it turn.
 
     slots_nm, names: see slots_from(). avoid: numbers of slots that must not cross the light on
@@ -155,53 +212,19 @@ class Wheel:
         return longest * self._step + self._answers
 
     @property
-    def slots(self) -> tuple[Slot, ...]:
-        return self._slots
-
-    @property
     def slot(self) -> int:
         """Where it stands, as it says now."""
         self._begin()
         return self._where("read the slot")
 
-    @property
-    def wavelength_range(self) -> tuple[float, float]:
-        centres = [slot.wavelength for slot in self._slots]
-        return min(centres), max(centres)
-
-    @property
-    def bandwidth(self) -> float:
-        return self._slots[self.slot - 1].bandwidth
-
-    @property
-    def wavelength(self) -> float:
-        return self._slots[self.slot - 1].wavelength
-
     def set_slot(self, number: int) -> Setting[int]:
         """Turn to a slot and wait until the wheel stands there."""
         command = f"turn to slot {number}"
-        if not 1 <= number <= len(self._slots):
-            raise self._refuse(command, "no such slot", f"Choose 1 to {len(self._slots)}")
+        self._require_slot(number, command)
         self._begin()
         for stop in self._route(command, number):
             self._go(command, stop)
         return Setting(number, number, self._clock.now() + self.settling)
-
-    def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Turn to the slot whose centre is within a picometre."""
-        for number, slot in enumerate(self._slots, start=1):
-            if abs(slot.wavelength - wavelength) < PICOMETRE:
-                setting = self.set_slot(number)
-                return Setting(wavelength, slot.wavelength, setting.ready_at)
-        raise self._refuse(
-            f"tune to {wavelength * 1e9:.1f} nm",
-            "no slot passes it",
-            f"Choose one of {', '.join(map(_called, self._slots))}",
-        )
-
-    def make_safe(self) -> None:
-        """Park it at its first slot."""
-        self.set_slot(1)
 
     def _begin(self, seconds: float | None = None) -> None:
         """From now on the time for turning runs, or other `seconds`; `_late` is its end."""
@@ -255,9 +278,6 @@ class Wheel:
                 raise
         finally:
             self._close()
-
-    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
-        return DeviceError(self.model, command, reply, remedy)
 
 
 def _called(slot: Slot) -> str:

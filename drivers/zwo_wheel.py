@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from drivers.usb_link import UsbLink
 from drivers.usb_wheel import UsbWheel
 
 VENDOR, PRODUCT = 0x03C3, 0x1F01
@@ -56,6 +55,7 @@ class ZwoWheel(UsbWheel):
     """
 
     model = "ZWO EFW filter wheel"
+    usb = (VENDOR, PRODUCT)
     _answers = 4.0
 
     def __init__(
@@ -70,8 +70,8 @@ class ZwoWheel(UsbWheel):
         both_ways: bool = False,
         backend: str = "",
     ) -> None:
-        link = UsbLink(self.model, VENDOR, PRODUCT, serial, backend)
-        super().__init__(link, surroundings, slots_nm, names, avoid, step_ms, settling_ms)
+        options = (slots_nm, names, avoid, step_ms, settling_ms, serial, backend)
+        super().__init__(surroundings, *options)
         if not isinstance(both_ways, bool):
             raise ValueError(f"both_ways is {both_ways!r}; it is true or false")
         self._forward_only = not both_ways

@@ -62,7 +62,7 @@ class Asked:
         try:
             return Request.model_validate(data)
         except ValidationError as error:
-            raise UserError(explain(error, Request, "calibrate")) from error
+            raise UserError(explain(error, "calibrate")) from error
 
 
 def calibrate_bench(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:

@@ -1,7 +1,7 @@
 """The command line: `labapp --help` teaches it.
 
-Commands import what they need when they run, so that help is instant. They are listed in the
-order in which their modules are imported here.
+A module is a command, or a group of them, and help lists them in the order in which they are
+imported here. Commands import what they need when they run, so that help is instant.
 """
 
 from __future__ import annotations
@@ -15,31 +15,15 @@ from typer.main import get_command
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import runs, records, calibrate, optics, beam, patterns, refining, simulating
-from labapp.cli import reconstructing, studying, training, plans, bench, virtual_bench
+from labapp.cli import demo, run, resume, show, report, verify, export, calibrate  # noqa: F401
+from labapp.cli import psf, beam, pattern, retrieve, refine, explain, simulate  # noqa: F401
+from labapp.cli import reconstruct, study, train, gui  # noqa: F401
+from labapp.cli import accuracy, plan, devices, bench, virtual_bench  # noqa: F401
 from labapp.common.memory import keep_freed_memory
 
 # isort: on
 
-__all__ = [
-    "app",
-    "beam",
-    "bench",
-    "calibrate",
-    "command",
-    "main",
-    "optics",
-    "patterns",
-    "plans",
-    "reconstructing",
-    "records",
-    "refining",
-    "runs",
-    "simulating",
-    "studying",
-    "training",
-    "virtual_bench",
-]
+__all__ = ["app", "command", "main"]
 
 
 @cache

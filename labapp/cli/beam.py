@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.lens import CameraOption, FieldOption
-from labapp.cli.options import ForceOption, readable
+from labapp.cli.options import CameraOption, FieldOption, ForceOption, readable
 
 
 @app.command()

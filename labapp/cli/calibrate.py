@@ -8,30 +8,17 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    BenchOption,
-    DarkOption,
-    FaultsOption,
-    ForceOption,
-    JsonOption,
-    SceneOption,
-    SpeedOption,
-    StarDiameterOption,
-    StarDistanceOption,
-    StarOption,
-    YesOption,
-    existing,
-)
+from labapp.cli.groups import given, having
+from labapp.cli.options import RunOptions, StarOptions, existing
 from labapp.common.errors import UserError
 
 
-@app.command()
+@app.command(cls=having(StarOptions(), RunOptions()))
 def calibrate(
+    context: typer.Context,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where plan, record and results go.")
     ] = None,
-    bench: BenchOption = None,
-    scene: SceneOption = None,
     wavelength_nm: Annotated[
         list[float] | None,
         typer.Option(metavar="NM", help="At which to calibrate; several times for several.  [532]"),
@@ -51,10 +38,6 @@ def calibrate(
         float | None,
         typer.Option(help="Of the neutral star, a little below clipping.  [found by trial]"),
     ] = None,
-    star: StarOption = "star",
-    dark: DarkOption = "dark",
-    star_um: StarDiameterOption = None,
-    star_m: StarDistanceOption = None,
     plan_only: Annotated[
         bool, typer.Option("--plan-only", help="Write plan and patterns, take no pictures.")
     ] = False,
@@ -66,11 +49,6 @@ def calibrate(
             help="Fit a record that is there; take no pictures.",
         ),
     ] = None,
-    faults: FaultsOption = None,
-    speed: SpeedOption = float("inf"),
-    yes: YesOption = False,
-    force: ForceOption = False,
-    json: JsonOption = False,
 ) -> None:
     """Find out what panel, lens and sensor really do, with an artificial star.
 
@@ -82,13 +60,11 @@ def calibrate(
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    from labapp.bench.opening import BenchFiles
     from labapp.calibration.command import Asked, calibrate_bench, fit_again, write_plan_only
-    from labapp.runs.running import Manner
 
-    manner = Manner(force, yes, speed, json)
+    options = given(context, RunOptions)
     if fit is not None:
-        fit_again(fit, manner)
+        fit_again(fit, options.manner)
         return
     assert out is not None
     asked = Asked(
@@ -97,10 +73,7 @@ def calibrate(
         only=tuple(only or ()),
         levels=levels,
         exposure_ms=exposure_ms,
-        star=star,
-        dark=dark,
-        star_um=star_um,
-        star_m=star_m,
+        **vars(given(context, StarOptions)),
     )
-    files = BenchFiles.default(bench, scene, None, faults)
-    (write_plan_only if plan_only else calibrate_bench)(asked, out, files, manner)
+    take = write_plan_only if plan_only else calibrate_bench
+    take(asked, out, options.files(), options.manner)

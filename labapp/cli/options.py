@@ -5,10 +5,20 @@ Files that aren't there are refused as the command line is read, before anything
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from labapp.common.errors import UserError
+from labapp.common.threads import one_thread
+
+if TYPE_CHECKING:
+    from labapp.bench.opening import BenchFiles
+    from labapp.files.pattern_table import Still
+    from labapp.light.simulating.asked import AskedPicture
+    from labapp.runs.running import Manner
 
 
 def readable(path: Path | None) -> Path | None:
@@ -68,6 +78,9 @@ FaultsOption = Annotated[
         help="Fault file (TOML): what simulated devices shall suffer.",
     ),
 ]
+KeysArgument = Annotated[
+    list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as in a plan file.")
+]
 SpeedOption = Annotated[
     float,
     typer.Option(
@@ -77,23 +90,7 @@ SpeedOption = Annotated[
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print figures as JSON.")]
-PlotOption = Annotated[
-    Path | None,
-    typer.Option("--plot", metavar="FILE", help="Draw the rows against time (.png, .svg)."),
-]
-StarOption = Annotated[str, typer.Option("--star", help="The target with the star.")]
-DarkOption = Annotated[str, typer.Option("--dark", help="The target without light; '' for none.")]
-StarDiameterOption = Annotated[
-    float | None,
-    typer.Option("--star-um", help="Diameter of the pinhole.", show_default="the scene's"),
-]
-StarDistanceOption = Annotated[
-    float | None,
-    typer.Option(
-        "--star-m", help="Distance of the pinhole.", show_default="the scene's, or in focus"
-    ),
-]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON, for programs.")]
 RecordArgument = Annotated[
     Path, typer.Argument(metavar="RUN.h5", callback=existing, help="Record of a run.")
 ]
@@ -101,3 +98,192 @@ PeersOption = Annotated[
     bool,
     typer.Option("--peers", help="Also other libraries, by installed adapters (tests/peers)."),
 ]
+CameraOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        callback=readable,
+        help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
+    ),
+]
+FieldOption = Annotated[
+    str,
+    typer.Option(
+        metavar="Y,X",
+        help="Where the point's image lies on the sensor, in millimetres from the axis.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """On what bench pictures are taken, and how."""
+
+    bench: BenchOption = None
+    scene: SceneOption = None
+    faults: FaultsOption = None
+    speed: SpeedOption = float("inf")
+    yes: YesOption = False
+    force: ForceOption = False
+    json: JsonOption = False
+
+    def files(self, image: Path | None = None) -> BenchFiles:
+        from labapp.bench.opening import BenchFiles
+
+        return BenchFiles.default(self.bench, self.scene, image, self.faults)
+
+    @property
+    def manner(self) -> Manner:
+        from labapp.runs.running import Manner
+
+        return Manner(self.force, self.yes, self.speed, self.json)
+
+
+@dataclass(frozen=True)
+class StarOptions:
+    """The artificial star that panel and lens are measured with."""
+
+    star: Annotated[str, typer.Option("--star", help="The target with the star.")] = "star"
+    dark: Annotated[str, typer.Option("--dark", help="The target without light; '' for none.")] = (
+        "dark"
+    )
+    star_um: Annotated[
+        float | None,
+        typer.Option("--star-um", help="Diameter of the pinhole.", show_default="the scene's"),
+    ] = None
+    star_m: Annotated[
+        float | None,
+        typer.Option(
+            "--star-m", help="Distance of the pinhole.", show_default="the scene's, or in focus"
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """What a pattern is made for, and where it goes."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=".png for any SLM software, or .h5 with everything that it was made from.",
+        ),
+    ] = None
+    wavelength_nm: Annotated[
+        float,
+        typer.Option("--wavelength-nm", help="For which it is made, and its PSF predicted."),
+    ] = 550.0
+    frames: Annotated[
+        int,
+        typer.Option("--frames", min=1, help="Of a video: numbered .png files, or one .h5."),
+    ] = 1
+    seed: Annotated[int, typer.Option("--seed", min=0, help="All chance comes from it.")] = 1
+    size: Annotated[
+        int | None,
+        typer.Option("--size", min=16, max=2048, help="Sensor pixels across the predicted PSF."),
+    ] = None
+    bench: BenchOption = None
+    force: ForceOption = False
+    json: JsonOption = False
+
+    def make(self, spec: Still) -> None:
+        """Compute a pattern, predict its PSF, and write both; UserError names what can't be."""
+        from labapp.files.places import places_of_pattern
+        from labapp.patterns.designing.asked import AskedDesign
+
+        if self.out is None:
+            raise UserError("there is no --out. Name a .png or .h5 file to write.")
+        wavelength = getattr(spec, "wavelength_nm", self.wavelength_nm) * 1e-9
+        asked = AskedDesign(spec, wavelength, self.frames, self.seed, self.bench, self.size)
+        files, drawn = places_of_pattern(self.out, self.frames, force=self.force)
+        one_thread()
+        from labapp.patterns.designing.command import make
+
+        make(asked, files, drawn, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class DecisionOptions:
+    """What the virtual bench may leave out of a picture."""
+
+    tol: Annotated[
+        float | None, typer.Option(help="Error to leave effects out for. Default: the scene's.")
+    ] = None
+    set: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="EFFECT=LEVEL", help="Force an effect: on, off or a level."),
+    ] = None
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """A picture that the virtual bench takes of a scene."""
+
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCENE.toml",
+            callback=scene_of,
+            help="Scene file. Default: the bundled photograph.",
+        ),
+    ] = None
+    target: Annotated[str | None, typer.Option(help="Target of the scene. Default: its first.")] = (
+        None
+    )
+    pattern: Annotated[
+        Path | None,
+        typer.Option(callback=readable, help="8-bit picture on the panel. Default: neutral."),
+    ] = None
+    wavelength_nm: Annotated[
+        float | None, typer.Option("--wavelength-nm", help="Of the filter, in nanometres.")
+    ] = None
+    exposure_ms: Annotated[
+        float | None,
+        typer.Option(
+            "--exposure-ms", help="In milliseconds. Default: fills the brightest pixel to half."
+        ),
+    ] = None
+
+    def asked(
+        self,
+        bench: Path | None,
+        decided: DecisionOptions | None = None,
+        *,
+        everything: bool = False,
+    ) -> AskedPicture:
+        """The picture on a bench; with all that is left out decided by the scene, if not here."""
+        from labapp.light.simulating.asked import AskedPicture, read_forced
+
+        decided = decided or DecisionOptions()
+        return AskedPicture(
+            self.scene,
+            bench,
+            self.target,
+            self.pattern,
+            None if self.wavelength_nm is None else self.wavelength_nm * 1e-9,
+            None if self.exposure_ms is None else self.exposure_ms * 1e-3,
+            decided.tol,
+            read_forced(decided.set or []),
+            everything,
+        )
+
+
+@dataclass(frozen=True)
+class RowsOptions:
+    """Where measured rows go."""
+
+    json: JsonOption = False
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Draw the rows against time (.png, .svg)."),
+    ] = None
+    force: ForceOption = False
+
+    def require_writable(self) -> None:
+        """UserError if the plot can't be written where it is asked for."""
+        from labapp.files.writing import require_all_writable
+
+        require_all_writable((self.plot,), force=self.force)

@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import tomllib
-from collections.abc import Collection, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, get_type_hints
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from labapp.common.errors import UserError
-from labapp.files.reading import FileModel
-
-_UNITS = {
-    "um_per_nm": "µm a nm",
-    "_nm": "nm",
-    "_um": "µm",
-    "_mm": "mm",
-    "_ms": "ms",
-    "_m": "m",
-    "_rad": "rad",
-    "_deg": "°",
-    "_px": "pixels",
-    "_s": "s",
-}
+from labapp.files.table import Key, unit_of
 
 
-def read_keys(
-    given: Sequence[str], model: type[FileModel], but: Collection[str] = ()
-) -> dict[str, Any]:
+def read_keys(given: Sequence[str], model: type[Any], but: Collection[str] = ()) -> dict[str, Any]:
     """Values by key, read as TOML unless the key is for text; they aren't validated yet.
 
     but: keys that nobody gives. UserError for what is no KEY=VALUE.
     """
-    fields, values = model.model_fields, dict[str, Any]()
+    fields, values = _fields(model), dict[str, Any]()
     for one in given:
         key, equals, text = one.partition("=")
         if not equals:
@@ -44,18 +31,26 @@ def read_keys(
     return values
 
 
-def described_keys(model: type[FileModel], but: Collection[str] = ()) -> list[dict[str, Any]]:
+def described_keys(model: type[Any], but: Collection[str] = ()) -> list[dict[str, Any]]:
     """Each key with its default, and its unit and meaning, as words."""
     return [
         {"key": key, "default": _default(field), "what": _what(key, field)}
-        for key, field in model.model_fields.items()
+        for key, field in _fields(model).items()
         if key not in but
     ]
 
 
-def unit_of(key: str) -> str:
-    """The unit that a key's name ends in; empty where it has none."""
-    return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
+def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
+    """The entries of a model, or of a dataclass."""
+    if issubclass(model, BaseModel):
+        return model.model_fields
+    hints = get_type_hints(model, include_extras=True)
+    return {
+        one.name: FieldInfo.from_annotation(hints[one.name])
+        if one.default is dataclasses.MISSING
+        else FieldInfo.from_annotated_attribute(hints[one.name], one.default)
+        for one in dataclasses.fields(model)
+    }
 
 
 def _as_toml(text: str) -> Any:
@@ -79,5 +74,6 @@ def _default(field: FieldInfo) -> str:
 
 
 def _what(key: str, field: FieldInfo) -> str:
-    described, unit = field.description or "", unit_of(key)
+    told = [one.says for one in field.metadata if isinstance(one, Key)]
+    described, unit = field.description or "".join(told[-1:]), unit_of(key)
     return f"{unit}, {described}" if unit else described

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+import operator
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import reduce
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from annotated_types import MinLen
+from pydantic import Field, TypeAdapter, model_validator
 
-from labapp.files.phase_table import (
-    AnnularPattern,
-    AxiconPattern,
-    BinaryPattern,
-    BlazePattern,
-    CubicPattern,
-    LensPattern,
-    PatchesPattern,
-    PhasePattern,
-    SinePattern,
-    ZernikePattern,
-)
-from labapp.files.phase_table import Positive as Positive
+from labapp.files.grey_table import GREYS, GreyPattern
+from labapp.files.phase_table import FORMULAS, Iterations, PhasePattern, RingPattern
 from labapp.files.reading import FileModel
-from labapp.files.target_table import RingTarget, TargetTable
-
-Grey = Annotated[int, Field(ge=0, le=255)]
-Iterations = Annotated[int, Field(ge=1, le=10_000)]
+from labapp.files.table import Key, Positive, tag_of
+from labapp.files.target_table import SHAPES, TargetShape
 
 Method = Literal[
     "published",
@@ -40,90 +32,15 @@ Method = Literal[
 """Of phase retrieval, as optics.retrieval has them."""
 
 
-class GreyPattern(FileModel):
-    """A pattern of grey levels, whatever phase they make."""
-
-    @property
-    def varies(self) -> bool:
-        """Whether another seed makes another pattern."""
-        return False
-
-    @property
-    def label(self) -> str:
-        """What it is called on the screen and in records."""
-        raise NotImplementedError
-
-    def quick(self) -> GreyPattern:
-        """The same with as little work as shows whether it can be computed."""
-        return self
+def _any_of(tables: Iterable[Any], tag: str) -> Any:
+    """The type of whatever is one of the tables, which its tag tells."""
+    return Annotated[reduce(operator.or_, tables), Field(discriminator=tag)]
 
 
-class ConstantPattern(GreyPattern):
-    """One grey level everywhere; a neutral pattern."""
-
-    kind: Literal["constant"]
-    grey: Annotated[Grey, Field(description="level")] = 0
-
-    @property
-    def label(self) -> str:
-        return "neutral" if self.grey == 0 else f"grey {self.grey}"
-
-
-class GratingPattern(GreyPattern):
-    """Stripes of two grey levels, equally wide; the light in the centre tells their phase step."""
-
-    kind: Literal["grating"]
-    period_px: Annotated[
-        int, Field(ge=2, le=4096, multiple_of=2, description="of both stripes")
-    ] = 16
-    low: Annotated[Grey, Field(description="level")] = 0
-    high: Annotated[Grey, Field(description="level")]
-    axis: Annotated[Literal["x", "y"], Field(description="along which levels change")] = "x"
-
-    @property
-    def label(self) -> str:
-        return f"grating {self.period_px} px, grey {self.low} and {self.high}"
-
-
-class ImagePattern(GreyPattern):
-    """Grey levels from an 8-bit picture of the panel's size, or from a design file (.h5)."""
-
-    kind: Literal["image"]
-    file: Annotated[str, Field(description="picture, or .h5 of labapp pattern or retrieve")]
-    frame: Annotated[int, Field(ge=0, description="of a design file, from 0")] = 0
-
-    @property
-    def label(self) -> str:
-        which = f" frame {self.frame}" if self.frame else ""
-        return f"image {self.file.rpartition('/')[2]}{which}"
-
-
-class RingPattern(PhasePattern):
-    """A pattern whose PSF is a ring, by Gerchberg-Saxton. Sizes on the sensor."""
-
-    smooth: ClassVar[bool] = False
-    kind: Literal["ring"]
-    radius_um: Annotated[Positive, Field(description="of the ring on the sensor")]
-    width_um: Annotated[Positive, Field(description="standard deviation of its profile")]
-    iterations: Annotated[Iterations, Field(description="of Gerchberg-Saxton")] = 30
-    start: Annotated[
-        Literal["quadratic", "random"], Field(description="phase that iterations start from")
-    ] = "quadratic"
-
-    @property
-    def varies(self) -> bool:
-        return self.start == "random"
-
-    @property
-    def sizes(self) -> str:
-        return f"ring {self.radius_um:g}/{self.width_um:g} µm"
-
-    @property
-    def target(self) -> RingTarget:
-        return RingTarget(shape="ring", radius_um=self.radius_um, width_um=self.width_um)
-
-    def quick(self) -> RingPattern:
-        return self.model_copy(update={"iterations": 1})
+if TYPE_CHECKING:
+    TargetTable = TargetShape
+else:
+    TargetTable = _any_of(SHAPES, "shape")
 
 
 class PSFPattern(PhasePattern):
@@ -134,18 +51,14 @@ class PSFPattern(PhasePattern):
 
     smooth: ClassVar[bool] = False
     kind: Literal["psf"]
-    target: Annotated[TargetTable, Field(description="a shape: see labapp retrieve list")]
-    budget_s: Annotated[
-        Positive | None, Field(description="processor seconds to spend; or iterations")
-    ] = None
-    iterations: Annotated[Iterations | None, Field(description="of the method")] = None
-    method: Annotated[Method | None, Field(description="none: what serves best")] = None
+    target: Annotated[TargetTable, Key("a shape: see labapp retrieve list")]
+    budget_s: Annotated[Positive | None, Key("processor seconds to spend; or iterations")] = None
+    iterations: Annotated[Iterations | None, Key("of the method")] = None
+    method: Annotated[Method | None, Key("none: what serves best")] = None
 
-    @model_validator(mode="after")
-    def _one_price(self) -> PSFPattern:
+    def __post_init__(self) -> None:
         if self.budget_s is not None and self.iterations is not None:
             raise ValueError("a psf has either budget_s or iterations")
-        return self
 
     @property
     def varies(self) -> bool:
@@ -156,17 +69,14 @@ class PSFPattern(PhasePattern):
         return self.target.sizes
 
     def quick(self) -> PSFPattern:
-        changes = {"iterations": 1, "budget_s": None, "target": self.target.quick()}
-        return self.model_copy(update=changes)
+        return replace(self, iterations=1, budget_s=None, target=self.target.quick())
 
 
 class SumPattern(PhasePattern):
     """Several patterns at once: their phases add up."""
 
     kind: Literal["sum"]
-    parts: Annotated[
-        tuple[PhaseTable, ...], Field(min_length=1, description="tables of patterns with phases")
-    ]
+    parts: Annotated[tuple[PhaseTable, ...], MinLen(1), Key("tables of patterns with phases")]
 
     @model_validator(mode="before")
     @classmethod
@@ -179,15 +89,13 @@ class SumPattern(PhasePattern):
         parts = [shared | part if isinstance(part, dict) else part for part in given]
         return table | {"parts": parts or table["parts"]}
 
-    @model_validator(mode="after")
-    def _one_wavelength(self) -> SumPattern:
+    def __post_init__(self) -> None:
         for part in self.parts:
             if part.wavelength_nm != self.wavelength_nm:
                 raise ValueError(
                     f"a part is for {part.wavelength_nm:g} nm and the sum for "
                     f"{self.wavelength_nm:g} nm; give all of them the same wavelength_nm"
                 )
-        return self
 
     @property
     def varies(self) -> bool:
@@ -198,32 +106,21 @@ class SumPattern(PhasePattern):
         return " + ".join(part.sizes for part in self.parts)
 
     def quick(self) -> SumPattern:
-        return self.model_copy(update={"parts": tuple(part.quick() for part in self.parts)})
+        return replace(self, parts=tuple(part.quick() for part in self.parts))
 
 
-Greys = ConstantPattern | GratingPattern | ImagePattern
+PHASES: tuple[type[PhasePattern], ...] = (*FORMULAS, RingPattern, PSFPattern, SumPattern)
 
-Phases = (
-    LensPattern
-    | AxiconPattern
-    | CubicPattern
-    | AnnularPattern
-    | BlazePattern
-    | BinaryPattern
-    | SinePattern
-    | PatchesPattern
-    | ZernikePattern
-    | RingPattern
-    | PSFPattern
-    | SumPattern
-)
+if TYPE_CHECKING:
+    PhaseTable = PhasePattern
+    Still = GreyPattern | PhasePattern
+else:
+    PhaseTable = _any_of(PHASES, "kind")
+    Still = _any_of((*GREYS, *PHASES), "kind")
 
-PhaseTable = Annotated[Phases, Field(discriminator="kind")]
-"""What has a phase of its own, so that it can be added to others."""
-
-Still = Annotated[Greys | Phases, Field(discriminator="kind")]
-
-SumPattern.model_rebuild()
+_stills: tuple[type[GreyPattern | PhasePattern], ...] = (*GREYS, *PHASES)
+STILLS = {tag_of(one, "kind"): one for one in _stills}
+"""All kinds by their names: whoever lists, reads or shows patterns takes them from here."""
 
 
 class VideoPattern(FileModel):
@@ -269,4 +166,12 @@ class VideoPattern(FileModel):
         return self.model_copy(update={"pattern": self.pattern.quick(), "count": 2})
 
 
-Pattern = Annotated[Greys | Phases | VideoPattern, Field(discriminator="kind")]
+if TYPE_CHECKING:
+    Pattern = Still | VideoPattern
+else:
+    Pattern = _any_of((*GREYS, *PHASES, VideoPattern), "kind")
+
+
+def pattern_data(spec: Still | VideoPattern) -> dict[str, Any]:
+    """A pattern as a plan file writes it, as plain data."""
+    return TypeAdapter(type(spec)).dump_python(spec, mode="json")

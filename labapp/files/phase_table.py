@@ -7,12 +7,13 @@ listed without it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from annotated_types import Ge, Le, MinLen
 
-from labapp.files.reading import FileModel
+from labapp.files.table import Count, Key, Positive, Table
+from labapp.files.target_table import RingTarget
 from optics.zernike_order import require_zernike
 
 if TYPE_CHECKING:
@@ -20,23 +21,17 @@ if TYPE_CHECKING:
 
     from optics.camera import Camera
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=100_000)]
-
-Angle = Annotated[Finite, Field(description="direction, from x towards y")]
+Iterations = Annotated[int, Ge(1), Le(10_000)]
 
 
-class PhasePattern(FileModel):
+class PhasePattern(Table):
     """Waves that a pattern is made for; how many of the panel's whole waves it may use."""
 
     smooth: ClassVar[bool] = True
     """Whether its slope counts when it is added to others."""
 
-    wavelength_nm: Annotated[Positive, Field(description="that it is made for")] = 550
-    orders: Annotated[
-        int, Field(ge=1, le=16, description="whole waves of the panel's range to use")
-    ] = 1
+    wavelength_nm: Annotated[Positive, Key("that it is made for")] = 550
+    orders: Annotated[int, Ge(1), Le(16), Key("whole waves of the panel's range to use")] = 1
 
     @property
     def wavelength(self) -> float:
@@ -74,11 +69,13 @@ class FormulaPattern(PhasePattern):
 class LensPattern(FormulaPattern):
     """A Fresnel lens of a focal length; negative diverges."""
 
+    title: ClassVar = "Fresnel lens"
     kind: Literal["lens"]
-    focal_length_m: Annotated[Finite, Field(description="negative diverges")]
-    centre_mm: Annotated[
-        tuple[Finite, Finite], Field(description="y and x of its centre on the panel")
-    ] = (0.0, 0.0)
+    focal_length_m: Annotated[float, Key("negative diverges", "Focal length", 20, -1000, 1000)]
+    centre_mm: Annotated[tuple[float, float], Key("y and x of its centre on the panel")] = (
+        0.0,
+        0.0,
+    )
 
     @property
     def sizes(self) -> str:
@@ -95,8 +92,9 @@ class LensPattern(FormulaPattern):
 class AxiconPattern(FormulaPattern):
     """A cone that sends a point to a ring of a radius on the sensor."""
 
+    title: ClassVar = "Axicon"
     kind: Literal["axicon"]
-    radius_um: Annotated[Positive, Field(description="of the ring on the sensor")]
+    radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 5000)]
 
     @property
     def sizes(self) -> str:
@@ -112,11 +110,10 @@ class AxiconPattern(FormulaPattern):
 class CubicPattern(FormulaPattern):
     """A cubic phase, which extends the depth of field (thesis section 2.5)."""
 
+    title: ClassVar = "Cubic"
     kind: Literal["cubic"]
-    strength_rad: Annotated[Finite, Field(description="phase at the radius, along an axis")] = 60.0
-    radius_mm: Annotated[
-        Positive | None, Field(description="on the panel; none: half its longer side")
-    ] = None
+    strength_rad: Annotated[float, Key("phase at the radius, along an axis", "Strength", 60)] = 60.0
+    radius_mm: Annotated[Positive | None, Key("on the panel; none: half its longer side")] = None
 
     @property
     def sizes(self) -> str:
@@ -131,12 +128,13 @@ class CubicPattern(FormulaPattern):
 class AnnularPattern(FormulaPattern):
     """Rings with a parabola across each, which extend the depth of field (thesis section 5.6)."""
 
+    title: ClassVar = "Annular"
     kind: Literal["annular"]
-    rings: Annotated[Count, Field(description="how many")] = 8
-    depth_rad: Annotated[Finite, Field(description="phase in the middle of a ring")] = 2 * math.pi
-    radius_mm: Annotated[
-        Positive | None, Field(description="of the last ring; none: to the panel's corners")
-    ] = None
+    rings: Annotated[Count, Key("how many", "Rings", 8, 1, 500)] = 8
+    depth_rad: Annotated[float, Key("phase in the middle of a ring", "Depth", 6.28)] = 2 * math.pi
+    radius_mm: Annotated[Positive | None, Key("of the last ring; none: to the panel's corners")] = (
+        None
+    )
 
     @property
     def sizes(self) -> str:
@@ -149,21 +147,50 @@ class AnnularPattern(FormulaPattern):
         return patterns.annular(camera.panel, self.rings, self.depth_rad, radius)
 
 
+class LogarithmicPattern(FormulaPattern):
+    """A logarithmic asphere, in focus from a near object to a far one (George and Chi 2003)."""
+
+    title: ClassVar = "Logarithmic asphere"
+    kind: Literal["logarithmic"]
+    near_m: Annotated[Positive, Key("in focus by the middle of the panel", "Near", 1.8, 0.1, 1000)]
+    far_m: Annotated[Positive, Key("in focus at the radius", "Far", 2.2, 0.1, 1000)]
+    radius_mm: Annotated[
+        Positive | None, Key("on the panel; none: the stop's, or the panel's corners")
+    ] = None
+
+    def __post_init__(self) -> None:
+        if not self.near_m < self.far_m:
+            raise ValueError(f"far_m is {self.far_m:g}; it must be more than near_m")
+
+    @property
+    def sizes(self) -> str:
+        return f"logarithmic {self.near_m:g} to {self.far_m:g} m"
+
+    def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+        from optics import patterns
+        from optics.shadow import in_focus
+
+        radius = _metres(self.radius_mm) or _lit_radius(camera)
+        distances = (self.near_m, self.far_m, in_focus(camera))
+        return patterns.logarithmic_asphere(camera.panel, *distances, self.wavelength, radius)
+
+
 class BlazePattern(FormulaPattern):
     """A blazed grating: all light goes to one side, by a shift or by the grating's period."""
 
+    title: ClassVar = "Blazed grating"
     kind: Literal["blaze"]
-    shift_um: Annotated[
-        tuple[Finite, Finite] | None, Field(description="y and x on the sensor; or period_px")
-    ] = None
-    period_px: Annotated[Positive | None, Field(description="of the panel, a wave")] = None
-    angle_deg: Annotated[Finite, Field(description="of period_px, from x towards y")] = 0.0
+    shift_um: Annotated[tuple[float, float] | None, Key("y and x on the sensor; or period_px")] = (
+        None
+    )
+    period_px: Annotated[Positive | None, Key("of the panel, a wave", "Period", 40, 1)] = None
+    angle_deg: Annotated[
+        float, Key("of period_px, from x towards y", "Direction", 0, -360, 360)
+    ] = 0.0
 
-    @model_validator(mode="after")
-    def _one_way(self) -> BlazePattern:
+    def __post_init__(self) -> None:
         if (self.shift_um is None) == (self.period_px is None):
             raise ValueError("a blaze has either shift_um or period_px")
-        return self
 
     @property
     def sizes(self) -> str:
@@ -189,9 +216,9 @@ class BinaryPattern(FormulaPattern):
 
     kind: Literal["binary"]
     smooth: ClassVar[bool] = False
-    period_px: Annotated[float, Field(ge=2, le=1e6, description="of both stripes")] = 16.0
-    step_rad: Annotated[Finite, Field(description="between the stripes")] = math.pi
-    angle_deg: Angle = 0.0
+    period_px: Annotated[float, Ge(2), Le(1e6), Key("of both stripes")] = 16.0
+    step_rad: Annotated[float, Key("between the stripes")] = math.pi
+    angle_deg: Annotated[float, Key("direction, from x towards y")] = 0.0
 
     @property
     def sizes(self) -> str:
@@ -207,10 +234,13 @@ class BinaryPattern(FormulaPattern):
 class SinePattern(FormulaPattern):
     """A wave of phase: low with a long period, high with a short one (thesis section 6.4)."""
 
+    title: ClassVar = "Sine"
     kind: Literal["sine"]
-    amplitude_rad: Annotated[Finite, Field(description="from the mean to a crest")] = math.pi
-    period_px: Annotated[float, Field(ge=4, le=1e6, description="of the panel, a wave")] = 120.0
-    angle_deg: Angle = 0.0
+    amplitude_rad: Annotated[float, Key("from the mean to a crest", "Amplitude", 3.14, 0)] = math.pi
+    period_px: Annotated[float, Ge(4), Le(1e6), Key("of the panel, a wave", "Period", 120, 4)] = (
+        120.0
+    )
+    angle_deg: Annotated[float, Key("from x towards y", "Direction", 0, -360, 360)] = 0.0
 
     @property
     def sizes(self) -> str:
@@ -226,11 +256,12 @@ class SinePattern(FormulaPattern):
 class PatchesPattern(FormulaPattern):
     """Rectangles of random phase (thesis section 6.4)."""
 
+    title: ClassVar = "Random patches"
     kind: Literal["patches"]
     smooth: ClassVar[bool] = False
-    rows: Annotated[Count, Field(description="of patches")] = 9
-    columns: Annotated[Count, Field(description="of patches")] = 16
-    depth_rad: Annotated[Positive, Field(description="phases lie between 0 and this")] = 2 * math.pi
+    rows: Annotated[Count, Key("of patches", "Rows", 9, 1, 4096)] = 9
+    columns: Annotated[Count, Key("of patches", "Columns", 16, 1, 4096)] = 16
+    depth_rad: Annotated[Positive, Key("phases lie between 0 and this")] = 2 * math.pi
 
     @property
     def varies(self) -> bool:
@@ -250,21 +281,20 @@ class PatchesPattern(FormulaPattern):
 class ZernikePattern(FormulaPattern):
     """Aberrations by their Zernike polynomials; negative ones undo the lens' own."""
 
+    title: ClassVar = "Aberrations"
     kind: Literal["zernike"]
     terms: Annotated[
-        tuple[tuple[int, int, Finite], ...],
-        Field(min_length=1, description="n, m and root mean square in nm of path"),
+        tuple[tuple[int, int, float], ...],
+        MinLen(1),
+        Key("n, m and root mean square in nm of path"),
     ]
     radius_mm: Annotated[
-        Positive | None, Field(description="of the disc; none: the stop's, or the panel's corners")
+        Positive | None, Key("of the disc; none: the stop's, or the panel's corners")
     ] = None
 
-    @field_validator("terms")
-    @classmethod
-    def _exist(cls, terms: Sequence[tuple[int, int, float]]) -> Sequence[tuple[int, int, float]]:
-        for n, m, _ in terms:
+    def __post_init__(self) -> None:
+        for n, m, _ in self.terms:
             require_zernike(n, m)
-        return terms
 
     @property
     def sizes(self) -> str:
@@ -272,14 +302,52 @@ class ZernikePattern(FormulaPattern):
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
-        from optics.shadow import shadowed
 
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
-        corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
-        stop = shadowed(camera).lens.stop_diameter / 2
-        radius = _metres(self.radius_mm) or min(stop, corner)
+        radius = _metres(self.radius_mm) or _lit_radius(camera)
         return patterns.aberrated(camera.panel, terms, radius, self.wavelength)
+
+
+class RingPattern(PhasePattern):
+    """A pattern whose PSF is a ring, by Gerchberg-Saxton. Sizes on the sensor."""
+
+    title: ClassVar = "Ring"
+    smooth: ClassVar[bool] = False
+    kind: Literal["ring"]
+    radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 2000)]
+    width_um: Annotated[Positive, Key("standard deviation of its profile", "Width", 8, 0.5, 500)]
+    iterations: Annotated[Iterations, Key("of Gerchberg-Saxton")] = 30
+    start: Annotated[Literal["quadratic", "random"], Key("phase that iterations start from")] = (
+        "quadratic"
+    )
+
+    @property
+    def varies(self) -> bool:
+        return self.start == "random"
+
+    @property
+    def sizes(self) -> str:
+        return f"ring {self.radius_um:g}/{self.width_um:g} µm"
+
+    @property
+    def target(self) -> RingTarget:
+        return RingTarget(shape="ring", radius_um=self.radius_um, width_um=self.width_um)
+
+    def quick(self) -> RingPattern:
+        return replace(self, iterations=1)
+
+
+FORMULAS = tuple(FormulaPattern.__subclasses__())
+"""All of this file, in its order: a formula is listed, read, shown and offered from here."""
 
 
 def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres * 1e-3
+
+
+def _lit_radius(camera: Camera) -> float:
+    """Metres on the panel, of the disc whose light passes the stop."""
+    from optics.shadow import shadowed
+
+    corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
+    return min(shadowed(camera).lens.stop_diameter / 2, corner)

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from labapp.files.finding import find_plan
-from labapp.files.pattern_table import Pattern, Positive, VideoPattern
-from labapp.files.quantities import Finite
+from labapp.files.pattern_table import Pattern, VideoPattern
+from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel, read_file
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from labapp.common.errors import UserError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-M = TypeVar("M", bound="FileModel")
+M = TypeVar("M")
 
 
 class FileModel(BaseModel):
@@ -64,17 +64,17 @@ def read_file(path: Path, model: type[M]) -> M:
 
 
 def validate(data: dict[str, Any], model: type[M], source: str) -> M:
-    """A model from plain data; `source` names the file in errors."""
+    """A model, or a table, from plain data; `source` names the file in errors."""
     try:
-        return model.model_validate(data)
+        return TypeAdapter(model).validate_python(data)
     except ValidationError as error:
-        raise UserError(explain(error, model, source)) from error
+        raise UserError(explain(error, source)) from error
 
 
-def explain(error: ValidationError, model: type[BaseModel], source: str) -> str:
+def explain(error: ValidationError, source: str) -> str:
     """The first problems of a validation, one a line."""
     problems = _causes(error)
-    lines = [f"{source}: {_problem(dict(p), model)}" for p in problems[:2]]
+    lines = [f"{source}: {_problem(dict(p))}" for p in problems[:2]]
     if len(problems) > 2:
         lines[-1] += f" (and {len(problems) - 2} more)"
     return "\n".join(lines)
@@ -91,9 +91,9 @@ def _causes(error: ValidationError) -> list[Any]:
     return [problem for problem in problems if not holds_another(problem["loc"])]
 
 
-def _problem(problem: dict[str, Any], model: type[BaseModel]) -> str:
+def _problem(problem: dict[str, Any]) -> str:
     key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
+    if problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"key {key!r} is unknown. Remove it, or check its spelling."
     if problem["type"] == "missing":
         return f"key {key!r} is missing. Add it."

@@ -7,25 +7,26 @@ without it.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
-from labapp.files.reading import FileModel, read_grey
+from labapp.files.table import Key, Positive, Table
 
 if TYPE_CHECKING:
     from optics.targets.drawing import Drawing
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=10_000)]
+Count = Annotated[int, Ge(1), Le(10_000)]
 
-Radius = Annotated[Positive, Field(description="from the axis, on the sensor")]
-Width = Annotated[Positive, Field(description="of a stroke: a Gaussian's standard deviation")]
+Radius = Annotated[Positive, Key("from the axis, on the sensor", "Radius", 80, 1, 2000)]
+Width = Annotated[
+    Positive, Key("of a stroke: a Gaussian's standard deviation", "Width", 8, 0.5, 500)
+]
 
 
-class TargetShape(FileModel):
+class TargetShape(Table):
     """A PSF shape."""
 
     @property
@@ -81,13 +82,14 @@ class RingTarget(Stroked):
 class Spiral(Stroked):
     """What every spiral has."""
 
-    turns: Annotated[float, Field(gt=0, le=50, description="from the axis outwards")] = 3.0
-    hole: Annotated[float, Field(ge=0, lt=1, description="share of the radius left out")] = 0.36
+    turns: Annotated[float, Gt(0), Le(50), Key("from the axis outwards")] = 3.0
+    hole: Annotated[float, Ge(0), Lt(1), Key("share of the radius left out")] = 0.36
 
 
 class SpiralTarget(Spiral):
     """The thesis' spiral (Fig. 3.3): its distance from the axis grows as the angle squared."""
 
+    title: ClassVar = "Spiral"
     shape: Literal["spiral"]
 
     def draw(self, folder: Path) -> Drawing:
@@ -100,15 +102,13 @@ class ShrinkingSpiralTarget(Spiral):
     """A spiral that shrinks with time (thesis Fig. 3.4); for videos."""
 
     shape: Literal["shrinking-spiral"]
-    smallest: Annotated[
-        float, Field(gt=0, le=1, description="share of the radius at the last moment")
-    ] = 0.4
+    smallest: Annotated[float, Gt(0), Le(1), Key("share of the radius at the last moment")] = 0.4
     moments: Annotated[
-        int | None, Field(ge=2, le=3600, description="that frames share evenly; none: one each")
+        int | None, Ge(2), Le(3600), Key("that frames share evenly; none: one each")
     ] = None
 
     def quick(self) -> ShrinkingSpiralTarget:
-        return self.model_copy(update={"moments": None})
+        return replace(self, moments=None)
 
     def require_frames(self, frames: int) -> None:
         if frames < 2:
@@ -130,6 +130,7 @@ class ShrinkingSpiralTarget(Spiral):
 class HeartTarget(Stroked):
     """A heart, upright."""
 
+    title: ClassVar = "Heart"
     shape: Literal["heart"]
 
     def draw(self, folder: Path) -> Drawing:
@@ -141,6 +142,7 @@ class HeartTarget(Stroked):
 class InfinityTarget(Stroked):
     """The symbol of infinity, lying."""
 
+    title: ClassVar = "Infinity"
     shape: Literal["infinity"]
 
     def draw(self, folder: Path) -> Drawing:
@@ -152,6 +154,7 @@ class InfinityTarget(Stroked):
 class EyeTarget(Stroked):
     """An eye with its iris and pupil."""
 
+    title: ClassVar = "Eye"
     shape: Literal["eye"]
 
     def draw(self, folder: Path) -> Drawing:
@@ -163,24 +166,21 @@ class EyeTarget(Stroked):
 class DotsTarget(TargetShape):
     """Dots on a circle; in a grid, with rows and columns; or at positions."""
 
+    title: ClassVar = "Dots"
     shape: Literal["dots"]
-    count: Annotated[Count, Field(description="on a circle")] = 8
-    radius_um: Annotated[Positive, Field(description="of the circle")] = 100.0
-    rows: Annotated[Count | None, Field(description="of a grid")] = None
-    columns: Annotated[Count | None, Field(description="of a grid")] = None
-    spacing_um: Annotated[Positive, Field(description="in the grid")] = 40.0
-    positions_um: Annotated[
-        tuple[tuple[Finite, Finite], ...], Field(description="y and x of each, instead")
-    ] = ()
-    width_um: Annotated[Positive, Field(description="standard deviation of a dot")] = 8.0
+    count: Annotated[Count, Key("on a circle", "Count", 8, 1, 200)] = 8
+    radius_um: Annotated[Positive, Key("of the circle", "Radius", 80, 1, 2000)] = 100.0
+    rows: Annotated[Count | None, Key("of a grid")] = None
+    columns: Annotated[Count | None, Key("of a grid")] = None
+    spacing_um: Annotated[Positive, Key("in the grid")] = 40.0
+    positions_um: Annotated[tuple[tuple[float, float], ...], Key("y and x of each, instead")] = ()
+    width_um: Annotated[Positive, Key("standard deviation of a dot", "Width", 8, 0.5, 500)] = 8.0
 
-    @model_validator(mode="after")
-    def _one_way(self) -> DotsTarget:
+    def __post_init__(self) -> None:
         if (self.rows is None) != (self.columns is None):
             raise ValueError("a grid of dots has rows and columns; give both")
         if self.rows is not None and self.positions_um:
             raise ValueError("dots have either rows and columns, or positions_um")
-        return self
 
     @property
     def sizes(self) -> str:
@@ -205,10 +205,13 @@ class DotsTarget(TargetShape):
 class LettersTarget(TargetShape):
     """A line of text."""
 
+    title: ClassVar = "Letters"
     shape: Literal["letters"]
-    text: Annotated[str, Field(min_length=1, max_length=80, description="letters and digits")]
-    height_um: Annotated[Positive, Field(description="of a capital")] = 100.0
-    width_um: Width = 8.0
+    text: Annotated[str, MinLen(1), MaxLen(80), Key("letters and digits", "Text", "EI", high=80)]
+    height_um: Annotated[Positive, Key("of a capital", "Height", 100, 5, 2000)] = 100.0
+    width_um: Annotated[
+        Positive, Key("of a stroke: a Gaussian's standard deviation", "Width", 5, 0.5, 500)
+    ] = 8.0
 
     @property
     def sizes(self) -> str:
@@ -223,10 +226,11 @@ class LettersTarget(TargetShape):
 class LogoTarget(TargetShape):
     """A grey picture: bright is light."""
 
+    title: ClassVar = "Logo from a picture"
     shape: Literal["logo"]
-    file: Annotated[str, Field(min_length=1, description="8-bit picture")]
-    size_um: Annotated[Positive, Field(description="of its longer side")] = 200.0
-    invert: Annotated[bool, Field(description="dark is light")] = False
+    file: Annotated[str, MinLen(1), Key("8-bit picture", "8-bit picture, bright is light")]
+    size_um: Annotated[Positive, Key("of its longer side", "Size", 160, 5, 4000)] = 200.0
+    invert: Annotated[bool, Key("dark is light")] = False
 
     @property
     def sizes(self) -> str:
@@ -235,6 +239,7 @@ class LogoTarget(TargetShape):
     def draw(self, folder: Path) -> Drawing:
         import torch
 
+        from labapp.files.reading import read_grey
         from optics import targets
 
         picture = torch.from_numpy(read_grey(folder / self.file))
@@ -245,13 +250,11 @@ class DispersionTarget(TargetShape):
     """A row of dots, as a prism makes it of so many wavelengths (thesis Fig. 4.11)."""
 
     shape: Literal["dispersion"]
-    wavelengths_nm: Annotated[
-        tuple[Positive, ...], Field(min_length=1, max_length=1000, description="one dot each")
-    ]
-    reference_nm: Annotated[Positive, Field(description="which stays on the axis")] = 550.0
-    um_per_nm: Annotated[Finite, Field(description="shift with the wavelength")] = 1.0
-    angle_deg: Annotated[Finite, Field(description="of longer waves, from x towards y")] = 0.0
-    width_um: Annotated[Positive, Field(description="standard deviation of a dot")] = 8.0
+    wavelengths_nm: Annotated[tuple[Positive, ...], MinLen(1), MaxLen(1000), Key("one dot each")]
+    reference_nm: Annotated[Positive, Key("which stays on the axis")] = 550.0
+    um_per_nm: Annotated[float, Key("shift with the wavelength")] = 1.0
+    angle_deg: Annotated[float, Key("of longer waves, from x towards y")] = 0.0
+    width_um: Annotated[Positive, Key("standard deviation of a dot")] = 8.0
 
     @property
     def sizes(self) -> str:
@@ -269,17 +272,16 @@ class DispersionTarget(TargetShape):
         return targets.dots.draw(places, self.width_um * 1e-6)
 
 
-Shapes = (
-    RingTarget
-    | SpiralTarget
-    | ShrinkingSpiralTarget
-    | HeartTarget
-    | InfinityTarget
-    | EyeTarget
-    | DotsTarget
-    | LettersTarget
-    | LogoTarget
-    | DispersionTarget
+SHAPES: tuple[type[TargetShape], ...] = (
+    RingTarget,
+    SpiralTarget,
+    ShrinkingSpiralTarget,
+    HeartTarget,
+    InfinityTarget,
+    EyeTarget,
+    DotsTarget,
+    LettersTarget,
+    LogoTarget,
+    DispersionTarget,
 )
-
-TargetTable = Annotated[Shapes, Field(discriminator="shape")]
+"""All that there are, in the order in which they are listed."""

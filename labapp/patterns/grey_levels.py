@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -12,28 +13,15 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
-from labapp.files.design_file import read_design_frame
-from labapp.files.pattern_table import (
-    ConstantPattern,
-    GratingPattern,
-    ImagePattern,
-    Pattern,
-    Phases,
-    PSFPattern,
-    RingPattern,
-    Still,
-    SumPattern,
-    VideoPattern,
-)
-from labapp.files.phase_table import PhasePattern
-from labapp.files.places import is_design
-from labapp.files.reading import read_grey
+from labapp.files.grey_table import GreyPattern
+from labapp.files.pattern_table import Pattern, PSFPattern, Still, SumPattern, VideoPattern
+from labapp.files.phase_table import FormulaPattern, PhasePattern, RingPattern
 from optics.camera import Camera
 from optics.patterns import superposed
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval import Retrieved, design_plane, retrieve, window_for
-from optics.slm import phase_to_grey, require_grey
+from optics.slm import phase_to_grey
 from optics.targets.drawing import Drawn
 
 
@@ -114,12 +102,12 @@ def compute_patterns(
 
 def grey_frames(spec: Still, count: int, work: Work) -> Iterator[NDArray[np.uint8]]:
     """Grey levels of a pattern's frames, (rows, columns) each; errors as compute_pattern's."""
-    if isinstance(spec, PhasePattern):
-        for frame in phase_frames(spec, count, work):
-            yield shown_grey(frame, work.camera, spec.wavelength)
+    if isinstance(spec, GreyPattern):
+        for _ in range(count):
+            yield spec.levels(work.camera, work.folder)
         return
-    for _ in range(count):
-        yield _grey(spec, work)
+    for frame in phase_frames(spec, count, work):
+        yield shown_grey(frame, work.camera, spec.wavelength)
 
 
 def shown_grey(frame: Frame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
@@ -127,7 +115,7 @@ def shown_grey(frame: Frame, camera: Camera, wavelength: float) -> NDArray[np.ui
     return phase_to_grey(camera.panel, frame.phase, wavelength, frame.orders).numpy()
 
 
-def phase_frames(spec: Phases, count: int, work: Work) -> Iterator[Frame]:
+def phase_frames(spec: PhasePattern, count: int, work: Work) -> Iterator[Frame]:
     """The phases of a pattern's frames, one after the other: frame k from the seed + k."""
     if isinstance(spec, PSFPattern):
         yield from frames_of(retrieve_psf(spec, count, work), spec)
@@ -139,7 +127,7 @@ def phase_frames(spec: Phases, count: int, work: Work) -> Iterator[Frame]:
             if isinstance(spec, RingPattern):
                 phase = _ring(spec, number, work.part(number, count))
             else:
-                phase = spec.phase(work.camera, work.generator(number))
+                phase = cast(FormulaPattern, spec).phase(work.camera, work.generator(number))
             yield Frame(phase, spec.orders)
 
 
@@ -215,35 +203,3 @@ def _summed(spec: SumPattern, count: int, work: Work) -> Iterator[Frame]:
 def _seed(work: Work, number: int) -> int:
     """Of a sum's part: two parts of one kind shall not be alike."""
     return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])
-
-
-def _grey(spec: Still, work: Work) -> NDArray[np.uint8]:
-    """Of patterns that are grey levels."""
-    shape = work.camera.panel.shape
-    if isinstance(spec, ConstantPattern):
-        return np.full(shape, spec.grey, dtype=np.uint8)
-    if isinstance(spec, GratingPattern):
-        return _grating(spec, shape)
-    assert isinstance(spec, ImagePattern)
-    return _from_file(spec, work)
-
-
-def _grating(spec: GratingPattern, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    rows, columns = np.indices(shape)
-    stripes = (columns if spec.axis == "x" else rows) // (spec.period_px // 2)
-    return np.where(stripes % 2, spec.high, spec.low).astype(np.uint8)
-
-
-def _from_file(spec: ImagePattern, work: Work) -> NDArray[np.uint8]:
-    path = work.folder / spec.file
-    if is_design(path):
-        grey = read_design_frame(path, spec.frame)
-    elif spec.frame:
-        raise UserError(f"{path}: is one picture. Leave 'frame' out, or name a design file.")
-    else:
-        grey = read_grey(path)
-    try:
-        require_grey(work.camera.panel, grey)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{path}: {error}.") from error
-    return grey

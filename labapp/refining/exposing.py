@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
+from labapp.files.grey_table import ImagePattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PICTURES, write_plan
 from labapp.pictures.analysis.brackets import Bracket, find, merge_all
@@ -55,7 +56,7 @@ def expose(
     """
     name, path = name_of(number), record_of(folder, number)
     plan = plan_of(request, wavelength_nm, number, len(greys), bench.slm.frame_time)
-    pictures = [one for one, pattern in plan.patterns.items() if pattern.kind == "image"]
+    pictures = [one for one, pattern in plan.patterns.items() if isinstance(pattern, ImagePattern)]
     source = write_plan(folder / name, plan, dict(zip(pictures, greys, strict=True)))
     outcome = run_plan(
         bench,

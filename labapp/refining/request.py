@@ -36,7 +36,7 @@ class Request(FileModel):
         try:
             return Request.model_validate(words)
         except ValidationError as error:
-            raise UserError(explain(error, Request, "refine")) from error
+            raise UserError(explain(error, "refine")) from error
 
 
 def milliseconds(text: str) -> list[float]:

@@ -6,12 +6,12 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.console import out, print_json, table, watched
 from labapp.common.errors import UserError
-from labapp.files.pattern_table import Pattern, VideoPattern
+from labapp.files.pattern_table import VideoPattern
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.abilities import Abilities
@@ -123,7 +123,7 @@ def _require_parts(preview: Preview) -> None:
 def _try_patterns(preview: Preview, bench: Bench) -> None:
     """UserError if a pattern can't be computed for the bench's panel."""
     plan = preview.plan
-    quick = {name: cast(Pattern, pattern.quick()) for name, pattern in plan.patterns.items()}
+    quick = {name: pattern.quick() for name, pattern in plan.patterns.items()}
     with watched() as progress:
         compute_patterns(quick, bench.description, plan.seed, progress, preview.source.parent)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from labapp.common.console import out, print_json, table
+from labapp.common.listing import Listed, print_list
 from labapp.files.finding import ready_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
@@ -17,16 +17,17 @@ _LISTED = 6
 
 def list_plans(*, as_json: bool) -> None:
     """Print the plans that come with the application."""
-    described = [_describe(name, path) for name, path in ready_plans().items()]
-    if as_json:
-        print_json(described)
-        return
-    rows = [[one["name"], f"{one['title']}. {one['comment']}", _needs(one)] for one in described]
-    table("Ready plans", ["name", "what it is for", "needs"], rows)
-    out.print("What one takes: labapp plan check NAME. Run it: labapp run NAME --out run.h5")
+    listed = [_listed(name, _describe(path)) for name, path in ready_plans().items()]
+    example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
+    print_list(listed, as_json=as_json, example=example)
 
 
-def _describe(name: str, path: Path) -> dict[str, Any]:
+def _listed(name: str, facts: dict[str, Any]) -> Listed:
+    what = f"{facts['title']}. {facts['comment']}"
+    return Listed(name, what, lines=[f"needs {_needs(facts)}"], facts=facts)
+
+
+def _describe(path: Path) -> dict[str, Any]:
     """A ready plan as plain data; the first line of its file says what it is for."""
     plan = read_file(path, PlanFile)
     targets: list[str] = []
@@ -36,7 +37,6 @@ def _describe(name: str, path: Path) -> dict[str, Any]:
     known = [plan.targets[target] for target in dict.fromkeys(targets) if target in plan.targets]
     places = {target: plan.targets[target].place for target in plan.targets}
     return {
-        "name": name,
         "path": str(path),
         "title": plan.title,
         "comment": path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# "),

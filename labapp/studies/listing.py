@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from labapp.common.console import out, print_json
+from labapp.common.listing import Listed, print_list
 from labapp.files.keys import described_keys
 from labapp.studies import STUDIES
 from labapp.studies.finding import find_study
@@ -12,27 +10,12 @@ from labapp.studies.finding import find_study
 
 def list_studies(*, as_json: bool) -> None:
     """Print the studies with their settings, defaults and units."""
-    described = [_described(name) for name in STUDIES]
-    if as_json:
-        print_json(described)
-        return
-    for one in described:
-        out.print(f"{one['name']}: {one['title']} ({one['source']})", style="bold", markup=False)
-        out.print(f"    {one['method']}", markup=False, soft_wrap=True)
-        for key in one["settings"]:
-            line = f"    {key['key']:<16}  {key['default']:<10}  {key['what']}"
-            out.print(line, markup=False, soft_wrap=True)
-        out.print()
-    out.print("For instance: labapp study refocus --out refocus")
+    example = "labapp study refocus --out refocus"
+    print_list([_listed(name) for name in STUDIES], as_json=as_json, example=example)
 
 
-def _described(name: str) -> dict[str, Any]:
+def _listed(name: str) -> Listed:
     found = find_study(name)
-    return {
-        "name": name,
-        "title": found.title,
-        "source": found.source,
-        "shows": found.shows,
-        "method": found.method,
-        "settings": described_keys(found.settings),
-    }
+    facts = {"source": found.source, "shows": found.shows, "method": found.method}
+    what, keys = f"{found.title} ({found.source})", described_keys(found.settings)
+    return Listed(name, what, keys, [found.method], {"title": found.title, **facts})

@@ -1,11 +1,15 @@
-"""The kinds of patterns that the window offers: what is asked for, and the plan table it makes."""
+"""The kinds of patterns that the window offers: all kinds of a plan file that have a title."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from labapp.files.grey_table import GREYS, ConstantPattern
+from labapp.files.phase_table import FORMULAS, RingPattern, ZernikePattern
+from labapp.files.table import Key, Table, keys_of, tag_of, unit_of
+from labapp.files.target_table import SHAPES, TargetShape
 from labapp.window.messages import PatternTable
 
 Values = dict[str, Any]
@@ -46,14 +50,6 @@ class PictureFile:
 Field = Number | Words | PictureFile
 
 
-def _as_it_is(kind: str) -> Callable[[Values], PatternTable]:
-    return lambda values: {"kind": kind} | values
-
-
-def _psf(shape: str) -> Callable[[Values], PatternTable]:
-    return lambda values: {"kind": "psf", "target": {"shape": shape} | values}
-
-
 @dataclass(frozen=True)
 class Kind:
     """A kind by the name that the window remembers it by, and what a person calls it.
@@ -69,122 +65,50 @@ class Kind:
     coded: bool = True
 
 
-_RADIUS = Number("radius_um", "Radius", " µm", 1, 2000, 80)
-_WIDTH = Number("width_um", "Width", " µm", 0.5, 500, 8)
-_ANGLE = Number("angle_deg", "Direction", "°", -360, 360, 0)
-_DEEPEST = 10_000
+_ABERRATIONS = {"defocus": (2, 0), "astigmatism": (2, 2), "coma": (3, 1), "spherical": (4, 0)}
+"""Of the polynomials that a table of aberrations may name, those that have a field."""
+
+
+def _kind(table: type[Table]) -> Kind:
+    """The page of a kind: its keys that have a label."""
+    if table is ZernikePattern:
+        return Kind("zernike", table.title, tuple(_orders()), _aberrations)
+    fields = tuple(_field(key, kind, told) for key, kind, told in keys_of(table) if told.label)
+    if issubclass(table, TargetShape):
+        shape = tag_of(table, "shape")
+        return Kind(shape, table.title, fields, lambda values: _psf({"shape": shape} | values))
+    name = tag_of(table, "kind")
+    coded = table not in GREYS
+    return Kind(name, table.title, fields, lambda values: {"kind": name} | values, coded)
+
+
+def _field(key: str, kind: type[Any], told: Key) -> Field:
+    if key == "file":
+        return PictureFile(key, told.label)
+    if kind is str:
+        return Words(key, told.label, told.first, round(told.high))
+    unit = unit_of(key)
+    suffix = unit if unit in ("", "°") else f" {unit}"
+    decimals = 0 if kind is int else 2
+    return Number(key, told.label, suffix, told.low, told.high, told.first, decimals)
+
+
+def _psf(target: PatternTable) -> PatternTable:
+    return {"kind": "psf", "target": target}
+
+
+def _orders() -> Iterator[Number]:
+    for name in _ABERRATIONS:
+        first = 100 if name == "spherical" else 0
+        yield Number(name, name.capitalize(), " nm rms", -10_000, 10_000, first)
 
 
 def _aberrations(values: Values) -> PatternTable:
-    orders = {"defocus": (2, 0), "astigmatism": (2, 2), "coma": (3, 1), "spherical": (4, 0)}
-    terms = [[n, m, values[name]] for name, (n, m) in orders.items()]
+    terms = [[n, m, values[name]] for name, (n, m) in _ABERRATIONS.items()]
     return {"kind": "zernike", "terms": terms}
 
 
-def _path(key: str, label: str, first: float = 0) -> Number:
-    return Number(key, label, " nm rms", -_DEEPEST, _DEEPEST, first)
+_TABLES: tuple[type[Table], ...] = (ConstantPattern, RingPattern, *SHAPES, *FORMULAS, *GREYS[1:])
 
-
-KINDS: tuple[Kind, ...] = (
-    Kind("constant", "Neutral", (), _as_it_is("constant"), coded=False),
-    Kind("ring", "Ring", (_RADIUS, _WIDTH), _as_it_is("ring")),
-    Kind("spiral", "Spiral", (_RADIUS, _WIDTH), _psf("spiral")),
-    Kind("heart", "Heart", (_RADIUS, _WIDTH), _psf("heart")),
-    Kind("infinity", "Infinity", (_RADIUS, _WIDTH), _psf("infinity")),
-    Kind("eye", "Eye", (_RADIUS, _WIDTH), _psf("eye")),
-    Kind(
-        "dots",
-        "Dots",
-        (Number("count", "Count", "", 1, 200, 8, decimals=0), _RADIUS, _WIDTH),
-        _psf("dots"),
-    ),
-    Kind(
-        "letters",
-        "Letters",
-        (
-            Words("text", "Text", "EI"),
-            Number("height_um", "Height", " µm", 5, 2000, 100),
-            Number("width_um", "Width", " µm", 0.5, 500, 5),
-        ),
-        _psf("letters"),
-    ),
-    Kind(
-        "logo",
-        "Logo from a picture",
-        (
-            PictureFile("file", "8-bit picture, bright is light"),
-            Number("size_um", "Size", " µm", 5, 4000, 160),
-        ),
-        _psf("logo"),
-    ),
-    Kind(
-        "lens",
-        "Fresnel lens",
-        (Number("focal_length_m", "Focal length", " m", -1000, 1000, 20),),
-        _as_it_is("lens"),
-    ),
-    Kind(
-        "axicon",
-        "Axicon",
-        (Number("radius_um", "Radius", " µm", 1, 5000, 80),),
-        _as_it_is("axicon"),
-    ),
-    Kind(
-        "cubic",
-        "Cubic",
-        (Number("strength_rad", "Strength", " rad", -_DEEPEST, _DEEPEST, 60),),
-        _as_it_is("cubic"),
-    ),
-    Kind(
-        "annular",
-        "Annular",
-        (
-            Number("rings", "Rings", "", 1, 500, 8, decimals=0),
-            Number("depth_rad", "Depth", " rad", -_DEEPEST, _DEEPEST, 6.28),
-        ),
-        _as_it_is("annular"),
-    ),
-    Kind(
-        "blaze",
-        "Blazed grating",
-        (Number("period_px", "Period", " px", 1, 10_000, 40), _ANGLE),
-        _as_it_is("blaze"),
-    ),
-    Kind(
-        "sine",
-        "Sine",
-        (
-            Number("amplitude_rad", "Amplitude", " rad", 0, _DEEPEST, 3.14),
-            Number("period_px", "Period", " px", 4, 10_000, 120),
-            _ANGLE,
-        ),
-        _as_it_is("sine"),
-    ),
-    Kind(
-        "patches",
-        "Random patches",
-        (
-            Number("rows", "Rows", "", 1, 4096, 9, decimals=0),
-            Number("columns", "Columns", "", 1, 4096, 16, decimals=0),
-        ),
-        _as_it_is("patches"),
-    ),
-    Kind(
-        "zernike",
-        "Aberrations",
-        (
-            _path("defocus", "Defocus"),
-            _path("astigmatism", "Astigmatism"),
-            _path("coma", "Coma"),
-            _path("spherical", "Spherical", 100),
-        ),
-        _aberrations,
-    ),
-    Kind(
-        "image",
-        "Image file",
-        (PictureFile("file", "8-bit picture of the panel's size, or a design file"),),
-        _as_it_is("image"),
-        coded=False,
-    ),
-)
+KINDS: tuple[Kind, ...] = tuple(_kind(one) for one in _TABLES if one.title)
+"""Neutral first, then what has a shape, formulas, and files."""

@@ -13,6 +13,8 @@ from optics.edge import require_positive, rounded_down
 from optics.patterns.slope import strengthened
 from optics.zernike import require_zernike, zernike
 
+__all__ = ["aberrated"]
+
 
 def aberrated(
     panel: Panel,

@@ -8,6 +8,8 @@ import torch
 
 from optics.camera import Panel
 
+__all__ = ["constant"]
+
 
 def constant(panel: Panel, phase: float = 0.0) -> torch.Tensor:
     """The same phase everywhere: a neutral pattern."""

@@ -8,7 +8,9 @@ import torch
 
 from optics.camera import Panel
 from optics.edge import require_positive, rounded_down
-from optics.patterns.slope import require_slope, strengthened
+from optics.patterns.slope import largest_step, require_slope, strengthened
+
+__all__ = ["annular", "cubic", "logarithmic_asphere"]
 
 
 def cubic(panel: Panel, strength: float, radius: float | None = None) -> torch.Tensor:
@@ -63,6 +65,41 @@ def annular(panel: Panel, rings: int, depth: float, radius: float | None = None)
     place = torch.hypot(y, x) / width
     across = 2 * (place - torch.floor(place)) - 1
     return torch.where(place < rings, depth * (1 - across**2), 0.0)
+
+
+def logarithmic_asphere(
+    panel: Panel, near: float, far: float, focus: float, wavelength: float, radius: float
+) -> torch.Tensor:
+    """A lens whose zones are in focus one after the other, from a near object to a far one.
+
+    The middle of the panel is in focus for an object at `near`, the zone at `radius` for one at
+    `far`, and between them the distance in focus grows as the zone's area, so that every
+    distance gets as much light: s(r) = near + (far - near) r² / radius². An object at s is in
+    focus where the phase's slope undoes its wave's and the lens', -2 pi r / wavelength
+    (1 / s - 1 / focus); the integral of that with s(r) is the logarithmic asphere of Chi and
+    George (Opt. Lett. 26, 875, 2001; George and Chi, J. Opt. A 5, S157, 2003). By stationary
+    phase, the light on the axis is 2 wavelength s² / ((far - near) radius²) of that in focus.
+
+    near, far: metres from the panel. focus: metres from the panel to the plane that the lens is
+    focused at, math.inf allowed. radius: metres on the panel; beyond it the distance stays
+    `far`. Raises ValueError with the limit for what is steeper than the pixels allow.
+    """
+    for name, value in {"near": near, "wavelength": wavelength, "radius": radius}.items():
+        require_positive(name, value, "m")
+    if not near < far < math.inf:
+        raise ValueError(f"far is {far:g} m; it must be finite and more than near, {near:g} m")
+    if not focus > 0:
+        raise ValueError(f"focus is {focus:g} m; it must be positive (inf is allowed)")
+    y, x = panel.plane.mesh()
+    area = y**2 + x**2
+    inside = torch.clamp(area, max=radius**2)
+    growth = (far - near) / radius**2
+    path = torch.log1p(growth / near * inside) / growth + (area - inside) / far - area / focus
+    phase = -math.pi / wavelength * path
+    most = rounded_down(wavelength / (2 * _longer_half(panel) * panel.pitch))
+    remedy = f"choose both so that 1/near and 1/far are within {most} /m of 1/focus, {1 / focus:g}"
+    require_slope(f"near {near:g} m or far {far:g} m", largest_step(phase), remedy)
+    return phase
 
 
 def _longer_half(panel: Panel) -> float:

@@ -13,6 +13,8 @@ from optics.patterns.slope import require_slope
 _FEWEST = 4.0
 """Pixels in a period of a sine: with fewer, its crests may fall between pixels."""
 
+__all__ = ["binary_grating", "blazed_grating", "sine", "steered"]
+
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
     """A ramp of one wave per period, which sends all light to one side.

@@ -10,6 +10,8 @@ from optics.camera import Panel
 from optics.edge import require_positive, rounded_down, rounded_up
 from optics.patterns.slope import require_slope, strengthened
 
+__all__ = ["axicon", "fresnel_lens"]
+
 
 def fresnel_lens(
     panel: Panel,

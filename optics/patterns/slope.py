@@ -12,6 +12,8 @@ from optics.edge import require_finite, rounded_down, tensors_inside
 
 _ROUNDING = 1 + 1e-9
 
+__all__ = ["superposed"]
+
 
 def largest_step(phase: torch.Tensor) -> float:
     """The largest difference of neighbouring pixels, along rows or columns, in radians."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Literal, Self, get_args
 
 from drivers.interfaces import Setting, Slot, Surroundings
+from drivers.wheel import Slotted
 from optics.edge import require_positive
 from optics.light.bands import Band
 from simulator.devices.simulated import Simulated, require_duration
@@ -94,7 +95,7 @@ class SimulatedFilter(Simulated):
         self.set_wavelength(self._range[0])
 
 
-class SimulatedWheel(Simulated):
+class SimulatedWheel(Slotted, Simulated):
     """A wheel of filters.
 
     slots_nm: centre and full width at half maximum of each slot. step_ms: time that the
@@ -139,51 +140,17 @@ class SimulatedWheel(Simulated):
         return self
 
     @property
-    def slots(self) -> tuple[Slot, ...]:
-        return self._slots
-
-    @property
     def slot(self) -> int:
         return self._slot
 
-    @property
-    def wavelength_range(self) -> tuple[float, float]:
-        centres = [slot.wavelength for slot in self._slots]
-        return min(centres), max(centres)
-
-    @property
-    def bandwidth(self) -> float:
-        return self._slots[self._slot - 1].bandwidth
-
-    @property
-    def wavelength(self) -> float:
-        return self._slots[self._slot - 1].wavelength
-
     def set_slot(self, number: int) -> Setting[int]:
-        self._luck.begin(f"turn to slot {number}", self.reply_time)
-        if not 1 <= number <= len(self._slots):
-            raise self._refuse(
-                f"turn to slot {number}", "no such slot", f"Choose 1 to {len(self._slots)}"
-            )
+        command = f"turn to slot {number}"
+        self._luck.begin(command, self.reply_time)
+        self._require_slot(number, command)
         around = abs(number - self._slot)
         steps = min(around, len(self._slots) - around)
         self._turn_to(number)
         return Setting(number, number, self._clock.now() + steps * self._step)
-
-    def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Turn to the slot whose centre is within a picometre."""
-        for number, slot in enumerate(self._slots, start=1):
-            if abs(slot.wavelength - wavelength) < 1e-12:
-                setting = self.set_slot(number)
-                return Setting(wavelength, slot.wavelength, setting.ready_at)
-        raise self._refuse(
-            f"tune to {wavelength * 1e9:.1f} nm",
-            "no slot passes it",
-            f"Choose one of {', '.join(slot.name for slot in self._slots)}",
-        )
-
-    def make_safe(self) -> None:
-        self.set_slot(1)
 
     def _turn_to(self, number: int) -> None:
         self._slot = number

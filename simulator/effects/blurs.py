@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.limits import uneven
 from simulator.effects.on_pixels import in_proportion, light, seconds, sharp, through_sensor, whole
-from simulator.planning import Bound
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
 Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-NOTHING = Bound(how="proved: nothing changes")
+NOTHING = Bound()
 
 
 def hiding(s: Situation) -> float:
@@ -54,3 +54,12 @@ def relative(s: Situation, bound: Bound) -> float:
     """About the relative change that a bound leaves of the sharp picture."""
     whole_light = light(s)
     return bound.mean / whole_light if whole_light else 0.0
+
+
+class BlurStage(Stage):
+    """A stage that changes how points spread. likely: about how much of its bound is true."""
+
+    likely: ClassVar[float] = 0.5
+
+    def missed(self, s: Situation) -> float:
+        return self.likely * relative(s, self.left_out(s))

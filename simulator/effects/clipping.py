@@ -15,16 +15,15 @@ from simulator.effects.on_pixels import (
     near_zero,
     pixels,
 )
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class Clipping(Effect):
+class Clipping(Stage):
     name = "clipping"
-    kind = "stage"
+    entry = "clipping"
     physics = "a full well holds no more electrons, and the converter's numbers end"
     source = "EMVA 1288 release 4, section 2.3, saturation capacity"
     each_frame = True
@@ -32,15 +31,11 @@ class Clipping(Effect):
     def caused(self, s: Situation) -> bool:
         return True
 
-    def estimate(self, s: Situation, level: int) -> float:
-        if level:
-            return 0.0
+    def missed(self, s: Situation) -> float:
         most = brightest(s)
         return max(0.0, 1 - limit(s.camera.sensor) / most) if most else 0.0
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         return self._above(s).plus(self._below(s))
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
@@ -51,9 +46,6 @@ class Clipping(Effect):
             f"the brightest pixel could hold {brightest(s):.3g} electrons, and "
             f"{limit(s.camera.sensor):.3g} are read without clipping"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(clipping=True)
 
     def _above(self, s: Situation) -> Bound:
         """Of pixels that can come near the limit, at most so many as their squares allow."""

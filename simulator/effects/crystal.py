@@ -11,10 +11,10 @@ import torch
 
 from optics.slm.dynamics import first_start, relaxed
 from optics.slm.gap import gap_light
-from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.panel_effects import blurred
 from simulator.effects.wavefronts import MARGIN, sampled
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.recipe import Recipe
@@ -28,7 +28,7 @@ _TIMES = 24
 _MOST_FRAMES = 24
 
 
-class CrystalResponse(Effect):
+class CrystalResponse(BlurStage):
     name = CRYSTAL
     kind = "axis"
     physics = "the crystal follows a video's frames exponentially, and shows none of them wholly"
@@ -37,12 +37,7 @@ class CrystalResponse(Effect):
     def caused(self, s: Situation) -> bool:
         return bool(s.camera.panel.response_time) and s.shown.moves and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.5 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         spread = (1 + gap_light(s.camera.panel)) ** 2 * blurred(s.camera.panel) ** 2
         change = MARGIN * _change(s) * spread
         how = f"audited ×{MARGIN:g}: mean and power of what the field lacks, worst of all times"

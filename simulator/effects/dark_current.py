@@ -14,30 +14,25 @@ from simulator.effects.on_pixels import (
     root_pixels,
     through_sensor,
 )
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class DarkCurrent(Effect):
+class DarkCurrent(Stage):
     name = "dark current"
-    kind = "stage"
+    entry = "dark_current"
     physics = "heat frees electrons in the silicon, as many in every second, and hot pixels more"
     source = "EMVA 1288 release 4, section 2.4"
 
     def caused(self, s: Situation) -> bool:
         return dark(s) > 0 or hot_norm(s) > 0
 
-    def estimate(self, s: Situation, level: int) -> float:
-        if level:
-            return 0.0
+    def missed(self, s: Situation) -> float:
         return math.sqrt(dark(s)) / math.hypot(s.camera.sensor.read_noise, s.camera.sensor.gain)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         change = dark(s) * root_pixels(s) + hot_norm(s)
         how = "proved: so many more electrons in every pixel"
         bound = through_sensor(s, change, how, read_noise=False)
@@ -53,9 +48,6 @@ class DarkCurrent(Effect):
 
     def why(self, s: Situation) -> str:
         return f"{dark(s):.3g} electrons over the exposure, against {self._noise(s):.3g} of noise"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(dark_current=True)
 
     def _noise(self, s: Situation) -> float:
         sensor = s.camera.sensor

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blurs import NOTHING, filtered, relative
+from simulator.effects.blurs import BlurStage, filtered
 from simulator.effects.costs import WAVES, added
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _MARGIN = 1.5
 
 
-class Diffraction(Effect):
+class Diffraction(BlurStage):
     name = WAVES
-    kind = "stage"
+    entry = "wave"
+    likely = 0.3
     last = True
     physics = "light is a wave: it spreads behind every edge and interferes where rays cross"
     source = "Goodman, Introduction to Fourier Optics 6.4"
@@ -31,12 +31,7 @@ class Diffraction(Effect):
     def caused(self, s: Situation) -> bool:
         return not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.3 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         turn = s.pattern.mean_turn + s.camera.sensor.pitch
         waves = s.pattern.transfer
 
@@ -57,6 +52,3 @@ class Diffraction(Effect):
             f"a diffraction spot is {spot * 1e6:.2g} µm wide and a pixel "
             f"{s.camera.sensor.pitch * 1e6:.3g} µm"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(wave=True)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from optics.slm.gap import gap_light
-from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.costs import DISPERSION
 from simulator.effects.keeping import kept
 from simulator.effects.panel_effects import blurred
@@ -17,30 +17,24 @@ from simulator.effects.spectra import measure
 from simulator.effects.wavefronts import MARGIN, of_phase, sampled
 from simulator.formation.nodes import interpolating
 from simulator.panel import modulator_at
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _NODES = 7
 
 
-class PanelDispersion(Effect):
+class PanelDispersion(BlurStage):
     name = DISPERSION
-    kind = "stage"
+    entry = "dispersion"
     physics = "a pattern's phase falls with the wavelength, as the crystal's path hardly changes"
     source = "Li and Wu 2004, doi 10.1063/1.1635971"
 
     def caused(self, s: Situation) -> bool:
         return not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.5 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         change = MARGIN * kept(s, self.name, lambda: _changes(s))
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
         return spread_otherwise(s, change, how, s.pattern.peak)
@@ -53,9 +47,6 @@ class PanelDispersion(Effect):
         return (
             f"over the band the pattern's phase changes by {s.band.fwhm / s.wavelength:.2g} of it"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(dispersion=True)
 
 
 def _changes(s: Situation) -> float:

@@ -19,28 +19,25 @@ from simulator.effects.on_pixels import (
     root_pixels,
     through_sensor,
 )
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class FixedPattern(Effect):
+class FixedPattern(Stage):
     name = "fixed pattern"
-    kind = "stage"
+    entry = "fixed_pattern"
     physics = "pixels differ in response (PRNU) and offset (DSNU), and some are dead or hot"
     source = "EMVA 1288 release 4, section 4"
 
     def caused(self, s: Situation) -> bool:
         return uneven(s.camera.sensor)
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else s.camera.sensor.prnu + s.camera.sensor.dead
+    def missed(self, s: Situation) -> float:
+        return s.camera.sensor.prnu + s.camera.sensor.dead
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         sensor = s.camera.sensor
         dead = math.sqrt(at_most(sensor.dead, pixels(s))) * brightest(s)
         change = FURTHEST * sensor.prnu * light(s) + min(dead, light(s)) + hot_norm(s)
@@ -58,14 +55,11 @@ class FixedPattern(Effect):
             f"{sensor.dead * 1e6:g} pixels in a million are dead, {sensor.hot * 1e6:g} hot"
         )
 
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(fixed_pattern=True)
-
     def _offsets(self, s: Situation) -> Bound:
         """Offsets move means; variance only by rounding and at the converter's ends."""
         sensor, root = s.camera.sensor, root_pixels(s)
         if not sensor.dsnu:
-            return Bound(how="proved: nothing changes")
+            return Bound()
         step = sensor.gain
         spread = math.sqrt(held(s) * root) + sensor.read_noise * root
         varied = step * (2 * spread + step * root)

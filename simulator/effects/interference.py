@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.costs import BEATS, added
 from simulator.effects.wavefronts import sampled
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class Interference(Effect):
+class Interference(BlurStage):
     name = BEATS
-    kind = "stage"
+    entry = "interference"
+    likely = 0.3
     physics = "behind an analyser, light that the panel turns and light that it doesn't interfere"
     source = "Saleh and Teich, Fundamentals of Photonics 6.1; optics.polarisation"
     requires = ("unmodulated light", "diffraction")
@@ -25,12 +25,7 @@ class Interference(Effect):
     def caused(self, s: Situation) -> bool:
         return s.path is not None and _strength(s) > 0 and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.3 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         # Gap light and an uneven beam may make either of the two brighter than 1.
         how = "proved: Cauchy-Schwarz on two waves, each of all the light"
         return spread_otherwise(s, _strength(s) * _brightest(s), how)
@@ -40,9 +35,6 @@ class Interference(Effect):
 
     def why(self, s: Situation) -> str:
         return f"the two beat by {_strength(s):.2g} of the light at most"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(interference=True)
 
 
 def _strength(s: Situation) -> float:

@@ -10,19 +10,18 @@ import numpy as np
 from optics.light.waveform import Waveform
 from optics.sensor.shutter import row_starts, skew
 from simulator.effects.on_pixels import through_sensor
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _INSTANTS = 4096
 """Parts of an exposure, whose means are exact, for the mean deviation within it."""
 
 
-class LampFlicker(Effect):
+class LampFlicker(Stage):
     name = "lamp flicker"
-    kind = "stage"
+    entry = "lamp"
     physics = "the lamp is brighter or darker than its mean while the shutter is open"
     source = "Waveform.mean(), exact integrals over each row's exposure; IEEE Std 1789"
 
@@ -30,12 +29,10 @@ class LampFlicker(Effect):
         lamp = s.target.lamp
         return lamp is not None and not lamp.constant and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else self._rows(s)
+    def missed(self, s: Situation) -> float:
+        return self._rows(s)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound()
+    def left_out(self, s: Situation) -> Bound:
         if s.shown.moves or s.target.moves:
             share, how = self._within(s), "proved: mean deviation of the lamp within the exposure"
         else:
@@ -52,9 +49,6 @@ class LampFlicker(Effect):
             f"the lamp's {lamp.ripple:.3g} at {lamp.frequency:g} Hz, over {periods:.3g} periods, "
             f"leave {self._rows(s):.2g}"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(lamp=True)
 
     def _rows(self, s: Situation) -> float:
         """Of all rows' exposures, the largest deviation of the mean from 1.

@@ -11,32 +11,29 @@ import numpy as np
 from optics.light.spectrum import Spectrum
 from optics.sensor import Mosaic
 from simulator.effects.on_pixels import in_proportion, light, pixels
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 from simulator.probing.rates import electron_rates
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _BENT = 1.001
 """Above what |a - b| of two broken lines is, drawn between the nodes of both."""
 
 
-class ColourFilters(Effect):
+class ColourFilters(Stage):
     name = "colour filter array"
-    kind = "stage"
+    entry = "mosaic"
     physics = "each pixel has one of a few colour filters, and counts the photons that it passes"
     source = "Bayer, US patent 3,971,065"
 
     def caused(self, s: Situation) -> bool:
         return s.camera.sensor.colour is not None and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else self._largest(s)
+    def missed(self, s: Situation) -> float:
+        return self._largest(s)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
         return in_proportion(s, self._largest(s) * light(s), how)
 
@@ -48,9 +45,6 @@ class ColourFilters(Effect):
 
     def why(self, s: Situation) -> str:
         return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(mosaic=True)
 
     def _largest(self, s: Situation) -> float:
         """Of all parts and filters: electrons that differ, over those of the best channel."""

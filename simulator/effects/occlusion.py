@@ -12,19 +12,18 @@ from scipy.ndimage import maximum_filter1d
 from simulator.effects.costs import BAND, BESIDE, LEAK, PLACE, PLACES, WAVELENGTHS
 from simulator.effects.moving import transform
 from simulator.effects.on_pixels import seconds, through_sensor
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _SHARES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Of a PSF's light, that may fall beyond the reach within which it is looked at."""
 
 
-class Occlusion(Effect):
+class Occlusion(Stage):
     name = "occlusion"
-    kind = "stage"
+    entry = "occlusion"
     physics = "what is near hides what is behind it, and more of it where it is blurred"
     source = "Hasinoff and Kutulakos 2007, doi 10.1109/ICCV.2007.4408910"
 
@@ -33,17 +32,15 @@ class Occlusion(Effect):
             bool(light.any()) for light in s.picture.lights[1:]
         )
 
-    def estimate(self, s: Situation, level: int) -> float:
+    def missed(self, s: Situation) -> float:
         """Sharp: what would shine through."""
         whole = s.picture.l2
-        if level or not whole:
+        if not whole:
             return 0.0
         transparent = torch.stack(s.picture.lights).sum(0)
         return float((transparent - s.picture.picture).double().norm()) / whole
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound()
+    def left_out(self, s: Situation) -> Bound:
         how = "proved: light behind, as far as a PSF reaches from what hides, and what falls beyond"
         return through_sensor(s, seconds(s) * self._through(s), how)
 
@@ -66,9 +63,6 @@ class Occlusion(Effect):
     def why(self, s: Situation) -> str:
         edges = s.picture.edge_length / s.camera.sensor.pitch
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(occlusion=True)
 
     def _through(self, s: Situation) -> float:
         """L2 of electrons per second that come through what should hide them, at most.

@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import scipy.special
 import torch
@@ -15,10 +15,10 @@ from optics.camera import Panel
 from optics.slm.coupling import coupled
 from optics.slm.gap import gap_light
 from optics.slm.jitter import scattered_share
-from optics.slm.reflection import front_share
-from simulator.effects.blurs import NOTHING, relative, spread_otherwise
+from optics.slm.reflection import front_share, unturned_share
+from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.wavefronts import apart, margin, of_phase, sampled, steady, told
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.recipe import Recipe
@@ -29,13 +29,12 @@ _BLOCKS = 4
 """Along each axis: neighbours' coupling is looked at on so many squares of pixels."""
 
 
-class PanelEffect(Effect):
+class PanelEffect(BlurStage):
     """One whose datum is in the panel.
 
     field: of Panel, which holds it; nothing: what is there without it.
     """
 
-    kind: ClassVar[Literal["axis", "stage"]] = "stage"
     field: ClassVar[str]
     nothing: ClassVar[Any] = 0.0
 
@@ -46,12 +45,7 @@ class PanelEffect(Effect):
     def caused(self, s: Situation) -> bool:
         return bool(getattr(s.camera.panel, self.field) != self.nothing) and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.5 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         change, how = self.change(s)
         return spread_otherwise(s, change, how, s.pattern.peak)
 
@@ -62,6 +56,17 @@ class PanelEffect(Effect):
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         datum = getattr(s.camera.panel, self.field)
         return recipe.having(panel=replace(recipe.panel, **{self.field: datum}))
+
+
+class MovedLight(PanelEffect):
+    """One that takes a share of the light from where the pattern sends it."""
+
+    @abstractmethod
+    def share(self, s: Situation) -> float:
+        """Of the light, at most."""
+
+    def change(self, s: Situation) -> tuple[float, str]:
+        return 2 * self.share(s), "proved: light that moves counts twice"
 
 
 class Illumination(PanelEffect):
@@ -83,17 +88,17 @@ class Illumination(PanelEffect):
         return "the light on the panel isn't even"
 
 
-class FrontReflection(PanelEffect):
+class FrontReflection(MovedLight):
     name = "front reflection"
     field = "front_reflection"
     physics = "the cover glass reflects light that never meets the pattern"
     source = "thesis §5.6"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        return 2 * front_share(s.camera.panel), "proved: light that moves counts twice"
+    def share(self, s: Situation) -> float:
+        return front_share(s.camera.panel)
 
     def why(self, s: Situation) -> str:
-        return f"{front_share(s.camera.panel):.1%} of the light never enters the panel"
+        return f"{self.share(s):.1%} of the light never enters the panel"
 
 
 class PanelResponse(PanelEffect):
@@ -192,15 +197,14 @@ class Flicker(PanelEffect):
         return f"the drive makes the phase ripple by {s.camera.panel.flicker:.1%}"
 
 
-class Jitter(PanelEffect):
+class Jitter(MovedLight):
     name = "jitter"
     field = "jitter"
     physics = "each pixel errs on its own, and scatters light evenly"
     source = "Ruze, Proc. IEEE 54, 633 (1966)"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        share = scattered_share(s.camera.panel.jitter)
-        return 2 * share * _gap_power(s.camera.panel), "proved: light that moves counts twice"
+    def share(self, s: Situation) -> float:
+        return scattered_share(s.camera.panel.jitter) * _gap_power(s.camera.panel)
 
     def why(self, s: Situation) -> str:
         return f"pixels err on their own by {s.camera.panel.jitter:.2g} rad and scatter light"
@@ -242,13 +246,16 @@ class Flatness(PanelEffect):
         return "the panel isn't flat"
 
 
-PANEL_EFFECTS: tuple[PanelEffect, ...] = (
-    Illumination(),
-    FrontReflection(),
-    PanelResponse(),
-    Coupling(),
-    Flicker(),
-    Jitter(),
-    GapLight(),
-    Flatness(),
-)
+class UnmodulatedLight(MovedLight):
+    name = "unmodulated light"
+    field = "unmodulated"
+    physics = "light of the polarisation that the crystal doesn't turn ignores the pattern"
+    source = "thesis §5.6"
+
+    def share(self, s: Situation) -> float:
+        # All of it, if the cover glass reflected none.
+        return max(unturned_share(s.camera.panel), s.camera.panel.unmodulated)
+
+    def why(self, s: Situation) -> str:
+        share = s.camera.panel.unmodulated
+        return f"{share:.1%} of the light ignores the pattern and stays in the centre"

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.on_pixels import in_proportion, pixels, seconds
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 _MOST = 1.2173
@@ -24,9 +23,9 @@ _MARGIN = 2.0
 than the finest octave that they resolve."""
 
 
-class PixelAperture(Effect):
+class PixelAperture(Stage):
     name = "pixel aperture"
-    kind = "stage"
+    entry = "pixel_aperture"
     last = True
     physics = "a pixel averages the light over its area, which takes contrast from fine detail"
     source = "sinc(p fx) sinc(p fy); Goodman, Introduction to Fourier Optics"
@@ -34,15 +33,11 @@ class PixelAperture(Effect):
     def caused(self, s: Situation) -> bool:
         return not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        if level:
-            return 0.0
+    def missed(self, s: Situation) -> float:
         whole = float(s.picture.l2)
         return float(s.picture.power.changed(self._gain(s))) / whole if whole else 0.0
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         resolved = float(s.picture.power.changed(self._gain(s)))
         finest = float(s.picture.power.changed(self._beyond(s)))
         change = math.hypot(resolved, _MARGIN * _MOST * self._aliases(s) * finest)
@@ -59,9 +54,6 @@ class PixelAperture(Effect):
         pitch = s.camera.sensor.pitch
         share = self.estimate(s, 0)
         return f"pixels of {pitch * 1e6:g} µm would take {share:.2g} of the sharp picture"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(pixel_aperture=True)
 
     def _gain(self, s: Situation) -> _Gain:
         return _Gain(s.camera.sensor.pitch, 0.0)

@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from simulator.effects.on_pixels import held, pixels, root_pixels
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class Quantisation(Effect):
+class Quantisation(Stage):
     name = "quantisation"
-    kind = "stage"
+    entry = "quantisation"
     physics = "the converter rounds to whole numbers, half a step at most"
     source = "EMVA 1288 release 4, section 2.3; Widrow and Kollár, Quantization Noise"
     each_frame = True
@@ -24,18 +23,14 @@ class Quantisation(Effect):
     def caused(self, s: Situation) -> bool:
         return True
 
-    def estimate(self, s: Situation, level: int) -> float:
-        if level:
-            return 0.0
+    def missed(self, s: Situation) -> float:
         sensor = s.camera.sensor
         noise = float(s.picture.total) * s.exposure / pixels(s) + sensor.read_noise**2
         return sensor.gain**2 / 12 / (noise + sensor.gain**2 / 12)
 
-    def bound(self, s: Situation, level: int) -> Bound:
+    def left_out(self, s: Situation) -> Bound:
         """Rounding moves a number by half a step, and so its mean and, by Minkowski, its σ; the
         variance by the sum of both σ times that."""
-        if level:
-            return Bound(how="proved: nothing changes")
         sensor, root = s.camera.sensor, root_pixels(s)
         half = sensor.gain / 2
         spread = math.sqrt(held(s) * root) + sensor.read_noise * root
@@ -52,6 +47,3 @@ class Quantisation(Effect):
     def why(self, s: Situation) -> str:
         sensor = s.camera.sensor
         return f"steps of {sensor.gain:g} electrons, of {sensor.bits} bits"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(quantisation=True)

@@ -16,16 +16,15 @@ from simulator.effects.on_pixels import (
     pixels,
     root_pixels,
 )
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class ReadNoise(Effect):
+class ReadNoise(Stage):
     name = "read noise"
-    kind = "stage"
+    entry = "read_noise"
     last = True
     physics = "amplifier and converter add a normal noise, the same in light and darkness"
     source = "EMVA 1288 release 4, section 2.4, temporal dark noise"
@@ -34,16 +33,12 @@ class ReadNoise(Effect):
     def caused(self, s: Situation) -> bool:
         return s.camera.sensor.read_noise > 0
 
-    def estimate(self, s: Situation, level: int) -> float:
-        if level:
-            return 0.0
+    def missed(self, s: Situation) -> float:
         sensor = s.camera.sensor
         mean = math.sqrt(max(float(s.picture.total) * s.exposure / pixels(s), 1e-12))
         return sensor.read_noise**2 / (mean**2 + sensor.read_noise**2)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         sensor, root = s.camera.sensor, root_pixels(s)
         read, step = sensor.read_noise, sensor.gain
         # Rounding hides or shows some of it, and so does the converter's end.
@@ -67,9 +62,6 @@ class ReadNoise(Effect):
             f"{sensor.read_noise:g} electrons, against {sensor.gain / math.sqrt(12):.2g} of "
             "rounding and the root of the light's own"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(read_noise=True)
 
     def _cut(self, s: Situation) -> bool:
         sensor = s.camera.sensor

@@ -16,7 +16,17 @@ from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
 from simulator.effects.orders import PanelOrders
-from simulator.effects.panel_effects import PANEL_EFFECTS
+from simulator.effects.panel_effects import (
+    Coupling,
+    Flatness,
+    Flicker,
+    FrontReflection,
+    GapLight,
+    Illumination,
+    Jitter,
+    PanelResponse,
+    UnmodulatedLight,
+)
 from simulator.effects.pixel_aperture import PixelAperture
 from simulator.effects.places import FieldPosition
 from simulator.effects.quantisation import Quantisation
@@ -25,7 +35,6 @@ from simulator.effects.read_noise import ReadNoise
 from simulator.effects.rolling import RollingShutter
 from simulator.effects.sampling import Sampling
 from simulator.effects.shot_noise import ShotNoise
-from simulator.effects.unmodulated import UnmodulatedLight
 from simulator.effects.vignetting import Vignetting
 from simulator.effects.wavelengths import Bandwidth
 from simulator.planning import Effect
@@ -39,7 +48,14 @@ EFFECTS: tuple[Effect, ...] = (
     Leak(),
     Interference(),
     PanelDispersion(),
-    *PANEL_EFFECTS,
+    Illumination(),
+    FrontReflection(),
+    PanelResponse(),
+    Coupling(),
+    Flicker(),
+    Jitter(),
+    GapLight(),
+    Flatness(),
     CrystalResponse(),
     UnmodulatedLight(),
     PanelOrders(),

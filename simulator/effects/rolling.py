@@ -9,28 +9,25 @@ import numpy as np
 
 from optics.sensor.shutter import row_starts
 from simulator.effects.on_pixels import light, pixels, through_sensor
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class RollingShutter(Effect):
+class RollingShutter(Stage):
     name = "rolling shutter"
-    kind = "stage"
+    entry = "rolling"
     physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
     source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"
 
     def caused(self, s: Situation) -> bool:
         return s.camera.sensor.shutter == "rolling" and self._changing(s) and not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else self._share(s)
+    def missed(self, s: Situation) -> float:
+        return self._share(s)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return Bound(how="proved: nothing changes")
+    def left_out(self, s: Situation) -> Bound:
         return through_sensor(
             s, self._share(s) * light(s), "proved: light of the times that a row doesn't share"
         )
@@ -44,9 +41,6 @@ class RollingShutter(Effect):
             f"the last row starts {late * 1e3:.3g} ms after the first, of an exposure of "
             f"{s.exposure * 1e3:.3g} ms"
         )
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(rolling=True)
 
     def _changing(self, s: Situation) -> bool:
         lamp = s.target.lamp

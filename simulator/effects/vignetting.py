@@ -5,32 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from simulator.effects.blurs import NOTHING, hiding, relative
+from simulator.effects.blurs import BlurStage, hiding
 from simulator.effects.costs import VIGNETTING, added
 from simulator.effects.limits import unequal
 from simulator.effects.on_pixels import in_proportion, light
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 
-class Vignetting(Effect):
+class Vignetting(BlurStage):
     name = VIGNETTING
-    kind = "stage"
+    entry = "vignetting"
     physics = "off the axis the lens looks smaller, is farther away, and its stop cuts more"
     source = "cos⁴ law; Born and Wolf 4.8.3"
 
     def caused(self, s: Situation) -> bool:
         return not s.picture.dark
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else 0.5 * relative(s, self.bound(s, 0))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level:
-            return NOTHING
+    def left_out(self, s: Situation) -> Bound:
         how = "proved: Young; the largest loss anywhere in the frame and its margin"
         return in_proportion(s, hiding(s) * unequal(s) * light(s), how)
 
@@ -39,6 +33,3 @@ class Vignetting(Effect):
 
     def why(self, s: Situation) -> str:
         return f"{unequal(s):.2g} of the light is lost, or gained, where it differs most"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(vignetting=True)

@@ -2,7 +2,7 @@
 
 from simulator.planning.auditing import Audited, audit
 from simulator.planning.bound import Bound, Floor
-from simulator.planning.effect import Effect
+from simulator.planning.effect import Effect, Stage
 from simulator.planning.ladder import Ladder
 from simulator.planning.plan import Decision, EffectPlan, planned, recipe_of
 
@@ -14,6 +14,7 @@ __all__ = [
     "EffectPlan",
     "Floor",
     "Ladder",
+    "Stage",
     "audit",
     "planned",
     "recipe_of",

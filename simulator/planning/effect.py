@@ -62,3 +62,30 @@ class Effect(ABC):
     @abstractmethod
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         """The recipe with this effect at a level above off; never called for one that is off."""
+
+
+class Stage(Effect):
+    """An effect that is on or off; on, nothing changes any more.
+
+    entry: of the recipe, which is true where it is on.
+    """
+
+    kind: ClassVar[Literal["axis", "stage"]] = "stage"
+    entry: ClassVar[str]
+
+    @abstractmethod
+    def missed(self, s: Situation) -> float:
+        """About the relative change of the picture without it."""
+
+    @abstractmethod
+    def left_out(self, s: Situation) -> Bound:
+        """The most that the picture changes without it."""
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return 0.0 if level else self.missed(s)
+
+    def bound(self, s: Situation, level: int) -> Bound:
+        return Bound() if level else self.left_out(s)
+
+    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        return recipe.having(**{self.entry: True})

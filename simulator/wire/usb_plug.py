@@ -5,8 +5,9 @@ from __future__ import annotations
 import errno
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
+from typing import TypeVar
 
 import usb.core
 
@@ -14,6 +15,8 @@ from drivers.interfaces import Clock
 from simulator.machines.usb import Description, Report, Setup, Stall, UsbMachine
 from simulator.wire.faults import WIRE_KINDS, WireFault
 from simulator.wire.usb_faults import Noise, Packet
+
+T = TypeVar("T")
 
 
 def usb_error(code: int) -> Exception:
@@ -104,14 +107,7 @@ class Plug:
 
     def _control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
         late = self._clock.now() + timeout
-        self.require_there()
-        heard = self._noise.heard(data, self._lasting)
-        if heard is None:
-            raise self._silence(late)
-        try:
-            answer, reports = self._handled(setup, heard)
-        except Stall:
-            raise usb_error(errno.EPIPE) from None
+        answer, reports = self._taken(data, late, lambda heard: self._handled(setup, heard))
         self._lay_ready(reports)
         if not setup.request_type & 0x80:
             return b""
@@ -132,16 +128,21 @@ class Plug:
             return self._write(endpoint, data, timeout)
 
     def _write(self, endpoint: int, data: bytes, timeout: float) -> int:
-        late = self._clock.now() + timeout
+        late, now = self._clock.now() + timeout, self._clock.now
+        out = self.machine.out
+        self._lay_ready(self._taken(data, late, lambda heard: out(endpoint, heard, now())))
+        return len(data)
+
+    def _taken(self, data: bytes, late: float, take: Callable[[bytes], T]) -> T:
+        """What the device makes of bytes, as noise lets it hear them."""
         self.require_there()
         heard = self._noise.heard(data, self._lasting)
         if heard is None:
             raise self._silence(late)
         try:
-            self._lay_ready(self.machine.out(endpoint, heard, self._clock.now()))
+            return take(heard)
         except Stall:
             raise usb_error(errno.EPIPE) from None
-        return len(data)
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
         """The next report, within `timeout` seconds."""

@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import README, RESULTS, Section, Stamp, quote, update
-from labapp.cli.optics import one_thread
 from labapp.common.console import out, print_json, say, table
+from labapp.common.threads import one_thread
 
 _MARKS = {True: "[green]met[/green]", False: "[red]missed[/red]", None: "not measured"}
 

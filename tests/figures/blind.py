@@ -124,3 +124,6 @@ def least_squares(picture: Array, truth: Array) -> float:
         else:
             step /= 2
     return best
+
+
+MEASUREMENTS = {"blind": blind_figures}

@@ -78,3 +78,6 @@ def _choice(rows: Sequence[DeconvolutionRow], budget: float) -> _Chosen | None:
     taken_ = max(fitting, key=lambda row: METHODS[row.method].gains[row.iterations])
     level, spent = taken_.psnr_db or 0, taken_.cpu_s or 0
     return _Chosen(max(0.0, max(in_time, default=level) - level), spent / budget)
+
+
+MEASUREMENTS = {"budget": budget_figure}

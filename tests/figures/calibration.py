@@ -116,3 +116,6 @@ def _pixel_error(found: Calibrated, described: Camera) -> float:
     vectors = (pixels - centre) @ np.linalg.inv(matrix).T
     registration = found.file.registrations[0].build()
     return float(np.hypot(*(registration.pixels(vectors) - pixels).T).max())
+
+
+MEASUREMENTS = {"calibration": calibration_figures}

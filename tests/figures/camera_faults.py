@@ -109,3 +109,6 @@ def _picture(exposure: float, gain_db: float) -> NDArray[np.uint16]:
     image = np.full(_SHAPE, us & 4095, np.uint16)
     image[:, ::2] = us >> 12
     return image
+
+
+MEASUREMENTS = {"camera-faults": camera_fault_figure}

@@ -132,3 +132,6 @@ def _backward_ratio(phase: Array, budget: Budget) -> float:
 
     both()
     return _median(both) / _median(lambda: stack(shown))
+
+
+MEASUREMENTS = {"thesis-camera": thesis_camera_cost}

@@ -245,3 +245,6 @@ def chain_regret_figure(folder: Path) -> list[Figure]:
             median <= 1.5,
         )
     ]
+
+
+MEASUREMENTS = {"chains": chain_tolerance_figure, "chain-regret": chain_regret_figure}

@@ -125,3 +125,5 @@ _FORMS: dict[str, Callable[[], float]] = {
     "encircled energy": _encircled,
     "Strehl ratio": _strehl,
 }
+
+MEASUREMENTS = {"closed-forms": closed_forms}

@@ -235,3 +235,11 @@ def _six(pictures: list[Array]) -> Iterator[Taken]:
 def _gain(case: Taken) -> float:
     learned = plug_and_play(case.problem, packaged_denoiser()).image
     return case.quality(learned)[0] - _best(case)
+
+
+MEASUREMENTS = {
+    "deconvolution": blur_figures,
+    "scikit-image": against_scikit_image,
+    "weights": weights_figure,
+    "learned": learned_figure,
+}

@@ -71,3 +71,6 @@ def _judged(raw: np.ndarray, picture: Array, method: Method) -> tuple[float, flo
     inside = (..., slice(_RIM, -_RIM), slice(_RIM, -_RIM))
     cut = np.clip(np.asarray(restored)[inside], 0, 1).astype(np.float64)
     return float(psnr(cut, np.ascontiguousarray(picture[inside]))), spent
+
+
+MEASUREMENTS = {"demosaicing": demosaicing_figures}

@@ -124,3 +124,6 @@ def _light(target: Target, recipe: Recipe) -> Array:
     neutral = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
     s = Situation(CAMERA, Mount(), target, Band(550e-9, 5e-9), neutral, 0.0, 0.01, numerics=1e-4)
     return expected(s, recipe, ByteCache(), Ledger()).double().numpy()
+
+
+MEASUREMENTS = {"depth": depth_figure}

@@ -166,3 +166,6 @@ def _look(path: Path, acknowledged: Path) -> tuple[str, int]:
 
 def _indices(acknowledged: Path) -> list[int]:
     return [int(line) for line in acknowledged.read_text().split()] if acknowledged.exists() else []
+
+
+MEASUREMENTS = {"seed": same_seed, "kill": after_kills}

@@ -92,3 +92,6 @@ def _pictured(target: Target) -> np.ndarray:
     stream = imaging.stream(s, imaging.plan(s))
     total = sum(stream.frame(chance).astype(np.float64) for _ in range(_FRAMES))
     return np.asarray((total / _FRAMES - sensor.black_level) * sensor.gain)
+
+
+MEASUREMENTS = {"edge": edge_figure}

@@ -144,3 +144,6 @@ def effects_figures(folder: Path) -> list[Figure]:
             None if singles == 0 else not broken,
         ),
     ]
+
+
+MEASUREMENTS = {"effects": effects_figures}

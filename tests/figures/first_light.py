@@ -82,3 +82,6 @@ def _star(record: Record, name: str) -> Star:
     table = record.scene.targets[name]
     assert isinstance(table, StarTable)
     return Star(table.diameter_um * 1e-6, table.distance_m)
+
+
+MEASUREMENTS = {"demo": demo_figures, "quadrature": prediction_figure}

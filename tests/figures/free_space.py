@@ -275,3 +275,6 @@ def closed_forms(folder: Path) -> list[Figure]:
             all(0.5 <= ratio <= 2 for ratio in ratios),
         ),
     ]
+
+
+MEASUREMENTS = {"free-space": closed_forms}

@@ -47,3 +47,6 @@ def against_peers(folder: Path) -> list[Figure]:
             all(known) if known else None,
         )
     ]
+
+
+MEASUREMENTS = {"propagation-peers": against_peers}

@@ -452,3 +452,6 @@ def _times(problem: Problem, budget: Budget) -> dict[str, float]:
         found.setdefault(operator.method, operator)
     jobs = {name: partial(operator, field) for name, operator in found.items()}
     return processor_seconds(jobs, 4)
+
+
+MEASUREMENTS = {"propagation": tolerance_figure, "propagation-regret": regret_figure}

@@ -201,5 +201,8 @@ def _judge(outcome: Outcome, reference: Path, path: Path) -> str:
     return f"{', '.join(differing)} differ" if differing else ""
 
 
+MEASUREMENTS = {"disk": full_disk_figure}
+
+
 if __name__ == "__main__":
     sys.exit(_main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))

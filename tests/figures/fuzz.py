@@ -99,3 +99,6 @@ def _ask(case: WireCase, name: str, device: object, machine: FuzzedMachine, rng:
     except Exception as error:
         return f"{name}: {type(error).__name__}: {error}"
     return "" if command.right(told, machine.machine) else f"{name}: {told} isn't true"
+
+
+MEASUREMENTS = {"fuzz": fuzz_figure}

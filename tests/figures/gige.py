@@ -79,3 +79,6 @@ def _measured(name: str, goal: str, camera: AravisCamera, known: dict[bytes, np.
     )
     good = frames / seconds >= _GOAL and not wrong and gaps == reported
     return Figure(name, goal, measured, good)
+
+
+MEASUREMENTS = {"gige": gige_figure}

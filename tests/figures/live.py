@@ -117,3 +117,6 @@ def _lens(world: World, focal_length: float) -> np.ndarray:
 
 def _never() -> bool:
     return False
+
+
+MEASUREMENTS = {"live": live_figures}

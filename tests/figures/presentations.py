@@ -120,3 +120,6 @@ def _words(found: Verdict) -> str:
         "gone between two looks": found.unseen,
     }
     return ", ".join([words, *(f"{n} {what}" for what, n in more.items() if n)])
+
+
+MEASUREMENTS = {"presentations": presentations_figures}

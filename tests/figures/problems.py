@@ -244,3 +244,6 @@ def times_of(
             continue
     jobs = {name: partial(problem.light, operator) for name, operator in found.items()}
     yield from processor_seconds(jobs, 3).items()
+
+
+MEASUREMENTS = {"tolerance": tolerance_figure, "regret": regret_figure}

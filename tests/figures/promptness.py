@@ -242,3 +242,6 @@ def _ready_pictures(frames: list[NDArray[np.uint16]]) -> Iterator[None]:
         yield
     finally:
         SimulatedCamera._expose = original  # type: ignore[method-assign]
+
+
+MEASUREMENTS = {"cancel": cancel_figure, "overhead": overhead_figure, "sustained": sustained_figure}

@@ -137,3 +137,6 @@ def _with_slope(operator: PSFOperator, phase: torch.Tensor) -> tuple[torch.Tenso
     ((light / light.detach().sum() - ring / ring.sum()) ** 2).sum().backward()
     assert shown.grad is not None
     return light.detach(), shown.grad
+
+
+MEASUREMENTS = {"psf": psf_cost, "pixelated": pixelated_cost, "float32": single_precision}

@@ -58,3 +58,6 @@ def _judged(case: Taken, way: Callable[[Blurred], Restored]) -> tuple[float, flo
     begun = time.process_time()
     image = way(case.problem).image
     return case.quality(image)[0], 1e3 * (time.process_time() - begun)
+
+
+MEASUREMENTS = {"restoration-priors": restoration_figures}

@@ -263,3 +263,12 @@ def _correlation(where: Path, iteration: str) -> float:
     light = (field.real**2 + field.imag**2).numpy().ravel()
     wanted = centred_crop(torch.from_numpy(picture), window.shape).numpy().ravel()
     return float(np.corrcoef(light, wanted)[0, 1])
+
+
+MEASUREMENTS = {
+    "iteration": iteration_cost,
+    "frame": single_frames,
+    "video": several_frames,
+    "crystal": slow_crystal,
+    "published": published_patterns,
+}

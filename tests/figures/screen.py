@@ -153,3 +153,6 @@ def _environment(given: Mapping[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+MEASUREMENTS = {"screen": screen_figure}

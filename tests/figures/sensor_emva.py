@@ -112,3 +112,6 @@ def _uniformity(bench: Bench, gain: float) -> emva1288.Uniformity:
     half = round(0.5 * _LONGEST, 6)
     lit, dark = (bench.frames(target, half, _FRAMES) for target in ("even", "dark"))
     return emva1288.uniformity(lit, dark, gain)
+
+
+MEASUREMENTS = {"emva": emva_figures}

@@ -185,3 +185,6 @@ def _psnr(
 ) -> float:
     error = (np.clip(picture, 0, 1) - truth) ** 2
     return -10 * math.log10(float(np.mean(error if at is None else error[at])))
+
+
+MEASUREMENTS = {"separable": separable_figure, "layers": depths_figure}

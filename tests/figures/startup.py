@@ -90,3 +90,6 @@ def display() -> Iterator[dict[str, str] | None]:
             yield {**os.environ, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
     except NoXServer:
         yield None
+
+
+MEASUREMENTS = {"help": help_time, "window": window_time, "import": import_time}

@@ -127,3 +127,6 @@ def _finish(reference: Path, path: Path) -> str:
         outcome = resume_run(bench, path)
     differing = differing_arrays(reference, path)
     return f"resumed: {outcome.state}, {differing} differ" if differing else ""
+
+
+MEASUREMENTS = {"faults": fault_figure}

@@ -180,3 +180,6 @@ def _first_word(told: list[float], pulled: list[float], names: set[str]) -> Iter
         yield
     finally:
         logger.removeHandler(ear)
+
+
+MEASUREMENTS = {"unplug": unplug_figure}

@@ -154,3 +154,6 @@ class _Trial:
         except Exception as error:
             return f"{type(error).__name__}: {error}"
         return "" if command.right(told, self._cable.truth) else f"{told} isn't true"
+
+
+MEASUREMENTS = {"wire": serial_fault_figure, "usb": usb_fault_figure}

@@ -148,3 +148,6 @@ def saved(s: Situation, finer: Mapping[str, int] | None = None, tol: float = _TO
 
 def _times(more: float, less: float) -> float:
     return more / less if less else 1.0
+
+
+MEASUREMENTS = {"work": work_figures}

@@ -88,3 +88,6 @@ def brackets(trigger: Literal["software", "free"], count: int, seed: int = 0) ->
 def _picture(exposure: float, gain_db: float) -> NDArray[np.uint16]:
     """Nothing but its exposure's microseconds, in every pixel."""
     return np.full(_SHAPE, round(exposure * 1e6), np.uint16)
+
+
+MEASUREMENTS = {"wrong-exposures": wrong_exposures_figure}

@@ -207,14 +207,13 @@ def test_the_list_names_every_kind_with_its_keys_and_defaults(labapp, command):
     code, out, _ = labapp(command, "list")
     assert code == 0
     listed = json.loads(labapp(command, "list", "--json")[1])
-    tag = "kind" if command == "pattern" else "shape"
     for one in listed:
-        assert f"{one[tag]}: " in out
+        assert f"{one['name']}: " in out
         assert one["what"]
         for key in one["keys"]:
             assert key["key"] in out
             assert key["what"], key["key"]
-    known = {one[tag]: {key["key"]: key for key in one["keys"]} for one in listed}
+    known = {one["name"]: {key["key"]: key for key in one["keys"]} for one in listed}
     if command == "pattern":
         assert known["lens"]["focal_length_m"]["default"] == "needed"
         assert known["lens"]["wavelength_nm"]["default"] == "550"

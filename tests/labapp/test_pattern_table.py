@@ -16,9 +16,10 @@ from pydantic import TypeAdapter
 
 from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, Grid, write_design
-from labapp.files.pattern_table import Method, Pattern, Phases
+from labapp.files.pattern_table import PHASES, Method, Pattern, pattern_data
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
+from labapp.files.table import tag_of
 from labapp.patterns.grey_levels import Work, compute_pattern, compute_patterns, retrieve_psf
 from optics import patterns
 from optics.camera import Camera, Lens, Panel, Sensor
@@ -55,6 +56,10 @@ FORMULAS = {
     "cubic": (
         {"strength_rad": 20, "radius_mm": 6},
         lambda: patterns.cubic(PANEL, 20.0, 6e-3),
+    ),
+    "logarithmic": (
+        {"near_m": 1.8, "far_m": 2.3, "radius_mm": 5},
+        lambda: patterns.logarithmic_asphere(PANEL, 1.8, 2.3, 2.0, WAVE, 5e-3),
     ),
     "annular": ({"rings": 5, "depth_rad": 4}, lambda: patterns.annular(PANEL, 5, 4.0)),
     "blaze": (
@@ -274,7 +279,7 @@ def test_every_target_can_be_designed(table):
     (moment,) = retrieve_psf(spec, 1, Work(CAMERA, 1, Progress(), None))
     assert float(moment.target.sum()) == pytest.approx(1)
     assert table["shape"] in spec.label
-    assert read(spec.model_dump(mode="json")) == spec
+    assert read(pattern_data(spec)) == spec
 
 
 def test_dots_at_positions_are_there():
@@ -405,6 +410,7 @@ def test_every_kind_has_a_label_and_says_whether_it_varies():
     examples = {
         "lens": {"focal_length_m": 2},
         "axicon": {"radius_um": 80},
+        "logarithmic": {"near_m": 1, "far_m": 3},
         "blaze": {"period_px": 9},
         "zernike": {"terms": [[2, 0, 50]]},
         "ring": {"radius_um": 50, "width_um": 5},
@@ -412,12 +418,12 @@ def test_every_kind_has_a_label_and_says_whether_it_varies():
         "sum": {"parts": [{"kind": "patches"}]},
     }
     random = {"psf", "sum", "patches"}
-    for model in get_args(Phases):
-        (kind,) = get_args(model.model_fields["kind"].annotation)
+    for model in PHASES:
+        kind = tag_of(model, "kind")
         spec = read({"kind": kind} | examples.get(kind, {}))
         assert spec.label.endswith(" for 550 nm")
         assert spec.varies == (kind in random)
-        assert read(spec.model_dump(mode="json")) == spec
+        assert read(pattern_data(spec)) == spec
 
 
 @pytest.mark.parametrize(

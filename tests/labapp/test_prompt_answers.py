@@ -37,6 +37,7 @@ LISTS = {
     "retrieve list": "spiral: ",
     "plan list": "coded-snapshot",
     "study list": "near_m",
+    "accuracy list": "retrieval: ",
     "--help": "reconstruct",
     "pattern --help": "KEY=VALUE",
     "study --help": "psf-stability",

@@ -9,7 +9,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from labapp.bench.opening import open_bench
-from labapp.files.pattern_table import GratingPattern
+from labapp.files.grey_table import GratingPattern
 from labapp.files.plan_file import PlanFile
 from labapp.patterns.grey_levels import compute_pattern
 from labapp.runs.acquisition.runner import run_plan

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from judges import positions
+from scipy.integrate import cumulative_trapezoid
 from scipy.special import jv
 
 from optics.camera import Camera, Lens, Panel, Sensor
@@ -21,6 +22,7 @@ from optics.patterns import (
     constant,
     cubic,
     fresnel_lens,
+    logarithmic_asphere,
     random_patches,
     sine,
     steered,
@@ -120,6 +122,75 @@ def test_an_annular_pattern_has_so_many_equal_rings():
     inside = (np.arange(50) - 25) / 25
     truth = np.concatenate([np.tile(3.0 * (1 - inside**2), 4), np.zeros(1)])
     assert np.allclose(ray, truth, atol=1e-9)
+
+
+LARGE = Camera(
+    Panel(shape=(256, 256), pitch=40e-6, unmodulated=0.0), Lens(f_number=12.5), CAMERA.sensor
+)
+STOP = LARGE.lens.stop_diameter / 2
+
+
+def asphere(near: float, far: float, radius: float = STOP) -> torch.Tensor:
+    focus = LARGE.lens.focus_distance
+    return logarithmic_asphere(LARGE.panel, near, far, focus, WAVELENGTH, radius)
+
+
+def test_a_logarithmic_asphere_has_each_zone_in_focus_for_a_distance_of_its_own():
+    """Where pattern, lens and wave of an object add up to a stationary phase, which is found by
+    the phase's slope; beyond the radius it stays at the farthest distance."""
+    middle = LARGE.panel.shape[0] // 2
+    x = positions(256, LARGE.panel.pitch)[middle + 5 :]
+    slope = np.gradient(asphere(1.5, 3.0, 4e-3).numpy()[middle, middle + 5 :], x)[1:-1]
+    power = 1 / 2.0 - slope * WAVELENGTH / (2 * math.pi * x[1:-1])
+    truth = 1.5 + 1.5 * np.minimum(x[1:-1] / 4e-3, 1) ** 2
+    # Differences over the rim's kink are neither side's.
+    away = np.abs(x[1:-1] - 4e-3) > 1.5 * LARGE.panel.pitch
+    assert np.allclose((1 / power)[away], truth[away], rtol=1e-3)
+
+
+def test_a_logarithmic_asphere_of_one_distance_is_a_lens():
+    lens = fresnel_lens(LARGE.panel, 1 / (1 / 1.5 - 1 / 2.0), WAVELENGTH)
+    assert np.allclose(asphere(1.5, 1.5 * (1 + 1e-7)).numpy(), lens.numpy(), atol=1e-4)
+
+
+def test_a_logarithmic_asphere_lights_its_whole_focal_line():
+    """On the axis, against the integral over the stop's area with the zones' own distances; and
+    in the mean 2 wavelength s² / ((far - near) radius²) of the light in focus, by stationary
+    phase, about which the rim's wave ripples. A plain lens leaves nothing there."""
+
+    def on_axis(phase: torch.Tensor, distance: float) -> float:
+        pixels = LARGE.sensor.window((1, 1))
+        operator = PSFOperator(LARGE, distance, WAVELENGTH, pixels, integrate=False)
+        return float(operator(phase))
+
+    area = np.linspace(0, STOP**2, 100_001)
+    zone = 1.5 + 1.5 * area / STOP**2
+
+    def by_zones(distance: float) -> float:
+        path = cumulative_trapezoid(1 / zone - 1 / distance, area, initial=0)
+        field = np.trapezoid(np.exp(-1j * math.pi / WAVELENGTH * path), area)
+        return float(abs(field) ** 2 / STOP**4)
+
+    coded, plain = asphere(1.5, 3.0), constant(LARGE.panel)
+    best, distances = on_axis(plain, 2.0), np.linspace(1.7, 2.7, 15)
+    seen = np.array([on_axis(coded, s) / best for s in distances])
+    assert np.allclose(seen, [by_zones(s) for s in distances], rtol=0.01)
+    assert np.mean(seen * STOP**2 / (2 * WAVELENGTH * distances**2)) == pytest.approx(1 / 1.5, 0.1)
+    assert on_axis(plain, 1.7) / best < 1e-3 * seen[0]
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "message"),
+    [
+        (2.0, 1.0, "far is 1 m; it must be finite and more than near, 2 m"),
+        (2.0, math.inf, "far is inf m"),
+        (-1.0, 1.0, "near"),
+        (0.2, 0.3, r"near 0.2 m or far 0.3 m changes the phase .* within 1.34 /m of 1/focus, 0.5"),
+    ],
+)
+def test_a_logarithmic_asphere_that_cannot_be_is_refused(near, far, message):
+    with pytest.raises(ValueError, match=message):
+        asphere(near, far)
 
 
 def test_the_rings_of_an_annular_pattern_fill_the_panel():

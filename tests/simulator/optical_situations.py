@@ -12,17 +12,17 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import Map, Response
+from simulator.effects import registry
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion
 from simulator.effects.interference import Interference
 from simulator.effects.leak import Leak
 from simulator.effects.orders import PanelOrders
-from simulator.effects.panel_effects import PANEL_EFFECTS
+from simulator.effects.panel_effects import PanelEffect
 from simulator.effects.places import FieldPosition
 from simulator.effects.reach import Reach
 from simulator.effects.sampling import Sampling
-from simulator.effects.unmodulated import UnmodulatedLight
 from simulator.effects.vignetting import Vignetting
 from simulator.effects.wavelengths import Bandwidth
 from simulator.formation.picture import expected
@@ -41,9 +41,8 @@ EFFECTS: tuple[Effect, ...] = (
     Bandwidth(),
     Leak(),
     PanelDispersion(),
-    *PANEL_EFFECTS,
+    *(one for one in registry.EFFECTS if isinstance(one, PanelEffect)),
     CrystalResponse(),
-    UnmodulatedLight(),
     Interference(),
     FieldPosition(),
     Vignetting(),

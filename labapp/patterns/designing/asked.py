@@ -39,4 +39,4 @@ def _as_shown(pattern: Still, frames: int) -> Still | VideoPattern:
     try:
         return VideoPattern(kind="video", pattern=pattern, count=frames)
     except ValidationError as error:
-        raise UserError(explain(error, VideoPattern, f"{frames} frames")) from error
+        raise UserError(explain(error, f"{frames} frames")) from error

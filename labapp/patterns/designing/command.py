@@ -14,7 +14,7 @@ from labapp.common.console import out, print_json, table, watched
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, write_design
-from labapp.files.pattern_table import Still, VideoPattern
+from labapp.files.pattern_table import Still, VideoPattern, pattern_data
 from labapp.files.places import is_design
 from labapp.files.writing import write_whole
 from labapp.patterns.designing.asked import AskedDesign
@@ -65,7 +65,7 @@ def _contents(
 ) -> DesignContents:
     return DesignContents(
         title=spec.label,
-        settings={"pattern": spec.model_dump(mode="json"), "seed": asked.seed},
+        settings={"pattern": pattern_data(spec), "seed": asked.seed},
         bench=bench.model_dump(mode="json"),
         wavelength=asked.wavelength,
         grey=made.greys,

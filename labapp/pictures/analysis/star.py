@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
-from labapp.files.pattern_table import Pattern, PSFPattern, RingPattern, VideoPattern
+from labapp.files.pattern_table import Pattern, PSFPattern, VideoPattern
+from labapp.files.phase_table import RingPattern
 from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
 from labapp.files.target_table import LogoTarget

@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from labapp.files.pattern_table import Iterations, Positive
+from labapp.files.phase_table import Iterations
+from labapp.files.quantities import Positive
 from labapp.studies.contract import Settings, Study
 
 Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]

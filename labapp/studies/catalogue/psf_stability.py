@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from labapp.files.pattern_table import Iterations, Positive
+from labapp.files.phase_table import Iterations
+from labapp.files.quantities import Positive
 from labapp.studies.contract import Settings, Study
 
 Frames = Annotated[int, Field(ge=1, le=600)]

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from labapp.files.pattern_table import Positive
+from labapp.files.quantities import Positive
 from labapp.studies.contract import Settings, Study
 
 

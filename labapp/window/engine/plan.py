@@ -7,7 +7,8 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from labapp.common.errors import UserError
-from labapp.files.pattern_table import ConstantPattern, Still
+from labapp.files.grey_table import ConstantPattern
+from labapp.files.pattern_table import Still
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate
 from labapp.window.messages import Acquire, PatternTable
@@ -25,7 +26,7 @@ def read_pattern(table: PatternTable) -> Still:
     try:
         return _pattern.validate_python(table)
     except ValidationError as error:
-        raise UserError(explain(error, PlanFile, "pattern")) from error
+        raise UserError(explain(error, "pattern")) from error
 
 
 def pattern_name(pattern: Still) -> str:

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.optics import one_thread
 from labapp.cli.options import ForceOption, JsonOption, readable
+from labapp.common.threads import one_thread
 from optics.deconvolution.names import ASKABLE, AUTO
 
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.optics import one_thread
 from labapp.cli.options import ForceOption
+from labapp.common.threads import one_thread
 
 
 @app.command()

@@ -1,90 +1,25 @@
-"""Commands for the optics engine: a PSF, and what accuracy costs."""
+"""Commands that measure what accuracy costs in time."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.lens import FieldOption, takes_case
+from labapp.cli.groups import given, having
+from labapp.cli.lens import CameraOptions, LensOptions, case_behind_panel
 from labapp.cli.options import (
     BenchOption,
-    ForceOption,
+    FieldOption,
     JsonOption,
     PeersOption,
-    PlotOption,
+    PictureOptions,
+    RowsOptions,
     readable,
 )
-
-
-@app.command()
-@takes_case(
-    of_file=True,
-    focal_length=0.125,
-    f_number=5.0,
-    focus=2.0,
-    distance=2.0,
-    wavelength_nm=550.0,
-    pitch_um=3.45,
-    size=256,
-)
-def psf(
-    case: Callable[[], Any],
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
-    ],
-    tol: Annotated[
-        float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
-    ] = 1e-3,
-    points: Annotated[
-        bool, typer.Option("--points", help="Light at pixel centres, not on whole pixels.")
-    ] = False,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="Of a lens: axial, scattered or sampled. Of a camera: a transform, or where the "
-            "panel stands apart, collapsed or chain. None: the cheapest that keeps tol."
-        ),
-    ] = None,
-    memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
-    pattern: Annotated[
-        Path | None,
-        typer.Option(
-            callback=readable,
-            help="8-bit picture on the SLM before the lens; none: a neutral one.",
-        ),
-    ] = None,
-    field: FieldOption = "0,0",
-    sphere: Annotated[
-        bool,
-        typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
-    ] = False,
-    force: ForceOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
-
-    Without a camera or a pattern: a lens with its stop. With a camera's file: its panel and,
-    a separation behind it, its lens; the options of the lens count more than the file. With a
-    pattern alone: the lens behind the panel of the virtual bench. Values are shares of the
-    light, one a pixel; a picture of five decades is written beside the data.
-    """
-    from labapp.files.places import places_of_psf
-    from labapp.light.asked import read_field
-
-    off_axis, places = read_field(field), places_of_psf(out, force=force)
-    one_thread()
-    described = case()
-    from labapp.light.predicting import Asked, predict
-
-    memory = memory_mb * 1_000_000
-    asked = Asked(described, tol, points, method, memory, pattern, off_axis, sphere)
-    predict(asked, *places, as_json=json)
-
+from labapp.common.threads import one_thread
 
 accuracy = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(accuracy, name="accuracy")
@@ -96,31 +31,28 @@ def accuracy_() -> None:
     one_thread()
 
 
-def _require_writable(*paths: Path | None, force: bool) -> None:
-    """UserError if a plot can't be written where it is asked for."""
-    from labapp.files.writing import require_all_writable
+_COMPARED = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)
+"""What wave-optics libraries are compared on: 38 waves of defocus."""
 
-    require_all_writable(paths, force=force)
-
-
-def one_thread() -> None:
-    """The libraries that multiply read this once, when they are loaded: it is early enough."""
-    for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"
+_CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
 
 
-@accuracy.command("psf")
-@takes_case(
-    focal_length=0.1,
-    f_number=5.6,
-    focus=float("inf"),
-    distance=2.0,
-    wavelength_nm=520.0,
-    pitch_um=3.45,
-    size=256,
-)
+@accuracy.command("list")
+def accuracy_list_(json: JsonOption = False) -> None:
+    """List what can be measured, each a command of this one."""
+    from labapp.common.listing import Listed, print_list
+
+    listed = [
+        Listed(str(one.name), (one.callback.__doc__ or "").strip().splitlines()[0])
+        for one in accuracy.registered_commands
+        if one.callback and one.name != "list"
+    ]
+    print_list(listed, as_json=json, example="labapp accuracy psf --plot front.png")
+
+
+@accuracy.command("psf", cls=having(_COMPARED, RowsOptions(), first=True))
 def accuracy_psf_(
-    case: Callable[[], Any],
+    context: typer.Context,
     peers: PeersOption = False,
     compare: Annotated[
         str | None,
@@ -130,9 +62,6 @@ def accuracy_psf_(
             "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
         ),
     ] = None,
-    json: JsonOption = False,
-    plot: PlotOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for the PSF of a lens.
 
@@ -140,15 +69,17 @@ def accuracy_psf_(
     defocus. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
-    _require_writable(plot, force=force)
-    described = case()
+    rows = given(context, RowsOptions)
+    rows.require_writable()
+    described = given(context, LensOptions).case()
     from labapp.accuracy.command import accuracy_psf
 
-    accuracy_psf(described, peers=peers, as_json=json, plot=plot, compare=compare)
+    accuracy_psf(described, peers=peers, as_json=rows.json, plot=rows.plot, compare=compare)
 
 
-@accuracy.command("propagate")
+@accuracy.command("propagate", cls=having(RowsOptions()))
 def accuracy_propagate_(
+    context: typer.Context,
     light: Annotated[
         str,
         typer.Option(help="smooth (Gaussians that the samples resolve) or cells (random phases)."),
@@ -178,9 +109,6 @@ def accuracy_propagate_(
         bool, typer.Option("--paraxial", help="Fresnel's model, not a scalar wave.")
     ] = False,
     peers: PeersOption = False,
-    json: JsonOption = False,
-    plot: PlotOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for a field's way through free space.
 
@@ -196,28 +124,19 @@ def accuracy_propagate_(
     require_way(light, distance, wavelength_nm * 1e-9)
     require_pitch("pitch-um", pitch_um)
     require_pitch("target-pitch-um", target_pitch_um)
-    _require_writable(plot, force=force)
+    rows = given(context, RowsOptions)
+    rows.require_writable()
     target = read_window(target_size, target_pitch_um * 1e-6, centre)
     source = read_window(size, pitch_um * 1e-6, "0,0")
     from labapp.accuracy.propagate import accuracy_propagate, asked_field
 
     case = asked_field(light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial)
-    accuracy_propagate(case, peers=peers, as_json=json, plot=plot)
+    accuracy_propagate(case, peers=peers, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("chain")
-@takes_case(
-    of_file=True,
-    focal_length=0.05,
-    f_number=16.0,
-    focus=2.0,
-    distance=1.5,
-    wavelength_nm=550.0,
-    pitch_um=3.45,
-    size=64,
-)
+@accuracy.command("chain", cls=having(CameraOptions(), _CHAIN, RowsOptions(), first=True))
 def accuracy_chain_(
-    case: Callable[[], Any],
+    context: typer.Context,
     separation_mm: Annotated[
         float | None,
         typer.Option(
@@ -241,9 +160,6 @@ def accuracy_chain_(
         typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
     ] = False,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
-    json: JsonOption = False,
-    plot: PlotOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Measure error and time of every method for a camera whose panel stands before its lens.
 
@@ -262,8 +178,9 @@ def accuracy_chain_(
     require_pattern(pattern)
     if panel is not None:
         read_panel(panel)
-    _require_writable(plot, force=force)
-    described = case()
+    rows = given(context, RowsOptions)
+    rows.require_writable()
+    described = case_behind_panel(context)
     from labapp.accuracy.chain import accuracy_chain, asked_chain
 
     asked = asked_chain(
@@ -274,11 +191,12 @@ def accuracy_chain_(
         field=off_axis,
         sphere=sphere,
     )
-    accuracy_chain(asked, memory=memory_mb * 1_000_000, as_json=json, plot=plot)
+    accuracy_chain(asked, memory=memory_mb * 1_000_000, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("retrieval")
+@accuracy.command("retrieval", cls=having(RowsOptions()))
 def accuracy_retrieval_(
+    context: typer.Context,
     target: Annotated[
         str, typer.Argument(metavar="TARGET", help="Shape of the PSF, as for labapp retrieve.")
     ] = "spiral",
@@ -294,9 +212,6 @@ def accuracy_retrieval_(
         float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
     ] = 10.0,
     bench: BenchOption = None,
-    json: JsonOption = False,
-    plot: PlotOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Measure quality and time of every method that finds patterns, for a target.
 
@@ -307,15 +222,17 @@ def accuracy_retrieval_(
     from labapp.patterns.designing.kinds import read_psf
 
     spec = read_psf(target, keys or [], wavelength_nm, {})
-    _require_writable(plot, force=force)
+    rows = given(context, RowsOptions)
+    rows.require_writable()
     from labapp.accuracy.retrieval import accuracy_retrieval, asked_goal
 
     goal, name = asked_goal(spec, bench)
-    accuracy_retrieval(goal, name, frames=frames, budget=budget, as_json=json, plot=plot)
+    accuracy_retrieval(goal, name, frames=frames, budget=budget, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("deconvolve")
+@accuracy.command("deconvolve", cls=having(RowsOptions()))
 def accuracy_deconvolve_(
+    context: typer.Context,
     picture: Annotated[
         Path | None,
         typer.Argument(
@@ -347,9 +264,6 @@ def accuracy_deconvolve_(
     ] = 512,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     peers: PeersOption = False,
-    json: JsonOption = False,
-    plot: PlotOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Measure quality and time of every method that undoes a blur, on a picture.
 
@@ -360,10 +274,36 @@ def accuracy_deconvolve_(
     from labapp.accuracy.blur_names import require_blur
 
     require_blur(blur, border)
-    _require_writable(plot, force=force)
+    rows = given(context, RowsOptions)
+    rows.require_writable()
     from labapp.accuracy.blurs import asked_photograph
     from labapp.accuracy.deconvolve import accuracy_deconvolve
     from labapp.pictures.networks import packaged_denoiser
 
     case = asked_photograph(picture, blur, psf, noise, border, size, seed)
-    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, as_json=json, plot=plot)
+    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, as_json=rows.json, plot=rows.plot)
+
+
+@accuracy.command("simulate", cls=having(PictureOptions()))
+def accuracy_simulate_(
+    context: typer.Context,
+    bench: Annotated[
+        Path | None,
+        typer.Option(
+            callback=readable,
+            help="Bench file (TOML).",
+            show_default="the bundled one, with few pixels",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure what a tolerance costs a simulated picture, and whether it is kept.
+
+    One picture is taken by the plan for each tolerance, and with every effect at its finest.
+    Errors are those of the mean picture, of the map of variances, and of that of standard
+    deviations. Everything on takes minutes on a bench of full size: hence the few pixels.
+    """
+    from labapp.accuracy.simulate import accuracy_simulate
+
+    asked = given(context, PictureOptions).asked(bench)
+    accuracy_simulate(asked, as_json=json)

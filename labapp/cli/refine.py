@@ -8,53 +8,31 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.optics import one_thread
-from labapp.cli.options import (
-    BenchOption,
-    DarkOption,
-    FaultsOption,
-    ForceOption,
-    JsonOption,
-    SceneOption,
-    SpeedOption,
-    StarDiameterOption,
-    StarDistanceOption,
-    StarOption,
-    YesOption,
-    existing,
-)
+from labapp.cli.groups import given, having
+from labapp.cli.options import RunOptions, StarOptions, existing
 from labapp.common.errors import UserError
+from labapp.common.threads import one_thread
 
 
-@app.command()
+@app.command(cls=having(StarOptions(), RunOptions()))
 def refine(
+    context: typer.Context,
     design: Annotated[
         Path, typer.Argument(metavar="DESIGN.h5", help="A design that labapp retrieve wrote.")
     ],
     out: Annotated[
         Path | None, typer.Option(metavar="BETTER.h5", help="Where the refined design goes.")
     ] = None,
-    bench: BenchOption = None,
-    scene: SceneOption = None,
     pictures: Annotated[
         int, typer.Option(help="To take; the first shows the start, the last only judges.")
     ] = 5,
     exposures_ms: Annotated[
         str, typer.Option(metavar="MS,...", help="Of each picture; of a video whole periods.")
     ] = "1,8,64",
-    star: StarOption = "star",
-    dark: DarkOption = "dark",
-    star_um: StarDiameterOption = None,
-    star_m: StarDistanceOption = None,
     runs: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Where the records go.  [BETTER_runs, beside]"),
     ] = None,
-    faults: FaultsOption = None,
-    speed: SpeedOption = float("inf"),
-    yes: YesOption = False,
-    force: ForceOption = False,
-    json: JsonOption = False,
 ) -> None:
     """Correct a retrieved pattern or video by pictures of its PSF.
 
@@ -69,18 +47,13 @@ def refine(
         raise UserError("there is no --out. Name an .h5 file to write.")
     existing(design)
     one_thread()
-    from labapp.bench.opening import BenchFiles
     from labapp.refining.command import refine_design
     from labapp.refining.request import Request, milliseconds
-    from labapp.runs.running import Manner
 
     request = Request.of(
         pictures=pictures,
         exposures_ms=milliseconds(exposures_ms),
-        star=star,
-        dark=dark,
-        star_um=star_um,
-        star_m=star_m,
+        **vars(given(context, StarOptions)),
     )
-    files = BenchFiles.default(bench, scene, None, faults)
-    refine_design(design, out, runs, request, files, Manner(force, yes, speed, json))
+    options = given(context, RunOptions)
+    refine_design(design, out, runs, request, options.files(), options.manner)

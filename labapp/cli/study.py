@@ -8,16 +8,8 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    BenchOption,
-    FaultsOption,
-    ForceOption,
-    JsonOption,
-    SceneOption,
-    SpeedOption,
-    YesOption,
-    existing,
-)
+from labapp.cli.groups import given, having
+from labapp.cli.options import RunOptions, existing
 from labapp.studies import STUDIES
 
 
@@ -43,8 +35,9 @@ Ctrl-C leaves the bench safe and the record as it is: **labapp resume** takes th
 """
 
 
-@app.command(help=_help())
+@app.command(cls=having(RunOptions()), help=_help())
 def study(
+    context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME", help="A study, or 'list'.")],
     settings: Annotated[
         list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its settings.")
@@ -65,13 +58,6 @@ def study(
         bool, typer.Option("--quick", help="Smaller settings: seconds instead of a minute.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="All chance comes from it.")] = 1,
-    bench: BenchOption = None,
-    scene: SceneOption = None,
-    faults: FaultsOption = None,
-    speed: SpeedOption = float("inf"),
-    yes: YesOption = False,
-    force: ForceOption = False,
-    json: JsonOption = False,
 ) -> None:
     from labapp.common.errors import UserError
     from labapp.files.places import RECORD, STUDY_FILES
@@ -79,8 +65,9 @@ def study(
     from labapp.studies.finding import find_study, read_settings
     from labapp.studies.listing import list_studies
 
+    options = given(context, RunOptions)
     if name == "list":
-        list_studies(as_json=json)
+        list_studies(as_json=options.json)
         return
     find_study(name)
     if out is None:
@@ -90,13 +77,11 @@ def study(
     elif settings or quick:
         raise UserError("--record: its settings are in it. Leave the others out.")
     names = STUDY_FILES if record else (RECORD, *STUDY_FILES)
-    require_free(out, names, force=force)
-    from labapp.runs.running import Manner
+    require_free(out, names, force=options.force)
     from labapp.studies.command import Asked, evaluate_record, run_study
 
-    manner = Manner(force, yes, speed, json)
     if record is not None:
-        evaluate_record(name, record, out, manner)
+        evaluate_record(name, record, out, options.manner)
         return
-    asked = Asked(name, tuple(settings or ()), seed, quick, bench, scene, faults)
-    run_study(asked, out, manner)
+    bench = (options.bench, options.scene, options.faults)
+    run_study(Asked(name, tuple(settings or ()), seed, quick, *bench), out, options.manner)

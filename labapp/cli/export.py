@@ -1,4 +1,4 @@
-"""Commands for what runs have left behind."""
+"""The command that writes frames for other programs."""
 
 from __future__ import annotations
 
@@ -10,49 +10,8 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.options import (
     ForceOption,
-    JsonOption,
     RecordArgument,
 )
-
-
-@app.command()
-def show(record: RecordArgument, json: JsonOption = False) -> None:
-    """Say what a record holds: state, devices, frames, the simulator's decisions, log."""
-    from labapp.runs.showing import show_record
-
-    show_record(record, as_json=json)
-
-
-@app.command()
-def report(
-    record: RecordArgument,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the report. Default: the record's own.")
-    ] = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
-    from labapp.files.places import REPORT_FILES
-    from labapp.files.writing import require_free
-
-    folder = out or record.parent
-    require_free(folder, REPORT_FILES, force=force)
-    from labapp.pictures.report import report_record
-
-    report_record(record, folder, force=force, as_json=json)
-
-
-@app.command()
-def verify(record: RecordArgument, json: JsonOption = False) -> None:
-    """Check that a record is whole: every frame, its checksum, patterns, settings, state.
-
-    The exit code is 0 only if all is well. For a record that isn't, the last line says what
-    to do about it.
-    """
-    from labapp.runs.verifying import verify_record
-
-    raise typer.Exit(0 if verify_record(record, as_json=json) else 1)
 
 
 @app.command()

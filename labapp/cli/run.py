@@ -1,0 +1,48 @@
+"""The command that runs acquisition plans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.groups import given, having
+from labapp.cli.options import (
+    ImageOption,
+    RunOptions,
+)
+
+
+@app.command(cls=having(RunOptions()))
+def run(
+    context: typer.Context,
+    plans: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PLAN...", help="Plan files (TOML, JSON) or ready plans; several run in turn."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="RUN.h5", help="Record to write; of several plans a folder."),
+    ],
+    image: ImageOption = None,
+) -> None:
+    """Run acquisition plans on a bench, every frame to disk as it comes.
+
+    In a terminal, **p** pauses after the frame, **r** goes on, Enter answers a prompt, and
+    Ctrl-C ends the run safely: SLM neutral, filter parked, camera stopped, the record
+    readable and marked CANCELLED. A full disk pauses the run until there is space. Whatever
+    ended a run, **labapp resume** takes the frames that it lacks. **labapp plan check** says
+    beforehand what a run will take.
+    """
+    from labapp.files.places import places_of_runs
+    from labapp.files.plan_file import read_plan
+
+    asked, options = [read_plan(plan) for plan in plans], given(context, RunOptions)
+    records = places_of_runs([one.path for one in asked], out, force=options.force)
+    from labapp.runs.running import run_files
+
+    run_files(asked, records, options.files(image), options.manner)

@@ -1,0 +1,128 @@
+"""The patterns of a plan file that are grey levels: keys and units, and the levels themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Le, MultipleOf
+
+from labapp.common.errors import UserError
+from labapp.files.table import Key, Table
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from optics.camera import Camera
+
+Grey = Annotated[int, Ge(0), Le(255)]
+
+
+class GreyPattern(Table):
+    """A pattern of grey levels, whatever phase they make."""
+
+    @property
+    def varies(self) -> bool:
+        """Whether another seed makes another pattern."""
+        return False
+
+    @property
+    def label(self) -> str:
+        """What it is called on the screen and in records."""
+        raise NotImplementedError
+
+    def quick(self) -> GreyPattern:
+        """The same with as little work as shows whether it can be computed."""
+        return self
+
+    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+        """Grey levels on the camera's panel, (rows, columns); UserError if they can't be shown.
+
+        folder: where picture files are looked for.
+        """
+        raise NotImplementedError
+
+
+class ConstantPattern(GreyPattern):
+    """One grey level everywhere; a neutral pattern."""
+
+    title: ClassVar = "Neutral"
+    kind: Literal["constant"]
+    grey: Annotated[Grey, Key("level")] = 0
+
+    @property
+    def label(self) -> str:
+        return "neutral" if self.grey == 0 else f"grey {self.grey}"
+
+    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+        import numpy as np
+
+        return np.full(camera.panel.shape, self.grey, dtype=np.uint8)
+
+
+class GratingPattern(GreyPattern):
+    """Stripes of two grey levels, equally wide; the light in the centre tells their phase step."""
+
+    kind: Literal["grating"]
+    period_px: Annotated[int, Ge(2), Le(4096), MultipleOf(2), Key("of both stripes")] = 16
+    low: Annotated[Grey, Key("level")] = 0
+    high: Annotated[Grey, Key("level")]
+    axis: Annotated[Literal["x", "y"], Key("along which levels change")] = "x"
+
+    @property
+    def label(self) -> str:
+        return f"grating {self.period_px} px, grey {self.low} and {self.high}"
+
+    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+        import numpy as np
+
+        rows, columns = np.indices(camera.panel.shape)
+        stripes = (columns if self.axis == "x" else rows) // (self.period_px // 2)
+        return np.where(stripes % 2, self.high, self.low).astype(np.uint8)
+
+
+class ImagePattern(GreyPattern):
+    """Grey levels from an 8-bit picture of the panel's size, or from a design file (.h5)."""
+
+    title: ClassVar = "Image file"
+    kind: Literal["image"]
+    file: Annotated[
+        str,
+        Key(
+            "picture, or .h5 of labapp pattern or retrieve",
+            "8-bit picture of the panel's size, or a design file",
+        ),
+    ]
+    frame: Annotated[int, Ge(0), Key("of a design file, from 0")] = 0
+
+    @property
+    def label(self) -> str:
+        which = f" frame {self.frame}" if self.frame else ""
+        return f"image {self.file.rpartition('/')[2]}{which}"
+
+    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+        from optics.slm import require_grey
+
+        path = folder / self.file
+        grey = self._read(path)
+        try:
+            require_grey(camera.panel, grey)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"{path}: {error}.") from error
+        return grey
+
+    def _read(self, path: Path) -> NDArray[np.uint8]:
+        from labapp.files.design_file import read_design_frame
+        from labapp.files.places import is_design
+        from labapp.files.reading import read_grey
+
+        if is_design(path):
+            return read_design_frame(path, self.frame)
+        if self.frame:
+            raise UserError(f"{path}: is one picture. Leave 'frame' out, or name a design file.")
+        return read_grey(path)
+
+
+GREYS: tuple[type[GreyPattern], ...] = (ConstantPattern, GratingPattern, ImagePattern)
+"""All that there are, in the order in which they are listed."""
