@@ -16,12 +16,13 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    named,
     unkeepable,
 )
 from optics.edge import rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.propagation.choice import METHODS as METHODS
-from optics.propagation.choice import Choice
+from optics.propagation.choice import choice_for, prepared
 from optics.propagation.light import evened, finite_light, float_light, shares
 from optics.propagation.propagator import Propagator
 from optics.propagation.smooth import Promise
@@ -95,8 +96,7 @@ class FreeSpace:
     ) -> None:
         if not 0 < tol < math.inf:
             raise ValueError(f"tol is {tol:g}; it must be positive, as 1e-3")
-        if method is not None and method not in METHODS:
-            raise ValueError(f"method is {method!r}; choose one of {', '.join(METHODS)}")
+        named(METHODS, method)
         self.span = Span(
             source,
             target,
@@ -131,13 +131,13 @@ class FreeSpace:
         """With a margin for a target that gets a small share of the light; without, if only
         that can be kept, or if it is so much cheaper that it is worth a try."""
         speed, tol = self.span.budget.speed, self.span.tol
-        plan = Choice(replace(self.span, tol=_MARGIN * tol), self._method)
+        plan = choice_for(replace(self.span, tol=_MARGIN * tol), self._method)
         if plan.seconds > _DEAR * speed.call:
-            loose = Choice(self.span, self._method)
+            loose = choice_for(self.span, self._method)
             cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
             plan = loose if cheaper else plan
         try:
-            return plan.prepared()
+            return prepared(plan, tol)
         except ToleranceError as error:
             if error.floor is None:
                 raise
@@ -246,7 +246,7 @@ class FreeSpace:
         try:
             if not tol > 0:
                 raise ToleranceError("no light at all")
-            self._twin = Choice(replace(self.span, tol=tol), self._method).prepared()
+            self._twin = prepared(choice_for(replace(self.span, tol=tol), self._method), tol)
         except ToleranceError as error:
             raise self._too_dim(last, share, error) from error
         return self._twin

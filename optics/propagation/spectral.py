@@ -16,6 +16,7 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     ToleranceError,
+    require_memory,
 )
 from optics.edge import as_number, recorded
 from optics.fourier import CommensurateTransform, Geometry, plan_transform, unit_phasor
@@ -184,16 +185,11 @@ class SpectralPropagator(Propagator):
         return math.floor(steps * (1 - 1e-12)) + 1
 
     def _require_memory(self, samples: float) -> None:
-        least = samples * 3 * self.dtype.itemsize
-        if least > self._declared.budget.memory:
-            raise self._too_large(least)
+        self._require_bytes(samples * 3 * self.dtype.itemsize)
 
-    def _too_large(self, least: float) -> ToleranceError:
-        return ToleranceError(
-            f"{self.name} needs {least / 1e6:.0f} MB at least and "
-            f"{self._declared.budget.memory / 1e6:.0f} MB are allowed; allow more memory, or ask "
-            "for a smaller target or a larger tol"
-        )
+    def _require_bytes(self, least: float) -> None:
+        remedy = "ask for a smaller target or a larger tol"
+        require_memory(self.name, least, self._declared.budget.memory, remedy)
 
     def _staged(self, frequencies: Plane) -> list[Stage]:
         """All of them at once if they fit, or so many rows at a time that they do."""
@@ -219,11 +215,9 @@ class SpectralPropagator(Propagator):
                 raise
             return None
         needed = stage.bytes + self._filter_bytes(stage.frequencies)
-        if needed <= self.span.budget.memory:
-            return stage
         if last:
-            raise self._too_large(needed)
-        return None
+            self._require_bytes(needed)
+        return stage if needed <= self.span.budget.memory else None
 
     def _stage(self, frequencies: Plane) -> Stage:
         n = self._declared

@@ -41,6 +41,11 @@ class AxialEngine(Lit, Engine):
     precision = "float64"
 
     def __init__(self, question: Question) -> None:
+        if not self.serves(question):
+            raise ValueError(
+                "method 'axial' serves round stops and aberrations only, and no derivatives that "
+                "move the light on the samples; take another one"
+            )
         self._question = question
         q = question.numeric
         self.arithmetic = double_arithmetic(q)

@@ -14,6 +14,7 @@ from optics.accuracy import (
     MachineSpeed,
     ToleranceError,
     cheapest,
+    named,
     unkeepable,
 )
 from optics.camera import Camera
@@ -104,10 +105,8 @@ class PanelEngine(Lit, Engine):
         else:
             sampling, offered = self._bent()
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"
-        chosen = [one for one in offered if transform in (None, one.name)]
-        if not chosen:
-            names = ", ".join(one.name for one in offered)
-            raise ValueError(f"method is {transform!r}; for {what} choose one of {names}")
+        valid = {one.name: one for one in offered}
+        chosen = [valid[name] for name in named(valid, transform, what)]
         self._transform = cheapest(chosen, n.budget, what)
         if isinstance(self._transform, CurvedPixelTransform):
             self._pixels, self._nodes = "curved", 1

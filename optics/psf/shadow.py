@@ -39,6 +39,11 @@ class CollapsedEngine(Engine):
         self._question, self._camera, self._search = question, camera, search
         n = question.numeric
         plain = numeric_camera(camera)
+        if not collapses(plain):
+            raise ValueError(
+                "method 'collapsed' serves thin lenses without aberrations only, whose panel isn't "
+                'near to the plane in focus; take method="chain"'
+            )
         thin = collapsed(plain, n.distance, n.field)
         if not open_area(thin) > 0:
             raise ToleranceError(
