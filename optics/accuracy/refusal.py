@@ -59,6 +59,8 @@ def combined(refusals: Sequence[ValueError], tol: float) -> ValueError:
     if floors:
         return unkeepable(tol, min(floors))
     thriftiest = sorted((one for one in strict if one.needed), key=lambda one: one.needed or 0)[:1]
-    told = thriftiest + [one for one in strict if not one.needed]
+    told = thriftiest + [one for one in strict if not one.needed] or refusals
+    if len(told) == 1:
+        return told[0]
     kind = ToleranceError if strict else ValueError
-    return kind("; ".join(dict.fromkeys(map(str, told or refusals))))
+    return kind("; ".join(dict.fromkeys(map(str, told))))

@@ -11,8 +11,8 @@ import scipy.special
 import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, unkeepable
-from optics.psf.engine import Engine, Lit, double_arithmetic
-from optics.psf.question import Question
+from optics.point.engine import Engine, Lit, double_arithmetic
+from optics.point.question import Question
 from optics.psf.rim import rim_field, rim_nodes
 from optics.psf.truth import MARGIN
 from optics.pupil import wave_phase
@@ -43,8 +43,8 @@ class AxialEngine(Lit, Engine):
     def __init__(self, question: Question) -> None:
         if not self.serves(question):
             raise ValueError(
-                "method 'axial' serves round stops and aberrations only, and no derivatives that "
-                "move the light on the samples; take another one"
+                "method is 'axial'; it serves round stops and aberrations only, and no derivatives "
+                "that move the light on the samples"
             )
         self._question = question
         q = question.numeric

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
@@ -10,27 +9,18 @@ from dataclasses import replace
 
 from optics.accuracy import Choice, ToleranceError, named, unkeepable
 from optics.camera import Camera
+from optics.chain import CHAIN_METHODS, chain_engines
 from optics.edge import rounded_up
+from optics.point.engine import Engine
+from optics.point.panel import TRANSFORMS, PanelEngine
+from optics.point.question import Question
 from optics.psf.axial import AxialEngine
-from optics.psf.chain import require_open
-from optics.psf.chain_grid import GridEngine
-from optics.psf.chain_nodes import NodesEngine
-from optics.psf.edge_light import EdgeLight
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.panel import TRANSFORMS, PanelEngine
-from optics.psf.question import Question
 from optics.psf.sampled import SampledEngine
 from optics.psf.scattered import ScatteredEngine
-from optics.psf.shadow import CollapsedEngine
 from optics.psf.truth import Probe
-from optics.pupil import numeric_camera
 
 METHODS = ("axial", "scattered", "sampled")
 """For a lens; behind a panel the methods are those of the Fourier transform."""
-
-CHAIN_METHODS = ("collapsed", "chain", "chain, quadrature")
-"""Where a panel stands apart from its lens. A transform's name asks for the collapsed camera."""
 
 
 _ROOM = 10.0
@@ -76,17 +66,7 @@ def _makers(
         return {name: makers[name] for name in named(makers, method)}
     if not camera.separation:
         return {"panel": lambda: PanelEngine(question, camera, transform=method)}
-    require_open(numeric_camera(camera))
-    # What the stop's edge scatters is looked at once for all of them.
-    edge = EdgeLight(question, numeric_camera(camera))
-    search = functools.cache(lambda: Search(edge))
-    transform = method if method in TRANSFORMS else None
-    makers = {
-        "chain": lambda: GridEngine(question, camera, search()),
-        "chain, quadrature": lambda: NodesEngine(question, camera, search()),
-        "collapsed": lambda: CollapsedEngine(question, camera, search(), transform),
-    }
-    return {name: makers[name] for name in named(makers, "collapsed" if transform else method)}
+    return chain_engines(question, camera, method)
 
 
 def prepared(question: Question, camera: Camera | None, method: str | None, rest: float) -> Engine:

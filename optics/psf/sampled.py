@@ -14,8 +14,8 @@ from optics.accuracy import (
 )
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
-from optics.psf.engine import Engine, Lit, within_a_turn
-from optics.psf.question import Question
+from optics.point.engine import Engine, Lit, within_a_turn
+from optics.point.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
 from optics.stop.coverage import coverage

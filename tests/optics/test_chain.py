@@ -12,9 +12,9 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain.relay import Band, Relay, RelayAxis
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, modulated_psf
-from optics.psf.relay import Band, Relay, RelayAxis
 from optics.psf.stack import PSFStack
 from optics.slm.modulator import Modulator
 

@@ -18,6 +18,10 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.engine import ChainEngine, require_open
+from optics.chain.lens_grid import Search
+from optics.chain.relay import Band, RelayAxis, fast_length
+from optics.chain.relay_axes import bend_of, extent
 from optics.edge import recorded
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
@@ -26,12 +30,8 @@ from optics.fourier.nonuniform import (
     nonuniform_seconds,
 )
 from optics.plane import Plane
-from optics.psf.chain import ChainEngine, require_open
-from optics.psf.engine import within_a_turn
-from optics.psf.lens_grid import Search
-from optics.psf.question import Question
-from optics.psf.relay import Band, RelayAxis, fast_length
-from optics.psf.relay_axes import bend_of, extent
+from optics.point.engine import within_a_turn
+from optics.point.question import Question
 from optics.pupil import wave_phase
 from optics.stop.quadrature import Nodes, Steepness, count_nodes, stop_blocks, stop_rule
 

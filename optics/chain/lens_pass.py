@@ -9,12 +9,12 @@ from typing import Any
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, cheapest
+from optics.chain.lens_wave import LensWave
+from optics.chain.openings import Openings
+from optics.chain.relay import Relay
 from optics.fourier import Geometry, transforms
 from optics.fourier.separable import AxisRule, SeparableTransform
 from optics.plane import Plane
-from optics.psf.lens_wave import LensWave
-from optics.psf.openings import Openings
-from optics.psf.relay import Relay
 
 
 class LensPass:

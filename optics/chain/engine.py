@@ -13,13 +13,13 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.dimness import Dimness
+from optics.chain.edge_light import EdgeLight
+from optics.chain.lens_grid import Search
+from optics.chain.relay import Moved
 from optics.edge import as_number, recorded
-from optics.psf.dim import Dimness
-from optics.psf.edge_light import EdgeLight
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.question import Question
-from optics.psf.relay import Moved
+from optics.point.engine import Engine
+from optics.point.question import Question
 from optics.pupil import (
     Scalar,
     numeric_camera,

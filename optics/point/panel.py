@@ -31,9 +31,9 @@ from optics.fourier import (
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Lattice
-from optics.psf.engine import Engine, Lit, within_a_turn
-from optics.psf.pixels import CurvedPixelTransform
-from optics.psf.question import Question
+from optics.point.curved_pixels import CurvedPixelTransform
+from optics.point.engine import Engine, Lit, within_a_turn
+from optics.point.question import Question
 from optics.pupil import (
     defocus_curvature,
     numeric_lens,

@@ -12,7 +12,7 @@ from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.edge import as_number, recorded
 from optics.plane import Plane
-from optics.psf.sphere import Sphere
+from optics.point.sphere import Sphere
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
 from optics.stop.quadrature import Steepness
 

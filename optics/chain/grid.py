@@ -18,16 +18,16 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.engine import ChainEngine, require_open
+from optics.chain.lens_grid import Search, lens_grid
+from optics.chain.lens_pass import LensPass, passed_through, spectrum_of
+from optics.chain.lens_wave import LensWave
+from optics.chain.openings import Openings
+from optics.chain.relay import Relay, RelayAxis, relayed
+from optics.chain.relay_axes import lens_plane, relay_axes
 from optics.fourier import unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.psf.chain import ChainEngine, require_open
-from optics.psf.lens_grid import Search, lens_grid
-from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
-from optics.psf.lens_wave import LensWave
-from optics.psf.openings import Openings
-from optics.psf.question import Question
-from optics.psf.relay import Relay, RelayAxis, relayed
-from optics.psf.relay_axes import lens_plane, relay_axes
+from optics.point.question import Question
 from optics.pupil import defocus_curvature, wave_phase
 from optics.stop.coverage import coverage
 

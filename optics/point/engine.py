@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from optics.accuracy import FLOAT64_ARITHMETIC, ErrorEstimate, MachineSpeed
 from optics.edge import require_finite, rounded_up
-from optics.psf.question import Question
+from optics.point.question import Question
 
 _EPSILON = 4e-16
 
