@@ -9,6 +9,7 @@ from optics.accuracy.account import describe as describe
 from optics.accuracy.budget import Budget as Budget
 from optics.accuracy.budget import MachineSpeed as MachineSpeed
 from optics.accuracy.choice import Choice as Choice
+from optics.accuracy.choice import Offer as Offer
 from optics.accuracy.choice import Setting as Setting
 from optics.accuracy.choice import best_within as best_within
 from optics.accuracy.choice import cheapest as cheapest

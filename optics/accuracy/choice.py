@@ -7,10 +7,11 @@ and its error without having made anything large.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from optics.accuracy.budget import Budget, MachineSpeed
 from optics.accuracy.refusal import ToleranceError, combined, require_memory
@@ -20,25 +21,25 @@ _ROUNDING = 1e-9
 """Of a time: predictions that differ by less are the same."""
 
 
-class Offer(Protocol):
-    """A way to compute something, known by its predicted cost."""
+class Offer(ABC):
+    """A way to compute something, known by its name and predicted cost."""
 
     name: str
 
     @property
-    def bytes(self) -> int: ...
+    @abstractmethod
+    def bytes(self) -> int:
+        """The largest arrays."""
 
-    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
+    @abstractmethod
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predicted processor time of one call, on a machine of such a speed."""
 
-
-class Preparable(Offer, Protocol):
-    """An offer that makes later what it needs; ToleranceError if that doesn't keep the promise."""
-
-    def prepare(self) -> None: ...
+    def prepare(self) -> None:  # noqa: B027 (many keep nothing)
+        """Make what is kept between calls; ToleranceError if that doesn't keep the promise."""
 
 
 O = TypeVar("O", bound=Offer)  # noqa: E741
-P = TypeVar("P", bound=Preparable)
 
 
 def named(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
@@ -104,7 +105,7 @@ class Choice(Generic[O]):
         """Of the cheapest, in a call; infinite if none serves."""
         return self._seconds_of(self.offers[0]) if self.offers else math.inf
 
-    def prepared(self: Choice[P]) -> Iterator[P]:
+    def prepared(self) -> Iterator[O]:
         """The offers that keep their promise, each prepared when it's asked for."""
         for offer in self.offers:
             try:

@@ -9,14 +9,13 @@ from optics.accuracy import named
 from optics.camera import Camera
 from optics.chain.collapsed import CollapsedEngine
 from optics.chain.edge_light import EdgeLight
-from optics.chain.engine import require_open
 from optics.chain.grid import GridEngine
 from optics.chain.lens_grid import Search
 from optics.chain.nodes import NodesEngine
 from optics.point.engine import Engine
 from optics.point.panel import TRANSFORMS
 from optics.point.question import Question
-from optics.pupil import numeric_camera
+from optics.pupil import numeric_camera, require_open
 
 CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, NodesEngine.name)
 """A transform's name asks for the collapsed camera."""

@@ -43,8 +43,6 @@ class ChainEngine(Engine):
     integral about the image point goes to the sensor; the tilt by x_o is what moves it there.
     """
 
-    _dtype: torch.dtype
-
     def __init__(
         self,
         question: Question,
@@ -169,15 +167,6 @@ class ChainEngine(Engine):
         raise ToleranceError(
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts; ask for a window that is nearer to the light"
-        )
-
-
-def require_open(camera: Camera) -> None:
-    """Raise ValueError for a stop that leaves the panel dark."""
-    if not open_area(camera) > 0:
-        raise ValueError(
-            "the stop or what obscures it covers the whole panel: no light passes; open it "
-            f"(f_number is {camera.lens.f_number:g}), or give a larger panel"
         )
 
 

@@ -6,15 +6,17 @@ import math
 from functools import partial
 
 from optics.accuracy import Choice, named
-from optics.propagation.angular_spectrum import AngularSpectrum
-from optics.propagation.band_limited import BandLimitedAngularSpectrum
+from optics.propagation.angular_spectrum import (
+    AngularSpectrum,
+    BandLimitedAngularSpectrum,
+    ScaledAngularSpectrum,
+)
 from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.fresnel_single import SingleFresnel
 from optics.propagation.fresnel_transfer import FresnelTransfer
 from optics.propagation.fresnel_two_step import TwoStepFresnel
 from optics.propagation.propagator import Propagator
 from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
-from optics.propagation.scaled import ScaledAngularSpectrum
 from optics.propagation.span import Span
 from optics.propagation.tilted import TiltedAngularSpectrum
 

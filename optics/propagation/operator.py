@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Unpack
 
 import torch
 
@@ -19,14 +20,14 @@ from optics.accuracy import (
     named,
     unkeepable,
 )
-from optics.edge import rounded_up, tensors_inside
+from optics.edge import require_same, rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.propagation.choice import METHODS as METHODS
 from optics.propagation.choice import choice_for, prepared
 from optics.propagation.light import evened, finite_light, float_light, shares
 from optics.propagation.propagator import Propagator
 from optics.propagation.smooth import Promise
-from optics.propagation.span import Scalar, Span
+from optics.propagation.span import Scalar, Span, SpanSettings
 from optics.propagation.transfer import paraxial_error
 from optics.threads import in_full_precision
 
@@ -85,31 +86,16 @@ class FreeSpace:
         distance: Scalar,
         wavelength: Scalar,
         *,
-        cells: tuple[float, float] | None = None,
-        carrier: tuple[float, float] = (0.0, 0.0),
-        band: tuple[float, float] | None = None,
-        tilt: tuple[float, float] = (0.0, 0.0),
-        paraxial: bool = False,
         tol: float = 1e-3,
         method: str | None = None,
         budget: Budget | None = None,
+        **settings: Unpack[SpanSettings],
     ) -> None:
         if not 0 < tol < math.inf:
             raise ValueError(f"tol is {tol:g}; it must be positive, as 1e-3")
         named(METHODS, method)
-        self.span = Span(
-            source,
-            target,
-            distance,
-            wavelength,
-            cells=cells,
-            carrier=carrier,
-            band=band,
-            tilt=tilt,
-            paraxial=paraxial,
-            tol=tol,
-            budget=budget or Budget(),
-        )
+        budget = budget or Budget()
+        self.span = Span(source, target, distance, wavelength, tol=tol, budget=budget, **settings)
         self._method = method
         self._model = _model_error(self.span)
         self._promise = Promise(self.span) if self.span.cells is None else None
@@ -275,16 +261,9 @@ class FreeSpace:
 
     def _require_unchanged(self) -> None:
         """Raise ValueError if a tensor has got another value since the plan was made."""
-        if not self.span.changeable:
-            return
-        before, now = self.span.numeric, replace(self.span).numeric
-        for name in ("distance", "wavelength", "target"):
-            was, is_ = getattr(before, name), getattr(now, name)
-            if was != is_:
-                raise ValueError(
-                    f"{name} has changed since this way was planned, from {was} to {is_}; plan "
-                    "another FreeSpace for it"
-                )
+        if self.span.changeable:
+            lengths = ("distance", "wavelength", "target")
+            require_same(lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace")
 
 
 def _model_error(span: Span) -> ErrorEstimate:
@@ -305,30 +284,15 @@ def propagate(
     distance: Scalar,
     wavelength: Scalar,
     *,
-    cells: tuple[float, float] | None = None,
-    carrier: tuple[float, float] = (0.0, 0.0),
-    band: tuple[float, float] | None = None,
-    tilt: tuple[float, float] = (0.0, 0.0),
-    paraxial: bool = False,
     tol: float = 1e-3,
     method: str | None = None,
     budget: Budget | None = None,
+    **settings: Unpack[SpanSettings],
 ) -> Result[torch.Tensor]:
     """The field on the target, with its account; plans a FreeSpace and calls it once."""
     started = time.process_time()
     operator = FreeSpace(
-        source,
-        target,
-        distance,
-        wavelength,
-        cells=cells,
-        carrier=carrier,
-        band=band,
-        tilt=tilt,
-        paraxial=paraxial,
-        tol=tol,
-        method=method,
-        budget=budget,
+        source, target, distance, wavelength, tol=tol, method=method, budget=budget, **settings
     )
     value = operator(field)
     return Result(value, operator.account.spent(time.process_time() - started))

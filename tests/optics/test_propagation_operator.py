@@ -15,8 +15,8 @@ from judges.free_space_sums import cell_matrix, exact_gauss, gauss, mesh
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace, propagate
+from optics.propagation.angular_spectrum import ScaledAngularSpectrum
 from optics.propagation.choice import _CLASSES as PROPAGATORS
-from optics.propagation.scaled import ScaledAngularSpectrum
 from optics.propagation.span import Span
 
 BLUE = 0.5e-6
