@@ -68,9 +68,9 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
     name = "angular spectrum"
 
     def _require_served(self) -> None:
-        super()._require_served()
         if self.span.cells is not None:
             raise ValueError(f"{self.name} serves smooth fields; cells have sharp edges")
+        super()._require_served()
 
     def _made_band(self) -> Band:
         return whole_band(self.span)
