@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,17 @@ def as_number(value: Any) -> float:
 def recorded(value: object) -> bool:
     """Whether a number is a tensor whose derivative is wanted."""
     return isinstance(value, torch.Tensor) and value.requires_grad
+
+
+def require_same(names: Iterable[str], planned: object, now: object, kind: str) -> None:
+    """Raise a ValueError for what has changed since an operator of some kind was planned."""
+    for name in names:
+        was, is_ = getattr(planned, name), getattr(now, name)
+        if was != is_:
+            raise ValueError(
+                f"{name} has changed since this {kind} was planned, from {was} to {is_}; plan "
+                "another one for it"
+            )
 
 
 def require_positive(name: str, value: Any, unit: str) -> None:

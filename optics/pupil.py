@@ -61,6 +61,15 @@ def open_area(camera: Camera) -> float:
     return float(share) * whole[0] * whole[1]
 
 
+def require_open(camera: Camera) -> None:
+    """Raise ValueError for a stop that leaves the panel dark."""
+    if not open_area(camera) > 0:
+        raise ValueError(
+            "the stop or what obscures it covers the whole panel: no light passes; open it "
+            f"(f_number is {camera.lens.f_number:g}), or give a larger panel"
+        )
+
+
 def require_light(distance: float, wavelength: float) -> None:
     """Raise ValueError for an object or a wavelength that sends no light through a lens."""
     if not distance > 0:

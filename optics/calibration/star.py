@@ -11,10 +11,10 @@ import torch
 
 from optics.calibration.registration import Registration
 from optics.camera import Camera
+from optics.chain.thin_camera import collapsed
 from optics.edge import require_positive
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples
-from optics.psf.collapse import collapsed
 from optics.pupil import open_radius, pupil_amplitude
 from optics.slm import Panel
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from optics.accuracy import MachineSpeed
+from optics.accuracy import MachineSpeed, Setting, best_within, named
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.method import Denoise, Method
 from optics.deconvolution.names import RESTORATIONS
 from optics.deconvolution.restored import Restored
-from optics.edge import require_positive, rounded_up
+from optics.edge import require_positive
 from optics.progress import Progress
 
 USUAL = "total-variation"
@@ -58,8 +58,7 @@ def _require(
 ) -> None:
     if budget is not None:
         require_positive("budget", budget, "s")
-    if method is not None and method not in METHODS:
-        raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
+    named(METHODS, method)
     if method is None and not weight is count is None:
         raise ValueError("weight and count are a method's; name the method as well")
     if budget is not None and count is not None:
@@ -80,19 +79,13 @@ def _chosen(
     if budget is None:
         name = method or USUAL
         return name, METHODS[name].usual if count is None else count
-    offered = [
-        (name, number, gain)
-        for name, each in METHODS.items()
-        if name == method or (method is None and (denoise is not None or not each.learned))
-        for number, gain in each.gains.items()
-    ]
-    times = {(name, n): METHODS[name].seconds(seen, n, speed) for name, n, _ in offered}
-    fitting = [one for one in offered if times[one[:2]] <= budget]
-    if not fitting:
-        name, number = min(times, key=lambda one: times[one])
-        raise ValueError(
-            f"budget is {budget:g} s; the quickest, {name}, takes about "
-            f"{rounded_up(times[name, number])} s; allow that"
-        )
-    name, number, _ = max(fitting, key=lambda one: one[2])
-    return name, number
+    best = best_within(
+        budget,
+        [
+            Setting(name, number, METHODS[name].seconds(seen, number, speed), gain)
+            for name in named(METHODS, method)
+            if method or denoise is not None or not METHODS[name].learned
+            for number, gain in METHODS[name].gains.items()
+        ],
+    )
+    return best.method, best.count

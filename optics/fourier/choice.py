@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from optics.accuracy import Budget, cheapest
+from optics.accuracy import Budget, cheapest, named
 from optics.fourier.chirp import ChirpTransform
 from optics.fourier.commensurate import CommensurateTransform
 from optics.fourier.geometry import Geometry
@@ -42,9 +42,6 @@ def plan_transform(
     Raises ToleranceError without memory, ValueError if the named one isn't valid here.
     """
     what = f"a transform from {geometry.pupil.shape} to {geometry.image.shape} samples"
-    valid = transforms(geometry, dtype, error)
-    chosen = [t for t in valid if method in (None, t.name)]
-    if not chosen:
-        names = ", ".join(t.name for t in valid)
-        raise ValueError(f"method is {method!r}; for {what} choose one of {names}")
+    valid = {one.name: one for one in transforms(geometry, dtype, error)}
+    chosen = [valid[name] for name in named(valid, method, what)]
     return cheapest(chosen, budget or Budget(), what)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any
 
 import torch
 
-from optics.accuracy import MachineSpeed
+from optics.accuracy import MachineSpeed, Offer
 from optics.fourier.geometry import Geometry
 from optics.plane import Lattice, Plane
 
-_KEPT_BYTES = 32 << 20
+KEPT_BYTES = 32 << 20
 """What allocators keep for the next call, and caches hold."""
 
 
-class Transform(ABC):
+class Transform(Offer):
     """A linear map from a field in the pupil to the field in the image plane,
 
         F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale),
@@ -33,7 +33,6 @@ class Transform(ABC):
     from which those of wavelength, distance, focal length and position follow.
     """
 
-    name: str
     error: float = 0.0
     dtype: torch.dtype
     image: Plane
@@ -55,13 +54,6 @@ class Transform(ABC):
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Metres (y, x) of the pupil's samples; they broadcast against a field."""
 
-    @property
-    @abstractmethod
-    def bytes(self) -> int: ...
-
-    @abstractmethod
-    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
-
     def __call__(
         self,
         field: torch.Tensor,
@@ -75,7 +67,7 @@ class Transform(ABC):
         zero = torch.zeros((), dtype=torch.float64)
         y, x = shift or (zero, zero)
         one = torch.ones_like(zero) if stretch is None else stretch
-        return _applied(_Forward, self, field, one, y, x)
+        return applied(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
@@ -83,14 +75,14 @@ class Transform(ABC):
         field = field.to(self.dtype)
         if not _recorded(field):
             return self._adjoint(field)
-        return _applied(_Adjoint, self, field)
+        return applied(_Adjoint, self, field)
 
 
 def _recorded(field: torch.Tensor) -> bool:
     return field.requires_grad and torch.is_grad_enabled()
 
 
-def _applied(function: Any, *arguments: Any) -> torch.Tensor:
+def applied(function: Any, *arguments: Any) -> torch.Tensor:
     """A torch function of one answer, whose `apply` has no types."""
     answer: torch.Tensor = function.apply(*arguments)
     return answer
@@ -173,7 +165,7 @@ class PlaneTransform(Transform):
 
     def taking(self, speed: MachineSpeed) -> float:
         """Seconds for memory that is taken anew at every call."""
-        return max(self.bytes - _KEPT_BYTES, 0) * speed.fresh
+        return max(self.bytes - KEPT_BYTES, 0) * speed.fresh
 
     def slowness(self, speed: MachineSpeed) -> float:
         """How much longer than in single precision an operation takes."""

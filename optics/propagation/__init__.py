@@ -1,4 +1,4 @@
-"""Light in free space: one file a method, the cheapest of them that keeps a tolerance.
+"""Light in free space: one file a kind of method, the cheapest that keeps a tolerance.
 
 A FreeSpace carries a field from one plane to another, by Rayleigh and Sommerfeld's integral or
 by Fresnel's (thesis Eq. 2.12). Every method states from sampling and physics where it serves,

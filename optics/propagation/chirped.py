@@ -11,12 +11,11 @@ import torch
 from optics.accuracy import Budget, MachineSpeed
 from optics.edge import as_number, recorded
 from optics.fourier import Geometry, plan_transform, unit_phasor
+from optics.fourier.transform import KEPT_BYTES
 from optics.plane import Plane
 from optics.propagation.fresnel_integral import cell_envelope
+from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.span import Scalar
-
-_KEPT_BYTES = 32 << 20
-"""What allocators keep for the next call."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +91,10 @@ class ChirpedTransform:
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self._source.shape, self._target.shape
-        slowness = speed.double if self._dtype == torch.complex128 else 1.0
         samples = ny * nx + my * mx
-        passes = 3 * samples * speed.touch * slowness
+        passes = 3 * samples * speed.touch * self._transform.slowness(speed)
         # Every pass takes memory of its own.
-        passes += 2 * max(samples * self._dtype.itemsize - _KEPT_BYTES, 0) * speed.fresh
+        passes += 2 * max(samples * self._dtype.itemsize - KEPT_BYTES, 0) * speed.fresh
         return self._terms * (self._transform.cpu_seconds(speed) + passes)
 
     def prepare(self) -> None:
@@ -179,6 +177,38 @@ class ChirpedTransform:
                 total = sent if total is None else total + sent
         assert total is not None
         return total
+
+
+class ChirpedPropagator(ParaxialPropagator):
+    """One such transform after the other, with a step down to darkness at each plane between."""
+
+    _steps: tuple[ChirpedTransform, ...]
+
+    @property
+    def bytes(self) -> int:
+        return max(step.bytes for step in self._steps)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        return sum(step.cpu_seconds(speed) for step in self._steps)
+
+    def prepare(self) -> None:
+        for step in self._steps:
+            step.prepare()
+
+    def _tapered(self, field: torch.Tensor) -> torch.Tensor:
+        """A field on the plane between, with its ends made dark."""
+        return field
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        field = self._steps[0].forward(field)
+        for step in self._steps[1:]:
+            field = step.forward(self._tapered(field))
+        return field
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        for step in self._steps[:0:-1]:
+            field = self._tapered(step.adjoint(field))
+        return self._steps[0].adjoint(field)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import wofz
 
 from optics.fourier import unit_phasor
+from optics.fourier.transform import applied
 from optics.gauss_legendre import gauss_legendre
 
 _Reals = NDArray[np.float64]
@@ -40,8 +41,7 @@ def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
     intervals, where the ends' terms would cancel, it is a Gauss-Legendre sum.
     Differentiable in both, once.
     """
-    answer: torch.Tensor = _MeanChirp.apply(place, width)  # type: ignore[no-untyped-call]
-    return answer
+    return applied(_MeanChirp, place, width)
 
 
 class _MeanChirp(torch.autograd.Function):

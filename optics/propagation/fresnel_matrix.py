@@ -6,9 +6,8 @@ import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed
 from optics.propagation.fresnel_integral import band_kernel, cell_kernel
-from optics.propagation.paraxial import as_paraxial
+from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.precision import working_precision
-from optics.propagation.propagator import Propagator
 from optics.propagation.span import Span
 
 _BLOCK = 1 << 20
@@ -21,7 +20,7 @@ _ELEMENT_TOUCHES = 1500
 """What an element costs to make, two values of Faddeeva's function included."""
 
 
-class FresnelMatrices(Propagator):
+class FresnelMatrices(ParaxialPropagator):
     """The paraxial kernel is a product of one along y and one along x, so that
 
         target = rows · source · columns^T,
@@ -35,9 +34,8 @@ class FresnelMatrices(Propagator):
 
     def __init__(self, span: Span) -> None:
         super().__init__(span)
-        self._asked, model = as_paraxial(self.name, span)
-        self.dtype, self.arithmetic = working_precision(span.tol - model, self._turns())
-        self.error = ErrorEstimate(model, "bound")
+        self.dtype, self.arithmetic = working_precision(span.tol - self._model, self._turns())
+        self.error = ErrorEstimate(self._model, "bound")
         (ny, nx), (my, mx) = span.source.shape, span.target.shape
         self.sampling = f"{my}x{ny} and {nx}x{mx} matrices"
         self._kept: tuple[torch.Tensor, torch.Tensor] | None = None
@@ -134,8 +132,9 @@ class FresnelMatrices(Propagator):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
         products = min(my * nx * (ny + mx), ny * mx * (nx + my))
-        slowness = speed.double if self.dtype == torch.complex128 else 1.0
-        seconds = (4 * products * speed.multiply_add + my * mx * speed.touch) * slowness
+        seconds = (4 * products * speed.multiply_add + my * mx * speed.touch) * self._slowness(
+            speed
+        )
         if self.span.differentiable:
             seconds += self._elements() * _ELEMENT_TOUCHES * speed.touch
         return speed.call + seconds

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 
-import torch
-
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
-from optics.propagation.chirped import Cells, ChirpedTransform, cell_error, cell_nodes
-from optics.propagation.paraxial import as_paraxial, kernel_turns
-from optics.propagation.precision import below_floor, working_precision
-from optics.propagation.propagator import Propagator
+from optics.accuracy import ToleranceError
+from optics.propagation.chirped import (
+    Cells,
+    ChirpedPropagator,
+    ChirpedTransform,
+    cell_error,
+    cell_nodes,
+)
+from optics.propagation.paraxial import kernel_turns
+from optics.propagation.precision import working_precision
 from optics.propagation.replicas import copies_miss, field_band, reaching
 from optics.propagation.span import Span
 from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
@@ -25,7 +28,7 @@ MOST_NODES = 6
 """Transforms an axis beyond which other methods are always cheaper."""
 
 
-class SingleFresnel(Propagator):
+class SingleFresnel(ChirpedPropagator):
     """Chirp, Fourier transform, chirp (Goodman 4.2.1), to any pitch and window.
 
     A smooth field is summed over its samples, where no copy of its spectrum sends light to the
@@ -38,41 +41,23 @@ class SingleFresnel(Propagator):
 
     def __init__(self, span: Span) -> None:
         super().__init__(span)
-        asked, model = as_paraxial(self.name, span)
-        n = asked.numeric
+        n = self._asked.numeric
         cells, sampling = None, SAMPLING_SHARE * n.tol
         if n.cells is None:
-            require_missed_copies(self.name, asked)
+            require_missed_copies(self.name, n)
         else:
-            cells, sampling = interpolated_cells(asked, n.scale, SAMPLING_SHARE * n.tol)
-        share = SAMPLING_SHARE + 2 * TRANSFORM_SHARE
-        self.dtype, self.arithmetic = working_precision(n.tol - model, kernel_turns(asked), share)
-        self._transform = ChirpedTransform(
+            cells, sampling = interpolated_cells(n, n.scale, SAMPLING_SHARE * n.tol)
+        share, turns = SAMPLING_SHARE + 2 * TRANSFORM_SHARE, kernel_turns(self._asked)
+        self.dtype, self.arithmetic = working_precision(n.tol - self._model, turns, share)
+        step = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
             error=shared_error(n), cells=cells,
         )  # fmt: skip
-        self.error = ErrorEstimate(model + sampling + 2 * self._transform.error, "bound")
-        if not self.error.value + self.arithmetic <= n.tol:
-            raise below_floor(n.tol, share, self.arithmetic + model)
+        self._steps = (step,)
+        self._promise(self._model + sampling + 2 * step.error, share, self._model)
         terms = f", {cells.nodes[1]}x{cells.nodes[0]} nodes" if cells else ""
         rows, columns = n.source.shape
-        self.sampling = f"{columns}x{rows} source samples{terms}, {self._transform.name}"
-
-    @property
-    def bytes(self) -> int:
-        return self._transform.bytes
-
-    def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return self._transform.cpu_seconds(speed)
-
-    def prepare(self) -> None:
-        self._transform.prepare()
-
-    def forward(self, field: torch.Tensor) -> torch.Tensor:
-        return self._transform.forward(field)
-
-    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        return self._transform.adjoint(field)
+        self.sampling = f"{columns}x{rows} source samples{terms}, {step.name}"
 
 
 def require_missed_copies(name: str, span: Span) -> None:

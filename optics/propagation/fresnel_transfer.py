@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 
 from optics.plane import Plane
-from optics.propagation.band import Band, reaching_band
-from optics.propagation.scaled import ScaledAngularSpectrum
+from optics.propagation.angular_spectrum import ScaledAngularSpectrum
 
 
 class FresnelTransfer(ScaledAngularSpectrum):
@@ -21,9 +18,6 @@ class FresnelTransfer(ScaledAngularSpectrum):
 
     name = "Fresnel transfer function"
     paraxial = True
-
-    def _made_band(self) -> Band:
-        return reaching_band(replace(self._declared, paraxial=True), self._epsilon())
 
     def _made_filter(self, frequencies: Plane) -> torch.Tensor:
         """W along y, then along x, in one line."""

@@ -8,19 +8,17 @@ from dataclasses import dataclass
 import scipy.fft
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
+from optics.accuracy import ToleranceError
 from optics.fourier.chirp import chirp_length
 from optics.fourier.fft import fft_operations
 from optics.plane import Plane
-from optics.propagation.chirped import Cells, ChirpedTransform
+from optics.propagation.chirped import Cells, ChirpedPropagator, ChirpedTransform
 from optics.propagation.fresnel_single import (
     COPY_SHARE,
     SAMPLING_SHARE,
     interpolated_cells,
 )
-from optics.propagation.paraxial import as_paraxial
-from optics.propagation.precision import below_floor, rounding, working_precision
-from optics.propagation.propagator import Propagator
+from optics.propagation.precision import rounding, working_precision
 from optics.propagation.replicas import (
     Interval,
     copies_miss,
@@ -74,7 +72,7 @@ class Between:
         return value
 
 
-class TwoStepFresnel(Propagator):
+class TwoStepFresnel(ChirpedPropagator):
     """One transform to a plane between, another one on to the target (Schmidt 2010, Numerical
     Simulation of Optical Wave Propagation, 10.1117/3.866274, equations 6.24 to 6.29; Voelz
     2011, Computational Fourier Optics, 10.1117/3.858456, appendix).
@@ -98,7 +96,6 @@ class TwoStepFresnel(Propagator):
 
     def __init__(self, span: Span) -> None:
         super().__init__(span)
-        self._asked, model = as_paraxial(self.name, span)
         n = self._asked.numeric
         self._epsilon = COPY_SHARE * n.tol
         part, axes, cells = self._cheapest()
@@ -106,18 +103,17 @@ class TwoStepFresnel(Propagator):
         self._between = _plane(axes)
         turns = self._turns(part, axes)
         share = 2 * SAMPLING_SHARE + 4 * TRANSFORM_SHARE
-        self.dtype, self.arithmetic = working_precision(n.tol - model, turns, share)
+        self.dtype, self.arithmetic = working_precision(n.tol - self._model, turns, share)
         scale, error = span.scale, shared_error(n)
-        self._first = ChirpedTransform(
+        first = ChirpedTransform(
             n.source, self._between, part * scale, self.dtype, n.budget, error=error, cells=cells
         )
-        self._second = ChirpedTransform(
+        second = ChirpedTransform(
             self._between, span.target, (1 - part) * scale, self.dtype, n.budget, error=error
         )
-        sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (self._first.error + self._second.error)
-        self.error = ErrorEstimate(model + sampling, "bound")
-        if not self.error.value + self.arithmetic <= n.tol:
-            raise below_floor(n.tol, share, self.arithmetic + model)
+        self._steps = (first, second)
+        sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (first.error + second.error)
+        self._promise(self._model + sampling, share, self._model)
         rows, columns = self._between.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
 
@@ -185,14 +181,7 @@ class TwoStepFresnel(Propagator):
     def bytes(self) -> int:
         rows, columns = self._between.shape
         between = 2 * self.dtype.itemsize * rows * columns
-        return max(self._first.bytes, self._second.bytes) + between
-
-    def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return self._first.cpu_seconds(speed) + self._second.cpu_seconds(speed)
-
-    def prepare(self) -> None:
-        self._first.prepare()
-        self._second.prepare()
+        return super().bytes + between
 
     def _tapered(self, field: torch.Tensor) -> torch.Tensor:
         for axis, between in enumerate(self._tapers):
@@ -201,12 +190,6 @@ class TwoStepFresnel(Propagator):
             )
             field = field * (taper if axis else taper[:, None])
         return field
-
-    def forward(self, field: torch.Tensor) -> torch.Tensor:
-        return self._second.forward(self._tapered(self._first.forward(field)))
-
-    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        return self._first.adjoint(self._tapered(self._second.adjoint(field)))
 
 
 class _Light:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Unpack
 
 import torch
 
@@ -16,16 +17,17 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    named,
     unkeepable,
 )
-from optics.edge import rounded_up, tensors_inside
+from optics.edge import require_same, rounded_up, tensors_inside
 from optics.plane import Plane
 from optics.propagation.choice import METHODS as METHODS
-from optics.propagation.choice import Choice
+from optics.propagation.choice import choice_for, prepared
 from optics.propagation.light import evened, finite_light, float_light, shares
 from optics.propagation.propagator import Propagator
 from optics.propagation.smooth import Promise
-from optics.propagation.span import Scalar, Span
+from optics.propagation.span import Scalar, Span, SpanSettings
 from optics.propagation.transfer import paraxial_error
 from optics.threads import in_full_precision
 
@@ -84,32 +86,16 @@ class FreeSpace:
         distance: Scalar,
         wavelength: Scalar,
         *,
-        cells: tuple[float, float] | None = None,
-        carrier: tuple[float, float] = (0.0, 0.0),
-        band: tuple[float, float] | None = None,
-        tilt: tuple[float, float] = (0.0, 0.0),
-        paraxial: bool = False,
         tol: float = 1e-3,
         method: str | None = None,
         budget: Budget | None = None,
+        **settings: Unpack[SpanSettings],
     ) -> None:
         if not 0 < tol < math.inf:
             raise ValueError(f"tol is {tol:g}; it must be positive, as 1e-3")
-        if method is not None and method not in METHODS:
-            raise ValueError(f"method is {method!r}; choose one of {', '.join(METHODS)}")
-        self.span = Span(
-            source,
-            target,
-            distance,
-            wavelength,
-            cells=cells,
-            carrier=carrier,
-            band=band,
-            tilt=tilt,
-            paraxial=paraxial,
-            tol=tol,
-            budget=budget or Budget(),
-        )
+        named(METHODS, method)
+        budget = budget or Budget()
+        self.span = Span(source, target, distance, wavelength, tol=tol, budget=budget, **settings)
         self._method = method
         self._model = _model_error(self.span)
         self._promise = Promise(self.span) if self.span.cells is None else None
@@ -131,13 +117,13 @@ class FreeSpace:
         """With a margin for a target that gets a small share of the light; without, if only
         that can be kept, or if it is so much cheaper that it is worth a try."""
         speed, tol = self.span.budget.speed, self.span.tol
-        plan = Choice(replace(self.span, tol=_MARGIN * tol), self._method)
+        plan = choice_for(replace(self.span, tol=_MARGIN * tol), self._method)
         if plan.seconds > _DEAR * speed.call:
-            loose = Choice(self.span, self._method)
+            loose = choice_for(self.span, self._method)
             cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
             plan = loose if cheaper else plan
         try:
-            return plan.prepared()
+            return prepared(plan, tol)
         except ToleranceError as error:
             if error.floor is None:
                 raise
@@ -246,7 +232,7 @@ class FreeSpace:
         try:
             if not tol > 0:
                 raise ToleranceError("no light at all")
-            self._twin = Choice(replace(self.span, tol=tol), self._method).prepared()
+            self._twin = prepared(choice_for(replace(self.span, tol=tol), self._method), tol)
         except ToleranceError as error:
             raise self._too_dim(last, share, error) from error
         return self._twin
@@ -275,16 +261,9 @@ class FreeSpace:
 
     def _require_unchanged(self) -> None:
         """Raise ValueError if a tensor has got another value since the plan was made."""
-        if not self.span.changeable:
-            return
-        before, now = self.span.numeric, replace(self.span).numeric
-        for name in ("distance", "wavelength", "target"):
-            was, is_ = getattr(before, name), getattr(now, name)
-            if was != is_:
-                raise ValueError(
-                    f"{name} has changed since this way was planned, from {was} to {is_}; plan "
-                    "another FreeSpace for it"
-                )
+        if self.span.changeable:
+            lengths = ("distance", "wavelength", "target")
+            require_same(lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace")
 
 
 def _model_error(span: Span) -> ErrorEstimate:
@@ -305,30 +284,15 @@ def propagate(
     distance: Scalar,
     wavelength: Scalar,
     *,
-    cells: tuple[float, float] | None = None,
-    carrier: tuple[float, float] = (0.0, 0.0),
-    band: tuple[float, float] | None = None,
-    tilt: tuple[float, float] = (0.0, 0.0),
-    paraxial: bool = False,
     tol: float = 1e-3,
     method: str | None = None,
     budget: Budget | None = None,
+    **settings: Unpack[SpanSettings],
 ) -> Result[torch.Tensor]:
     """The field on the target, with its account; plans a FreeSpace and calls it once."""
     started = time.process_time()
     operator = FreeSpace(
-        source,
-        target,
-        distance,
-        wavelength,
-        cells=cells,
-        carrier=carrier,
-        band=band,
-        tilt=tilt,
-        paraxial=paraxial,
-        tol=tol,
-        method=method,
-        budget=budget,
+        source, target, distance, wavelength, tol=tol, method=method, budget=budget, **settings
     )
     value = operator(field)
     return Result(value, operator.account.spent(time.process_time() - started))

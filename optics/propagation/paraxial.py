@@ -6,35 +6,42 @@ import math
 from dataclasses import replace
 
 from optics.accuracy import ToleranceError
+from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import field_band, reaching
 from optics.propagation.span import Span
-from optics.propagation.spectral import MODEL_SHARE
 from optics.propagation.transfer import paraxial_error
 
+MODEL_SHARE = 0.3
+"""Of the tolerance, that a paraxial method may leave out of a scalar wave."""
 
-def as_paraxial(name: str, span: Span) -> tuple[Span, float]:
-    """The span in the paraxial model, and what that leaves out of a scalar wave: 0 where the
-    paraxial model is the one declared.
 
-    Raises ValueError for planes that aren't parallel, ToleranceError where a scalar wave is
-    asked for and the paraxial phase is off by more than a part of the tolerance.
+def paraxial_cost(span: Span, frequency: float) -> float:
+    """What the paraxial model leaves out up to a frequency: 0 where it is the one declared.
+
+    Raises ToleranceError where the paraxial phase of a scalar wave is off by more than a part of
+    the tolerance.
     """
-    if any(span.tilt):
-        raise ValueError(
-            f"tilt is {span.tilt} rad; {name} needs parallel planes: use the tilted angular "
-            "spectrum or direct quadrature"
-        )
-    if span.paraxial:
-        return span, 0.0
-    paraxial = replace(span, paraxial=True)
     n = span.numeric
-    error = paraxial_error(n.wavelength, n.distance, _farthest(paraxial))
+    if n.paraxial:
+        return 0.0
+    error = paraxial_error(n.wavelength, n.distance, frequency)
     if error > MODEL_SHARE * n.tol:
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by a paraxial method, which is off by up to "
             f"{error:.2g} rad here; use the scalar methods, or ask for paraxial=True"
         )
-    return paraxial, error
+    return error
+
+
+class ParaxialPropagator(Propagator):
+    """A way to compute Fresnel's integral between parallel planes, in place of a scalar wave's
+    where that is as good."""
+
+    def __init__(self, span: Span) -> None:
+        super().__init__(span)
+        self._require_parallel()
+        self._asked = replace(span, paraxial=True)
+        self._model = paraxial_cost(span, _farthest(self._asked))
 
 
 def _farthest(span: Span) -> float:

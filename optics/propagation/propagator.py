@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed
+from optics.accuracy import ErrorEstimate, MachineSpeed, Offer
+from optics.propagation.precision import below_floor
 from optics.propagation.span import Span
 
 
-class Propagator(ABC):
+class Propagator(Offer):
     """A linear map from samples on a span's source to the field on its target.
 
     An offer knows its bytes, its processor time and its error from sampling without having
@@ -25,7 +26,6 @@ class Propagator(ABC):
     arithmetic: the same, from rounding.
     """
 
-    name: str
     sampling: str
     dtype: torch.dtype
     error: ErrorEstimate
@@ -34,20 +34,31 @@ class Propagator(ABC):
     def __init__(self, span: Span) -> None:
         self.span = span
 
+    def _require_parallel(self) -> None:
+        """Raise ValueError for planes that aren't parallel."""
+        if any(self.span.tilt):
+            raise ValueError(
+                f"tilt is {self.span.tilt} rad; {self.name} needs parallel planes, a target that "
+                "faces the source: use the tilted angular spectrum or direct quadrature"
+            )
+
+    def _promise(self, error: float, share: float, model: float) -> None:
+        """Set the error, or raise ToleranceError with the least tolerance that can be kept.
+
+        share: of the tolerance, whatever it is, that sampling may use; model: what a paraxial
+        method leaves out, which doesn't become less with it.
+        """
+        self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
+        if not error + self.arithmetic <= tol:
+            raise below_floor(tol, share, self.arithmetic + model)
+
+    def _slowness(self, speed: MachineSpeed) -> float:
+        """How much longer than in single precision an operation takes."""
+        return speed.double if self.dtype == torch.complex128 else 1.0
+
     @property
     def precision(self) -> str:
         return "float64" if self.dtype == torch.complex128 else "float32"
-
-    @property
-    @abstractmethod
-    def bytes(self) -> int: ...
-
-    @abstractmethod
-    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
-
-    @abstractmethod
-    def prepare(self) -> None:
-        """Make what is kept between calls."""
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:

@@ -83,7 +83,7 @@ class DirectQuadrature(Propagator):
     def __init__(self, span: Span) -> None:
         super().__init__(span)
         n = span.numeric
-        self._near = self._depths()
+        self._near = span.require_before()
         self._sign = math.copysign(1.0, n.distance)
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
@@ -92,20 +92,6 @@ class DirectQuadrature(Propagator):
         self.error = ErrorEstimate(4 * _SHARE * n.tol, "bound")
         rows, columns = self._points
         self.sampling = f"{columns}x{rows} source points"
-
-    def _depths(self) -> float:
-        """The least distance of a target's sample from the source's plane.
-
-        Raises ValueError where a tilt brings some through it.
-        """
-        n = self.span.numeric
-        depths = [corner[2] * math.copysign(1.0, n.distance) for corner in n.corners]
-        if not min(depths) > 0:
-            raise ValueError(
-                f"tilt is {n.tilt} rad; it turns the target through the source's plane, "
-                f"{n.distance:g} m away: tilt it less, or move it away"
-            )
-        return min(depths)
 
     def _factor(self, axis: int) -> int:
         """Nodes in a cell, or finer samples in place of one."""

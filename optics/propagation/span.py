@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 from optics.accuracy import Budget
 from optics.edge import as_number, recorded, require_positive
@@ -13,6 +13,16 @@ from optics.plane import Plane
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""
+
+
+class SpanSettings(TypedDict, total=False):
+    """What may be said of a span besides its planes and lengths."""
+
+    cells: tuple[float, float] | None
+    carrier: tuple[float, float]
+    band: tuple[float, float] | None
+    tilt: tuple[float, float]
+    paraxial: bool
 
 
 @dataclass(frozen=True)
@@ -146,6 +156,21 @@ class Span:
         ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
         ends_x = (-(nx // 2) * px, (nx - 1 - nx // 2) * px)
         return tuple(n.place(y, x) for y in ends_y for x in ends_x)
+
+    def require_before(self) -> float:
+        """The least distance of a target's sample from the source's plane, metres.
+
+        Raises ValueError where a tilt brings some through it.
+        """
+        n = self.numeric
+        nearest = min(z * math.copysign(1.0, n.distance) for _, _, z in n.corners)
+        if not nearest > 0:
+            raise ValueError(
+                f"tilt is {n.tilt} rad; it turns the target through the source's plane, "
+                f"{n.distance:g} m away, to {-nearest:g} m on the other side: tilt it less, or "
+                "move it away"
+            )
+        return nearest
 
     def place(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
         """Where the points (y, x) of the target's own plane, metres from its centre, lie:

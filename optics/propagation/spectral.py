@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import scipy.fft
@@ -13,29 +12,26 @@ import torch
 
 from optics.accuracy import (
     FLOAT64_ARITHMETIC,
-    ErrorEstimate,
     MachineSpeed,
     ToleranceError,
+    require_memory,
 )
 from optics.edge import as_number, recorded
-from optics.fourier import CommensurateTransform, Geometry, plan_transform, unit_phasor
+from optics.fourier import Geometry, plan_transform, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.fourier.transform import PlaneTransform
+from optics.fourier.transform import KEPT_BYTES, PlaneTransform, applied
 from optics.plane import Plane
-from optics.propagation.band import Band
-from optics.propagation.precision import FIELD32_ARITHMETIC, below_floor
+from optics.propagation.band import Band, reaching_band
+from optics.propagation.paraxial import paraxial_cost
+from optics.propagation.precision import FIELD32_ARITHMETIC
 from optics.propagation.propagator import Propagator
 from optics.propagation.span import Span
-from optics.propagation.transfer import paraxial_error, transfer
+from optics.propagation.transfer import transfer
 
-REACH_SHARE, TRANSFORM_SHARE, MODEL_SHARE = 0.4, 0.05, 0.3
-"""Of the tolerance: light that is cut or comes from copies, each of two transforms, and what
-a paraxial method may leave out of a scalar wave."""
+REACH_SHARE, TRANSFORM_SHARE = 0.4, 0.05
+"""Of the tolerance: light that is cut or comes from copies, and each of two transforms."""
 
 _SAMPLING_SHARE = REACH_SHARE + 2 * TRANSFORM_SHARE
-
-_KEPT_BYTES = 32 << 20
-"""What allocators keep for the next call, and caches hold."""
 
 COARSEST = 0.1
 """The largest error that anything is made for: estimates hold for small ones."""
@@ -87,16 +83,14 @@ class SpectralPropagator(Propagator):
         self._require_served()
         n = self._declared = span.numeric
         self.band = self._made_band()
-        model = self._model_error()
+        model = paraxial_cost(n, self.band.needed) if self.paraxial else 0.0
         spare = n.tol * (1 - _SAMPLING_SHARE) - model
         single = spare >= FIELD32_ARITHMETIC
         self.dtype = torch.complex64 if single else torch.complex128
         self.arithmetic = FIELD32_ARITHMETIC if single else self._double_arithmetic()
         self._plan()
         sampling = self.band.epsilon + model + self._transform_error()
-        self.error = ErrorEstimate(sampling, "bound")
-        if not sampling + self.arithmetic <= n.tol:
-            raise below_floor(n.tol, _SAMPLING_SHARE, self.arithmetic + model)
+        self._promise(sampling, _SAMPLING_SHARE, model)
         rows, columns = self.frequencies.shape
         parts = f" in {len(self._stages)} parts" if len(self._stages) > 1 else ""
         self.sampling = f"{columns}x{rows} frequencies{parts}"
@@ -104,37 +98,24 @@ class SpectralPropagator(Propagator):
 
     def _require_served(self) -> None:
         """Raise ValueError for a span that this method isn't made for."""
-        if any(self.span.tilt):
-            raise ValueError(f"{self.name} serves targets that face the source: tilt (0, 0)")
+        self._require_parallel()
         if self.span.paraxial and not self.paraxial:
             raise ValueError(f"{self.name} computes the scalar model: paraxial=False")
 
-    @abstractmethod
     def _made_band(self) -> Band:
-        """Which frequencies take part, or ToleranceError."""
+        """The frequencies whose rays reach the target; ToleranceError where rays graze."""
+        return reaching_band(replace(self._declared, paraxial=self.paraxial), self._epsilon())
 
     def _pitches(self) -> list[tuple[float, float]]:
         """Metres (y, x) of which the period is made a multiple, for FFTs; one plan for each."""
         return [self._declared.source.pitch]
 
     def _transform(self, geometry: Geometry) -> PlaneTransform:
-        return CommensurateTransform(geometry, self.dtype)
+        return any_transform(geometry, self.dtype, self.span)
 
     def _epsilon(self) -> float:
         """What the band may lose."""
         return min(REACH_SHARE * self._declared.tol, COARSEST)
-
-    def _model_error(self) -> float:
-        if self.span.paraxial or not self.paraxial:
-            return 0.0
-        n = self._declared
-        error = paraxial_error(n.wavelength, n.distance, self.band.needed)
-        if error > MODEL_SHARE * n.tol:
-            raise ToleranceError(
-                f"tol {n.tol:g} can't be kept by a paraxial method, which is off by up to "
-                f"{error:.2g} rad here; use the scalar methods, or ask for paraxial=True"
-            )
-        return error
 
     def _double_arithmetic(self) -> float:
         """A phase of so many radians keeps no more digits than double precision leaves it."""
@@ -184,16 +165,11 @@ class SpectralPropagator(Propagator):
         return math.floor(steps * (1 - 1e-12)) + 1
 
     def _require_memory(self, samples: float) -> None:
-        least = samples * 3 * self.dtype.itemsize
-        if least > self._declared.budget.memory:
-            raise self._too_large(least)
+        self._require_bytes(samples * 3 * self.dtype.itemsize)
 
-    def _too_large(self, least: float) -> ToleranceError:
-        return ToleranceError(
-            f"{self.name} needs {least / 1e6:.0f} MB at least and "
-            f"{self._declared.budget.memory / 1e6:.0f} MB are allowed; allow more memory, or ask "
-            "for a smaller target or a larger tol"
-        )
+    def _require_bytes(self, least: float) -> None:
+        remedy = "ask for a smaller target or a larger tol"
+        require_memory(self.name, least, self._declared.budget.memory, remedy)
 
     def _staged(self, frequencies: Plane) -> list[Stage]:
         """All of them at once if they fit, or so many rows at a time that they do."""
@@ -219,11 +195,9 @@ class SpectralPropagator(Propagator):
                 raise
             return None
         needed = stage.bytes + self._filter_bytes(stage.frequencies)
-        if needed <= self.span.budget.memory:
-            return stage
         if last:
-            raise self._too_large(needed)
-        return None
+            self._require_bytes(needed)
+        return stage if needed <= self.span.budget.memory else None
 
     def _stage(self, frequencies: Plane) -> Stage:
         n = self._declared
@@ -253,10 +227,9 @@ class SpectralPropagator(Propagator):
 
     def _filter_seconds(self, speed: MachineSpeed) -> float:
         rows, columns = self.frequencies.shape
-        double = speed.double if self.dtype == torch.complex128 else 1.0
-        touches = 3 * double + (_MAKING_TOUCHES if self._remade else 0)
+        touches = 3 * self._slowness(speed) + (_MAKING_TOUCHES if self._remade else 0)
         planes = [stage.frequencies for stage in self._stages] or [self.frequencies]
-        taken = len(planes) * max(self._filter_bytes(planes[0]) - _KEPT_BYTES, 0) * speed.fresh
+        taken = len(planes) * max(self._filter_bytes(planes[0]) - KEPT_BYTES, 0) * speed.fresh
         return touches * rows * columns * speed.touch + taken
 
     def prepare(self) -> None:
@@ -318,8 +291,7 @@ class SpectralPropagator(Propagator):
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         if len(self._stages) == 1:
             return self._through(self._stages[0], field)
-        answer: torch.Tensor = _Staged.apply(self, field)  # type: ignore[no-untyped-call]
-        return answer
+        return applied(_Staged, self, field)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         answer = self._backwards(self._stages[0], field)
@@ -372,12 +344,6 @@ def _rows_of(plane: Plane, first: int, last: int) -> Plane:
     rows = min(last, plane.shape[0]) - first
     place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
     return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))
-
-
-def same_pitch(span: Span) -> bool:
-    """Whether source and target are sampled alike."""
-    pitches = zip(span.source.pitch, span.target.pitch, strict=True)
-    return all(abs(p - q) <= 1e-12 * p for p, q in pitches)
 
 
 def shared_error(span: Span) -> float:

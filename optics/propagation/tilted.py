@@ -11,7 +11,6 @@ from optics.edge import as_number, recorded
 from optics.fourier import Geometry, NonuniformTransform, unit_phasor
 from optics.fourier.nonuniform import FINEST_NUFFT, nonuniform_bytes, nonuniform_seconds
 from optics.plane import Plane
-from optics.propagation.band import Band, reaching_band
 from optics.propagation.spectral import SpectralPropagator, any_transform, shared_error
 from optics.propagation.transfer import Rays, axial
 
@@ -40,17 +39,8 @@ class TiltedAngularSpectrum(SpectralPropagator):
     name = "tilted angular spectrum"
 
     def _require_served(self) -> None:
-        corners = self.span.numeric.corners
-        nearest = min(z * math.copysign(1, self.span.numeric.distance) for _, _, z in corners)
-        if nearest <= 0:
-            raise ValueError(
-                f"tilt {self.span.tilt} turns a corner of the target to {-nearest:g} m on the "
-                "other side of the source's plane; turn it less, or move it away"
-            )
+        self.span.require_before()
         self.paraxial = self.span.paraxial
-
-    def _made_band(self) -> Band:
-        return reaching_band(self.span, self._epsilon())
 
     def _plan(self) -> None:
         n = self._declared

@@ -11,8 +11,8 @@ import scipy.special
 import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, unkeepable
-from optics.psf.engine import Engine, Lit, double_arithmetic
-from optics.psf.question import Question
+from optics.point.engine import Engine, Lit, double_arithmetic
+from optics.point.question import Question
 from optics.psf.rim import rim_field, rim_nodes
 from optics.psf.truth import MARGIN
 from optics.pupil import wave_phase
@@ -41,6 +41,11 @@ class AxialEngine(Lit, Engine):
     precision = "float64"
 
     def __init__(self, question: Question) -> None:
+        if not self.serves(question):
+            raise ValueError(
+                "method is 'axial'; it serves round stops and aberrations only, and no derivatives "
+                "that move the light on the samples"
+            )
         self._question = question
         q = question.numeric
         self.arithmetic = double_arithmetic(q)

@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from optics.accuracy import Budget, ToleranceError, unkeepable
+from optics.accuracy import Choice, ToleranceError, named, unkeepable
 from optics.camera import Camera
+from optics.chain import CHAIN_METHODS, chain_engines
 from optics.edge import rounded_up
+from optics.point.engine import Engine
+from optics.point.panel import TRANSFORMS, PanelEngine
+from optics.point.question import Question
 from optics.psf.axial import AxialEngine
-from optics.psf.chain import require_open
-from optics.psf.chain_grid import GridEngine
-from optics.psf.chain_nodes import NodesEngine
-from optics.psf.edge_light import EdgeLight
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.panel import TRANSFORMS, PanelEngine
-from optics.psf.question import Question
 from optics.psf.sampled import SampledEngine
 from optics.psf.scattered import ScatteredEngine
-from optics.psf.shadow import CollapsedEngine, collapses
 from optics.psf.truth import Probe
-from optics.pupil import numeric_camera
 
 METHODS = ("axial", "scattered", "sampled")
 """For a lens; behind a panel the methods are those of the Fourier transform."""
-
-CHAIN_METHODS = ("collapsed", "chain", "chain, quadrature")
-"""Where a panel stands apart from its lens. A transform's name asks for the collapsed camera."""
 
 
 _ROOM = 10.0
@@ -39,109 +29,65 @@ an even panel's light is enough then."""
 
 
 def require_method(method: str | None, camera: Camera | None) -> None:
-    if method is None:
-        return
-    if camera is None and method not in METHODS:
-        raise ValueError(f"method is {method!r}; for a lens choose one of {', '.join(METHODS)}")
-    if camera is not None and camera.separation and method not in CHAIN_METHODS + TRANSFORMS:
-        raise ValueError(
-            f"method is {method!r}; for a panel apart from its lens choose one of "
-            f"{', '.join(map(repr, CHAIN_METHODS))}, or a transform's name"
-        )
+    """Raise ValueError for a name that isn't one of a lens' methods, or of a chain's."""
+    if camera is None:
+        named(METHODS, method, "a lens")
+    elif camera.separation:
+        named(CHAIN_METHODS + TRANSFORMS, method, "a panel apart from its lens")
 
 
-def _offers(
+def _choice(
+    question: Question, camera: Camera | None, method: str | None, tried: Iterable[Engine] = ()
+) -> Choice[Engine]:
+    """The engines that offer to serve, but for those of the kinds that were tried."""
+    makers = _makers(question, camera, method)
+    kinds = {one.name for one in tried}
+    return Choice(
+        [make for name, make in makers.items() if name not in kinds],
+        question.budget,
+        "a PSF",
+        remedy="ask for fewer pixels, or bring the object closer to the plane in focus",
+    )
+
+
+def _makers(
     question: Question, camera: Camera | None, method: str | None
-) -> list[Callable[[], Engine]]:
-    """Makers of every engine that serves a question; one that can't serve raises."""
-    if camera is not None:
-        return _panel_offers(question, camera, method)
-    probe = Probe(question)
-    offers: list[Callable[[], Engine]] = []
-    if method in (None, "axial") and AxialEngine.serves(question):
-        offers.append(lambda: AxialEngine(question))
-    if method in (None, "scattered"):
-        offers.append(lambda: ScatteredEngine(question, probe))
-    if method in (None, "sampled") and (method or question.tol >= SampledEngine.FINEST):
-        offers.append(lambda: SampledEngine(question, probe))
-    return offers
-
-
-def _panel_offers(
-    question: Question, camera: Camera, method: str | None
-) -> list[Callable[[], Engine]]:
+) -> dict[str, Callable[[], Engine]]:
+    """What makes every engine that may serve a question."""
+    makers: dict[str, Callable[[], Engine]]
+    if camera is None:
+        probe = Probe(question)
+        makers = {
+            "axial": lambda: AxialEngine(question),
+            "scattered": lambda: ScatteredEngine(question, probe),
+        }
+        if method or question.tol >= SampledEngine.FINEST:
+            makers["sampled"] = lambda: SampledEngine(question, probe)
+        return {name: makers[name] for name in named(makers, method)}
     if not camera.separation:
-        return [lambda: PanelEngine(question, camera, transform=method)]
-    require_open(numeric_camera(camera))
-    # What the stop's edge scatters is looked at once for all of them.
-    edge = EdgeLight(question, numeric_camera(camera))
-    search = functools.cache(lambda: Search(edge))
-    offers: list[Callable[[], Engine]] = []
-    if method in (None, "chain"):
-        offers.append(lambda: GridEngine(question, camera, search()))
-    if method in (None, "chain, quadrature"):
-        offers.append(lambda: NodesEngine(question, camera, search()))
-    if method in (None, "collapsed", *TRANSFORMS) and collapses(numeric_camera(camera)):
-        transform = method if method in TRANSFORMS else None
-        offers.append(lambda: CollapsedEngine(question, camera, search(), transform))
-    return offers
+        return {"panel": lambda: PanelEngine(question, camera, transform=method)}
+    return chain_engines(question, camera, method)
 
 
 def prepared(question: Question, camera: Camera | None, method: str | None, rest: float) -> Engine:
     """The cheapest engine that fits the memory and keeps the tolerance, prepared.
 
-    rest: what is left out of the question's tolerance. Raises the ToleranceError of the one that
-    came first in the offers, with a tolerance that can be kept.
+    rest: what is left out of the question's tolerance. Raises ToleranceError with a tolerance
+    that can be kept, or with what else would help.
     """
-    engines, refusals = _accepting(question, camera, method)
-    for engine in _readied(engines, question.budget, refusals):
+    choice = _choice(question, camera, method)
+    for engine in choice.prepared():
         return engine
-    floors = [error.floor for error in refusals if error.floor is not None]
-    if refusals[0].floor is None or not floors:
-        raise refusals[0]
-    raise advice(question, camera, method, rest, min(floors) + rest)
+    refusal = choice.refusal(question.tol + rest)
+    if isinstance(refusal, ToleranceError) and refusal.floor is not None:
+        raise advice(question, camera, method, rest, refusal.floor + rest)
+    raise refusal
 
 
 def stand_ins(question: Question, camera: Camera, tried: Iterable[Engine]) -> Iterator[Engine]:
     """Engines of other kinds than those that were tried, which promise the tolerance too, the
     cheapest first; each is prepared when it is asked for."""
-    engines, refusals = _accepting(question, camera, None)
-    kinds = {type(one) for one in tried}
-    others = [one for one in engines if type(one) not in kinds]
-    return _readied(others, question.budget, refusals)
-
-
-def _readied(
-    engines: Iterable[Engine], budget: Budget, refusals: list[ToleranceError]
-) -> Iterator[Engine]:
-    """Prepared, the cheapest first; what the others say goes before the refusals."""
-    for engine in sorted(engines, key=lambda engine: engine.cpu_seconds(budget.speed)):
-        try:
-            engine.prepare()
-        except ToleranceError as error:
-            refusals.insert(0, error)
-            continue
-        yield engine
-
-
-def _accepting(
-    question: Question, camera: Camera | None, method: str | None
-) -> tuple[list[Engine], list[ToleranceError]]:
-    """Engines that offer to serve, and what the others say."""
-    offers = _offers(question, camera, method)
-    if not offers:
-        serves = "thin lenses without aberrations" if camera else "round stops and aberrations"
-        raise ValueError(f"method is {method!r}; it serves {serves} only")
-    refusals: list[ToleranceError] = []
-    engines: list[Engine] = []
-    for offer in offers:
-        try:
-            engine = offer()
-            _require_memory(engine, question.budget)
-            engines.append(engine)
-        except ToleranceError as error:
-            refusals.append(error)
-    return engines, refusals
+    return _choice(question, camera, None, tried).prepared()
 
 
 def advice(
@@ -173,8 +119,8 @@ def advice(
 
 def _keeps(question: Question, camera: Camera, method: str | None) -> bool:
     """Whether any engine promises to."""
-    engines, _ = _accepting(question, camera, method)
-    return any(one.error.value + one.arithmetic <= question.tol for one in engines)
+    offers = _choice(question, camera, method).offers
+    return any(one.error.value + one.arithmetic <= question.tol for one in offers)
 
 
 def _upwards(floor: float) -> Iterator[float]:
@@ -184,12 +130,3 @@ def _upwards(floor: float) -> Iterator[float]:
         yield float(rounded_up(floor))
         step = min(2.0, step + 0.125)
         floor *= step
-
-
-def _require_memory(engine: Engine, budget: Budget) -> None:
-    if engine.bytes > budget.memory:
-        raise ToleranceError(
-            f"a PSF by {engine.name} needs {engine.bytes / 1e6:.0f} MB at least and "
-            f"{budget.memory / 1e6:.0f} MB are allowed; allow more memory, ask for fewer pixels, "
-            "or bring the object closer to the plane in focus"
-        )

@@ -19,14 +19,13 @@ from optics.accuracy import (
     ToleranceError,
 )
 from optics.camera import Camera, Lens
+from optics.chain import GridEngine, Light, passed_light
 from optics.edge import as_number, tensors_inside
 from optics.plane import Plane
-from optics.psf.chain_grid import GridEngine
+from optics.point.engine import Engine
+from optics.point.question import Question
+from optics.point.sphere import Sphere
 from optics.psf.choice import advice, prepared, require_method, stand_ins
-from optics.psf.engine import Engine
-from optics.psf.passed import Light, passed_light
-from optics.psf.question import Question
-from optics.psf.sphere import Sphere
 from optics.pupil import (
     Scalar,
     cutoff_frequency,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.psf.question import Question
+from optics.point.question import Question
 from optics.pupil import defocus_curvature
 
 _CHUNK = 1 << 21

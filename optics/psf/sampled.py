@@ -8,14 +8,13 @@ import torch
 
 from optics.accuracy import (
     FLOAT32_ARITHMETIC,
-    FLOAT64_ARITHMETIC,
     MachineSpeed,
     unkeepable,
 )
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
-from optics.psf.engine import Engine, Lit, within_a_turn
-from optics.psf.question import Question
+from optics.point.engine import Engine, Lit, within_a_turn
+from optics.point.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
 from optics.stop.coverage import coverage
@@ -56,10 +55,7 @@ class SampledEngine(Lit, Engine):
 
     def _plan(self) -> None:
         q = self._question.numeric
-        double = 0.5 * q.tol < FLOAT32_ARITHMETIC
-        self._dtype = torch.complex128 if double else torch.complex64
-        self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
-        self.precision = "float64" if double else "float32"
+        self._set_precision(0.5 * q.tol < FLOAT32_ARITHMETIC)
         # A margin of a sample on every side, for edges that lie on the outermost lines.
         pitch = 2 * q.radius / (self._size - 2)
         self._plane = Plane((self._size, self._size), (pitch, pitch))

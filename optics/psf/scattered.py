@@ -13,8 +13,8 @@ from optics.fourier.nonuniform import (
     nonuniform_bytes,
     nonuniform_seconds,
 )
-from optics.psf.engine import Engine, Lit, double_arithmetic
-from optics.psf.question import Question
+from optics.point.engine import Engine, Lit, double_arithmetic
+from optics.point.question import Question
 from optics.psf.truth import Probe
 from optics.pupil import wave_phase
 from optics.stop.quadrature import Nodes, count_nodes, stop_blocks, stop_rule

@@ -10,10 +10,9 @@ from torch.utils.checkpoint import checkpoint
 
 from optics.accuracy import Account, Budget
 from optics.camera import Camera
+from optics.chain import GridEngine, spectrum_of
 from optics.edge import tensors_inside
 from optics.plane import Plane
-from optics.psf.chain_grid import GridEngine
-from optics.psf.lens_pass import spectrum_of
 from optics.psf.operator import PSFOperator, normalised
 from optics.threads import in_full_precision
 

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import ErrorEstimate
-from optics.psf.question import Question
+from optics.point.question import Question
 from optics.pupil import wave_phase
 from optics.stop.quadrature import Nodes, Steepness, count_nodes, stop_blocks
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.accuracy import MachineSpeed
+from optics.accuracy import MachineSpeed, Setting, best_within, named
 from optics.camera import Camera
-from optics.edge import require_positive, rounded_up, tensors_inside
+from optics.edge import require_positive, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval.gerchberg_saxton import require_iterations
@@ -88,17 +88,12 @@ def retrieve(
     # A panel that can't show a pattern is refused before one is computed.
     require_orders(camera.panel, wavelength, 1)
     slow = frames > 1 and camera.panel.response_time > 0
-    if method is None and budget is None:
-        method = "responding" if slow else quick_method(frames)
+    quick = "responding" if slow else quick_method(frames)
     if budget is None:
-        count = QUICK_ITERATIONS if iterations is None else iterations
-    elif method is None:
-        method, count = _best(goal, frames, budget, slow, speed)
+        method, count = method or quick, QUICK_ITERATIONS if iterations is None else iterations
     else:
-        rest = budget - _before(goal, frames, method, speed)
-        count = METHODS[method].iterations(goal, frames, rest, speed)
-        _require_time(goal, frames, budget, method, count, speed)
-    assert method is not None
+        best = _best(goal, frames, budget, method or quick, slow or method is not None, speed)
+        method, count = best.method, best.count
     job = Job(goal, frames, count, generator, progress.part(0, 0.9), start)
     started = time.process_time()
     phases = METHODS[method].solve(job)
@@ -122,30 +117,34 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
         require_positive("budget", budget, "s")
     if iterations is not None:
         require_iterations(iterations)
-    if method is None:
-        return
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; choose one of {', '.join(METHODS)}")
-    if not METHODS[method].serves(frames):
-        serving = ", ".join(name for name, one in METHODS.items() if one.serves(frames))
-        raise ValueError(
-            f"method {method!r} doesn't serve {frames} "
-            f"{'frame' if frames == 1 else 'frames'}; choose one of {serving}"
-        )
+    named(METHODS, method)
+    serving = [name for name, one in METHODS.items() if one.serves(frames)]
+    named(serving, method, _counted(frames, "frame"))
 
 
 def _best(
-    goal: Goal, frames: int, budget: float, slow: bool, speed: MachineSpeed
-) -> tuple[str, int]:
-    """The method on the front of quality against time, and its iterations."""
-    quick = "responding" if slow else quick_method(frames)
-    count = METHODS[quick].iterations(goal, frames, budget, speed)
-    _require_time(goal, frames, budget, quick, count, speed)
-    if slow:
-        return quick, count
-    rest = budget - _before(goal, frames, "descent", speed)
-    steps = METHODS["descent"].iterations(goal, frames, rest, speed)
-    return ("descent", steps) if steps >= _WORTH else (quick, count)
+    goal: Goal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
+) -> Setting:
+    """A method, or the descent where it gains more, with as many iterations as fit.
+
+    alone: whether no descent is looked at.
+    """
+    settings = [_fitting(goal, frames, budget, method, 1, speed)]
+    if not alone:
+        settings.append(_fitting(goal, frames, budget, "descent", _WORTH, speed))
+    return best_within(budget, settings)
+
+
+def _fitting(
+    goal: Goal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
+) -> Setting:
+    """Of a method, as many iterations as a budget has time for, but no fewer than `least`, which
+    is also what a method gains."""
+    before, way = _before(goal, frames, method, speed), METHODS[method]
+    count = max(way.iterations(goal, frames, budget - before, speed), least)
+    seconds = before + way.seconds(goal, frames, count, speed)
+    words = f"{_counted(least, 'iteration')} of {method} with {_counted(frames, 'frame')}"
+    return Setting(method, count, seconds, least, words)
 
 
 def _before(goal: Goal, frames: int, method: str, speed: MachineSpeed) -> float:
@@ -155,13 +154,5 @@ def _before(goal: Goal, frames: int, method: str, speed: MachineSpeed) -> float:
     return METHODS[quick_method(frames)].seconds(goal, frames, converged(frames), speed)
 
 
-def _require_time(
-    goal: Goal, frames: int, budget: float, method: str, count: int, speed: MachineSpeed
-) -> None:
-    if count < 1:
-        least = METHODS[method].seconds(goal, frames, 1, speed)
-        least += _before(goal, frames, method, speed)
-        raise ValueError(
-            f"budget is {budget:g} s; one iteration of {method} with {frames} "
-            f"{'frame' if frames == 1 else 'frames'} takes about {rounded_up(least)} s: allow more"
-        )
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}{'' if number == 1 else 's'}"

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import torch
 
-from optics.accuracy import Budget, MachineSpeed, ToleranceError
+from optics.accuracy import Budget, MachineSpeed, require_memory
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, centred_crop
 
@@ -96,12 +96,8 @@ class PixelIntegration:
         self.margin = beyond * self._factor
         self.plane = Plane(window, pixels.pitch, pixels.centre).finer(self._factor)
         allowed = (budget or Budget()).memory
-        if self.bytes > allowed:
-            raise ToleranceError(
-                f"the light on whole pixels needs {self._factor}x{self._factor} samples in each "
-                f"and {self.bytes / 1e6:.0f} MB, and {allowed / 1e6:.0f} MB are allowed; allow "
-                "more memory, or ask for fewer pixels"
-            )
+        what = f"the light on whole pixels, with {self._factor}x{self._factor} samples in each,"
+        require_memory(what, self.bytes, allowed, "ask for fewer pixels")
 
     @property
     def _samples(self) -> int:

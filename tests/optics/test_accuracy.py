@@ -1,3 +1,4 @@
+import math
 from dataclasses import dataclass
 
 import pytest
@@ -5,11 +6,15 @@ import pytest
 from optics.accuracy import (
     Account,
     Budget,
+    Choice,
     ErrorEstimate,
     MachineSpeed,
+    Setting,
     ToleranceError,
+    best_within,
     cheapest,
     describe,
+    unkeepable,
 )
 
 
@@ -36,7 +41,8 @@ def test_what_does_not_fit_in_memory_is_passed_over():
 
 def test_if_nothing_fits_the_memory_of_the_thriftiest_is_named():
     with pytest.raises(
-        ToleranceError, match=r"a hologram needs 3 MB at least and 2 MB are allowed; allow more"
+        ToleranceError,
+        match=r"a hologram by thrifty needs 3 MB at least and 2 MB are allowed; allow more",
     ):
         cheapest([QUICK, THRIFTY], Budget(memory=2_000_000), "a hologram")
 
@@ -54,3 +60,57 @@ def test_an_account_adds_sampling_and_arithmetic_and_keeps_the_model_apart():
     assert data["error_model"] == 0.5
     assert (data["cpu_predicted_s"], data["cpu_s"]) == (0.25, 0.125)
     assert account.cpu_spent is None
+
+
+class Promising(Way):
+    """A way that keeps no tolerance below its floor."""
+
+    def __init__(self, name: str, cost: float, floor: float, tol: float, size: int = 1) -> None:
+        super().__init__(name, size, cost)
+        self.floor, self.tol = floor, tol
+
+    def prepare(self) -> None:
+        if self.tol < self.floor:
+            raise unkeepable(self.tol, self.floor)
+
+
+def promising(tol: float) -> Choice[Promising]:
+    def unfit() -> Promising:
+        raise ValueError("it serves other questions")
+
+    makers = [
+        lambda: Promising("fine", 9.0, 1e-6, tol),
+        lambda: Promising("coarse", 1.0, 1e-2, tol),
+        lambda: Promising("vast", 0.1, 1e-9, tol, 1 << 40),
+        unfit,
+    ]
+    return Choice(makers, Budget(), "it")
+
+
+@pytest.mark.parametrize(("tol", "names"), [(1e-1, ["coarse", "fine"]), (1e-3, ["fine"])])
+def test_the_cheapest_that_keeps_its_promise_comes_first(tol, names):
+    assert [one.name for one in promising(tol).prepared()] == names
+
+
+def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():
+    choice = promising(1e-8)
+    assert not list(choice.prepared())
+    refusal = choice.refusal(1e-8)
+    assert isinstance(refusal, ToleranceError)
+    assert refusal.floor == 1e-6
+    assert "ask for tol 1e-06 or more" in str(refusal)
+
+
+def test_what_takes_too_long_is_refused_with_the_way_to_have_it_all_the_same():
+    choice = Choice([lambda: QUICK], Budget(), "it", longest=1e-12)
+    assert choice.seconds == math.inf
+    with pytest.raises(ToleranceError, match=r"it by quick would take 0 h; .* method='quick'"):
+        raise choice.refusal(1e-3)
+
+
+def test_the_setting_that_gains_most_in_a_time_is_chosen():
+    settings = [Setting("slow", 9, 5.0, 3.0), Setting("fast", 1, 1.0, 1.0)]
+    assert best_within(6.0, settings).method == "slow"
+    assert best_within(2.0, settings).method == "fast"
+    with pytest.raises(ValueError, match=r"budget is 0\.5 s; the quickest, fast, takes about 1 s"):
+        best_within(0.5, settings)

@@ -95,7 +95,7 @@ def test_a_slower_machine_is_given_less_work(blurred):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"method": "magic"}, "method is 'magic'; take one of wiener, richardson-lucy"),
+        ({"method": "magic"}, "method is 'magic'; choose one of wiener, richardson-lucy"),
         ({"budget": -1.0}, "budget"),
         ({"budget": float("nan")}, "budget"),
         ({"weight": 1e-3}, "name the method as well"),

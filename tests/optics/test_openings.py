@@ -7,8 +7,8 @@ import pytest
 import torch
 from judges import covered
 
+from optics.chain.openings import Openings
 from optics.plane import Plane
-from optics.psf.openings import Openings
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 RADIUS = 1e-3

@@ -15,8 +15,8 @@ from judges.free_space_sums import cell_matrix, exact_gauss, gauss, mesh
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace, propagate
-from optics.propagation.choice import _CLASSES
-from optics.propagation.scaled import ScaledAngularSpectrum
+from optics.propagation.angular_spectrum import ScaledAngularSpectrum
+from optics.propagation.choice import _CLASSES as PROPAGATORS
 from optics.propagation.span import Span
 
 BLUE = 0.5e-6
@@ -24,7 +24,6 @@ PANEL = Plane((12, 10), (8e-6, 8e-6))
 CELLS = (7.5e-6, 7.5e-6)
 SENSOR = Plane((9, 8), (10e-6, 12e-6), (20e-6, -30e-6))
 BEAM = Plane((48, 45), (5e-6, 5e-6))
-PROPAGATORS = {propagator.name: propagator for propagator in _CLASSES}
 
 
 def modulation(seed: int = 0, batch: tuple[int, ...] = ()) -> np.ndarray:

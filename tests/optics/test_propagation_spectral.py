@@ -20,11 +20,14 @@ from judges.free_space_sums import (
 from optics.accuracy import Budget, ToleranceError
 from optics.fourier import ChirpTransform, Geometry
 from optics.plane import Plane
-from optics.propagation.angular_spectrum import AngularSpectrum
+from optics.propagation.angular_spectrum import (
+    AngularSpectrum,
+    BandLimitedAngularSpectrum,
+    ScaledAngularSpectrum,
+    common_multiple,
+)
 from optics.propagation.band import Taper, reaching_band
-from optics.propagation.band_limited import BandLimitedAngularSpectrum
 from optics.propagation.fresnel_transfer import FresnelTransfer
-from optics.propagation.scaled import ScaledAngularSpectrum, common_multiple
 from optics.propagation.span import Span
 from optics.propagation.tilted import TiltedAngularSpectrum
 from optics.propagation.transfer import Rays, axial, paraxial_error, transfer
@@ -419,7 +422,7 @@ def test_a_spectrum_that_no_parts_make_fit_is_refused_before_any_transform(monke
     def planned(*_):
         raise AssertionError("a transform was planned")
 
-    monkeypatch.setattr("optics.propagation.scaled.any_transform", planned)
+    monkeypatch.setattr("optics.propagation.spectral.any_transform", planned)
     panel, target = Plane((7, 8), (10e-6, 8e-6)), Plane((3, 4), (13e-6, 9e-6), (11e-6, -15e-6))
     span = Span(panel, target, 1e-9, BLUE, cells=(9e-6, 8e-6), paraxial=True)
     with pytest.raises(ToleranceError, match="allow more memory"):

@@ -16,8 +16,8 @@ from judges import View, by_lines, relative
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
+from optics.point.question import Question
 from optics.psf import PolychromaticPSF, PSFOperator
-from optics.psf.question import Question
 from optics.psf.rim import rim_field
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 

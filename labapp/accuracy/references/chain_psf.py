@@ -13,8 +13,7 @@ from labapp.accuracy.references.chain import NODES, chain_density, counts
 from labapp.accuracy.references.panel import Chain, Factors
 from labapp.accuracy.references.psf import Judge, Problem
 from optics.camera import Camera
-from optics.psf import PSFOperator
-from optics.psf.choice import CHAIN_METHODS
+from optics.psf import CHAIN_METHODS, PSFOperator
 
 Array = NDArray[np.float64]
 

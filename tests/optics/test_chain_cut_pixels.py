@@ -10,10 +10,10 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain.cut_pixels import gray_share
 from optics.plane import Plane
+from optics.point.question import Question
 from optics.psf import PSFOperator
-from optics.psf.cut_pixels import gray_share
-from optics.psf.question import Question
 from optics.stop.aperture import Circle, Stop, rectangle
 
 WAVELENGTH = 550e-9

@@ -8,16 +8,16 @@ import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.camera import Camera
+from optics.chain.cut_pixels import gray_share
+from optics.chain.dimness import Dimness
+from optics.chain.grid import GridEngine
+from optics.chain.lens_grid import Search
+from optics.chain.thin_camera import collapsed
 from optics.edge import as_number, rounded_up
 from optics.plane import Plane
-from optics.psf.chain_grid import GridEngine
-from optics.psf.collapse import collapsed
-from optics.psf.cut_pixels import gray_share
-from optics.psf.dim import Dimness
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.panel import PanelEngine
-from optics.psf.question import Question
+from optics.point.engine import Engine
+from optics.point.panel import PanelEngine
+from optics.point.question import Question
 from optics.pupil import LEAST_LEVER, numeric_camera, open_area, pupil_amplitude, vergence_error
 
 
@@ -39,6 +39,11 @@ class CollapsedEngine(Engine):
         self._question, self._camera, self._search = question, camera, search
         n = question.numeric
         plain = numeric_camera(camera)
+        if not collapses(plain):
+            raise ValueError(
+                "method is 'collapsed'; it serves thin lenses without aberrations only, whose "
+                'panel isn\'t near to the plane in focus; take method="chain"'
+            )
         thin = collapsed(plain, n.distance, n.field)
         if not open_area(thin) > 0:
             raise ToleranceError(

@@ -12,9 +12,9 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain.relay import Band, Relay, RelayAxis
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, modulated_psf
-from optics.psf.relay import Band, Relay, RelayAxis
 from optics.psf.stack import PSFStack
 from optics.slm.modulator import Modulator
 
@@ -428,7 +428,7 @@ def test_a_stack_has_derivatives_with_little_memory(memory, phase, rng):
 
 def test_what_cannot_be_asked_is_named(phase):
     question = (camera(), 0.5, WAVELENGTH, PIXELS)
-    with pytest.raises(ValueError, match="choose one of 'collapsed', 'chain'"):
+    with pytest.raises(ValueError, match="choose one of collapsed, chain, 'chain, quad"):
         PSFOperator(*question, method="sampled")
     with pytest.raises(ValueError, match="field is"):
         PSFOperator(*question, field=(0.0, math.nan))

@@ -10,9 +10,9 @@ import torch
 
 from optics.accuracy import Budget
 from optics.camera import Lens
-from optics.edge import as_number, recorded
+from optics.edge import as_number, recorded, require_same
 from optics.plane import Plane
-from optics.psf.sphere import Sphere
+from optics.point.sphere import Sphere
 from optics.pupil import Scalar, numeric_lens, require_light, steepness
 from optics.stop.quadrature import Steepness
 
@@ -129,15 +129,8 @@ class Question:
 
     def require_unchanged(self) -> None:
         """Raise ValueError if a tensor has got another value since the plan was made."""
-        now = replace(self)
-        before, after = self.numeric, now.numeric
-        for name in ("lens", "distance", "wavelength", "samples", "separation", "field"):
-            was, is_ = getattr(before, name), getattr(after, name)
-            if was != is_:
-                raise ValueError(
-                    f"{name} has changed since this PSF was planned, from {was} to {is_}; plan "
-                    "another PSFOperator for it"
-                )
+        names = ("lens", "distance", "wavelength", "samples", "separation", "field")
+        require_same(names, self.numeric, replace(self).numeric, "PSFOperator")
 
     @property
     def differentiable(self) -> bool:

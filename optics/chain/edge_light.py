@@ -27,9 +27,9 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera
+from optics.chain.relay_axes import extent
 from optics.fourier import unit_phasor
-from optics.psf.question import Question
-from optics.psf.relay_axes import extent
+from optics.point.question import Question
 from optics.pupil import open_area, wave_phase
 
 Array = NDArray[np.float64]

@@ -9,12 +9,13 @@ from typing import Any
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, cheapest
+from optics.chain.lens_wave import LensWave
+from optics.chain.openings import Openings
+from optics.chain.relay import Relay
 from optics.fourier import Geometry, transforms
 from optics.fourier.separable import AxisRule, SeparableTransform
+from optics.fourier.transform import applied
 from optics.plane import Plane
-from optics.psf.lens_wave import LensWave
-from optics.psf.openings import Openings
-from optics.psf.relay import Relay
 
 
 class LensPass:
@@ -138,19 +139,14 @@ def spectrum_of(relay: Relay, field: torch.Tensor) -> torch.Tensor:
     """A panel's spectrum, (..., y, x); differentiable in its field."""
     if not (field.requires_grad and torch.is_grad_enabled()):
         return relay.spectrum(field.detach())
-    return _applied(_Spectrum, relay, field)
+    return applied(_Spectrum, relay, field)
 
 
 def passed_through(lens_pass: LensPass, spectrum: torch.Tensor) -> torch.Tensor:
     """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
     if not (spectrum.requires_grad and torch.is_grad_enabled()):
         return _each(lens_pass, spectrum.detach())
-    return _applied(_Passed, lens_pass, spectrum)
-
-
-def _applied(function: Any, *arguments: Any) -> torch.Tensor:
-    answer: torch.Tensor = function.apply(*arguments)
-    return answer
+    return applied(_Passed, lens_pass, spectrum)
 
 
 def _each(function: Any, fields: torch.Tensor) -> torch.Tensor:

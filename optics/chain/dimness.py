@@ -8,7 +8,7 @@ from functools import cached_property
 
 import torch
 
-from optics.psf.edge_light import EdgeLight
+from optics.chain.edge_light import EdgeLight
 
 _DIMMER = 0.8
 """Of the light behind an evenly lit panel: what a window must get for an estimate that counts on

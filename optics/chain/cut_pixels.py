@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Camera
-from optics.psf.edge_light import window_frequencies
-from optics.psf.question import Question
+from optics.chain.edge_light import window_frequencies
+from optics.point.question import Question
 from optics.pupil import vergence_error
 
 Array = NDArray[np.float64]

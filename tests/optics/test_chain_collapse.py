@@ -11,9 +11,9 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain.thin_camera import collapsed
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.psf.collapse import collapsed
 from optics.pupil import open_area, pupil_amplitude
 
 WAVELENGTH = 550e-9

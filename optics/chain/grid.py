@@ -12,22 +12,21 @@ import torch
 
 from optics.accuracy import (
     FLOAT32_ARITHMETIC,
-    FLOAT64_ARITHMETIC,
     ErrorEstimate,
     MachineSpeed,
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.engine import ChainEngine
+from optics.chain.lens_grid import Search, lens_grid
+from optics.chain.lens_pass import LensPass, passed_through, spectrum_of
+from optics.chain.lens_wave import LensWave
+from optics.chain.openings import Openings
+from optics.chain.relay import Relay, RelayAxis, relayed
+from optics.chain.relay_axes import lens_plane, relay_axes
 from optics.fourier import unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.psf.chain import ChainEngine, require_open
-from optics.psf.lens_grid import Search, lens_grid
-from optics.psf.lens_pass import LensPass, passed_through, spectrum_of
-from optics.psf.lens_wave import LensWave
-from optics.psf.openings import Openings
-from optics.psf.question import Question
-from optics.psf.relay import Relay, RelayAxis, relayed
-from optics.psf.relay_axes import lens_plane, relay_axes
+from optics.point.question import Question
 from optics.pupil import defocus_curvature, wave_phase
 from optics.stop.coverage import coverage
 
@@ -56,10 +55,7 @@ class GridEngine(ChainEngine):
     ) -> None:
         super().__init__(question, camera, search, promised)
         n = question.numeric
-        double = 0.1 * n.tol < FLOAT32_ARITHMETIC
-        self._dtype = torch.complex128 if double else torch.complex64
-        self.precision = "float64" if double else "float32"
-        self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
+        self._set_precision(0.1 * n.tol < FLOAT32_ARITHMETIC)
         rough = self._sphere_error()
         allowed = _GRID_SHARE * n.tol - rough
         if not allowed > 0:
@@ -121,7 +117,6 @@ class GridEngine(ChainEngine):
         return (self._pass.cpu_seconds(speed) + wave) * (3 if self._question.sphere else 1)
 
     def prepare(self) -> None:
-        require_open(self._camera)
         if not self.error.value + self.arithmetic <= self._question.tol:
             raise unkeepable(self._question.tol, self.error.value + self.arithmetic)
         if not self._question.differentiable:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from optics.accuracy import unkeepable
 from optics.camera import Camera
-from optics.psf.edge_light import EdgeLight, between
-from optics.psf.question import Question
-from optics.psf.relay_axes import End, LensGrid
+from optics.chain.edge_light import EdgeLight, between
+from optics.chain.relay_axes import End, LensGrid
+from optics.point.question import Question
 
 Array = NDArray[np.float64]
 

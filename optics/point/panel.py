@@ -14,6 +14,7 @@ from optics.accuracy import (
     MachineSpeed,
     ToleranceError,
     cheapest,
+    named,
     unkeepable,
 )
 from optics.camera import Camera
@@ -30,9 +31,9 @@ from optics.fourier import (
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Lattice
-from optics.psf.engine import Engine, Lit, within_a_turn
-from optics.psf.pixels import CurvedPixelTransform
-from optics.psf.question import Question
+from optics.point.curved_pixels import CurvedPixelTransform
+from optics.point.engine import Engine, Lit, within_a_turn
+from optics.point.question import Question
 from optics.pupil import (
     defocus_curvature,
     numeric_lens,
@@ -40,6 +41,7 @@ from optics.pupil import (
     panel_reach,
     phase_step,
     pupil_amplitude,
+    require_open,
     wave_phase,
 )
 
@@ -93,9 +95,7 @@ class PanelEngine(Lit, Engine):
             self._steps += n.sphere.slope(panel_reach(camera)) * camera.panel.pitch
         flat = self._flat_error()
         self._double = precise or n.tol - (flat if flat < n.tol else 0) < 2 * FLOAT32_ARITHMETIC
-        self._dtype = torch.complex128 if self._double else torch.complex64
-        self.precision = "float64" if self._double else "float32"
-        self.arithmetic = FLOAT64_ARITHMETIC if self._double else FLOAT32_ARITHMETIC
+        self._set_precision(self._double)
         allowed = 0.0 if precise else max(_TRANSFORM_SHARE * n.tol, FINEST_GRIDDING)
         self._allowed = allowed
         if flat + self.arithmetic + 2 * allowed <= n.tol:
@@ -104,10 +104,8 @@ class PanelEngine(Lit, Engine):
         else:
             sampling, offered = self._bent()
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"
-        chosen = [one for one in offered if transform in (None, one.name)]
-        if not chosen:
-            names = ", ".join(one.name for one in offered)
-            raise ValueError(f"method is {transform!r}; for {what} choose one of {names}")
+        valid = {one.name: one for one in offered}
+        chosen = [valid[name] for name in named(valid, transform, what)]
         self._transform = cheapest(chosen, n.budget, what)
         if isinstance(self._transform, CurvedPixelTransform):
             self._pixels, self._nodes = "curved", 1
@@ -183,12 +181,7 @@ class PanelEngine(Lit, Engine):
         n = self._question.numeric
         if not self.error.value + self.arithmetic <= n.tol:
             raise unkeepable(n.tol, self.error.value + self.arithmetic)
-        amplitude = pupil_amplitude(self._camera)
-        if float(amplitude.sum()) == 0:
-            raise ValueError(
-                "the stop or what obscures it covers the whole panel: no light passes; open it "
-                f"(f_number is {self._camera.lens.f_number:g}), or give a larger panel"
-            )
+        require_open(self._camera)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()

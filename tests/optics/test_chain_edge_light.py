@@ -10,9 +10,9 @@ import torch
 
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
+from optics.chain.edge_light import EdgeLight, _distances, window_frequencies
 from optics.plane import Plane
-from optics.psf.edge_light import EdgeLight, _distances, window_frequencies
-from optics.psf.question import Question
+from optics.point.question import Question
 from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9

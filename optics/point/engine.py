@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from optics.accuracy import FLOAT64_ARITHMETIC, ErrorEstimate, MachineSpeed
+from optics.accuracy import FLOAT32_ARITHMETIC, FLOAT64_ARITHMETIC, ErrorEstimate, Offer
 from optics.edge import require_finite, rounded_up
-from optics.psf.question import Question
+from optics.point.question import Question
 
 _EPSILON = 4e-16
 
@@ -21,7 +21,7 @@ _LOOKED_AT, _NEAREST = 3000, 7
 """Points at which a phase's slope is looked at, and how many of the nearest beside each."""
 
 
-class Engine(ABC):
+class Engine(Offer):
     """A way to compute the light of a point, offered before it is prepared.
 
     An offer knows its bytes and its processor time without having made anything large;
@@ -31,11 +31,11 @@ class Engine(ABC):
     name, sampling, precision: in words. error: of the sampling, once prepared.
     """
 
-    name: str
     sampling: str
     precision: str
     error: ErrorEstimate
     arithmetic: float
+    _dtype: torch.dtype
     _question: Question
     _neighbours: Neighbours | None = None
 
@@ -45,15 +45,11 @@ class Engine(ABC):
         rows, columns = self._question.samples.shape
         return rows * columns
 
-    @property
-    @abstractmethod
-    def bytes(self) -> int: ...
-
-    @abstractmethod
-    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
-
-    @abstractmethod
-    def prepare(self) -> None: ...
+    def _set_precision(self, double: bool) -> None:
+        """Complex numbers in double or in single precision, and what that costs."""
+        self._dtype = torch.complex128 if double else torch.complex64
+        self.precision = "float64" if double else "float32"
+        self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
 
     @abstractmethod
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -10,11 +10,11 @@ import pytest
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain.edge_light import EdgeLight
+from optics.chain.lens_grid import Search, _beyond, _outwards, lens_grid
+from optics.chain.relay_axes import End
 from optics.plane import Plane
-from optics.psf.edge_light import EdgeLight
-from optics.psf.lens_grid import Search, _beyond, _outwards, lens_grid
-from optics.psf.question import Question
-from optics.psf.relay_axes import End
+from optics.point.question import Question
 
 TOL = 3e-3
 CAMERA = Camera(Panel((60, 80), 8e-6), Lens(0.05, 0.05 / 0.4e-3, 2.0), separation=5e-3)

@@ -13,13 +13,13 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.dimness import Dimness
+from optics.chain.edge_light import EdgeLight
+from optics.chain.lens_grid import Search
+from optics.chain.relay import Moved
 from optics.edge import as_number, recorded
-from optics.psf.dim import Dimness
-from optics.psf.edge_light import EdgeLight
-from optics.psf.engine import Engine
-from optics.psf.lens_grid import Search
-from optics.psf.question import Question
-from optics.psf.relay import Moved
+from optics.point.engine import Engine
+from optics.point.question import Question
 from optics.pupil import (
     Scalar,
     numeric_camera,
@@ -42,8 +42,6 @@ class ChainEngine(Engine):
     M = 1. Then the lens leaves the defocus and its aberrations (`wave_phase`), and a Fraunhofer
     integral about the image point goes to the sensor; the tilt by x_o is what moves it there.
     """
-
-    _dtype: torch.dtype
 
     def __init__(
         self,
@@ -169,15 +167,6 @@ class ChainEngine(Engine):
         raise ToleranceError(
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts; ask for a window that is nearer to the light"
-        )
-
-
-def require_open(camera: Camera) -> None:
-    """Raise ValueError for a stop that leaves the panel dark."""
-    if not open_area(camera) > 0:
-        raise ValueError(
-            "the stop or what obscures it covers the whole panel: no light passes; open it "
-            f"(f_number is {camera.lens.f_number:g}), or give a larger panel"
         )
 
 

@@ -10,10 +10,10 @@ import torch
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera
-from optics.psf.openings import Openings
-from optics.psf.question import Question
-from optics.psf.relay import Relay
-from optics.psf.relay_axes import LensGrid, bend_of, extent, lens_plane, relay_axes
+from optics.chain.openings import Openings
+from optics.chain.relay import Relay
+from optics.chain.relay_axes import LensGrid, bend_of, extent, lens_plane, relay_axes
+from optics.point.question import Question
 from optics.pupil import numeric_camera, open_area, pupil_amplitude
 
 _ORDERS = 16.0

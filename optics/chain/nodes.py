@@ -18,6 +18,10 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
+from optics.chain.engine import ChainEngine
+from optics.chain.lens_grid import Search
+from optics.chain.relay import Band, RelayAxis, fast_length
+from optics.chain.relay_axes import bend_of, extent
 from optics.edge import recorded
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
@@ -25,13 +29,10 @@ from optics.fourier.nonuniform import (
     nonuniform_bytes,
     nonuniform_seconds,
 )
+from optics.fourier.transform import applied
 from optics.plane import Plane
-from optics.psf.chain import ChainEngine, require_open
-from optics.psf.engine import within_a_turn
-from optics.psf.lens_grid import Search
-from optics.psf.question import Question
-from optics.psf.relay import Band, RelayAxis, fast_length
-from optics.psf.relay_axes import bend_of, extent
+from optics.point.engine import within_a_turn
+from optics.point.question import Question
 from optics.pupil import wave_phase
 from optics.stop.quadrature import Nodes, Steepness, count_nodes, stop_blocks, stop_rule
 
@@ -131,7 +132,6 @@ class NodesEngine(ChainEngine):
 
     def prepare(self) -> None:
         n = self._question.numeric
-        require_open(self._camera)
         if not self.error.value + self.arithmetic <= n.tol:
             raise unkeepable(n.tol, self.error.value + self.arithmetic)
         if self._held:
@@ -241,8 +241,7 @@ def _at_nodes(transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
     wanted = light.requires_grad or any(map(recorded, numbers))
     if not (wanted and torch.is_grad_enabled()):
         return transform.adjoint(light.detach())
-    answer: torch.Tensor = _AtNodes.apply(transform, light, *numbers)  # type: ignore[no-untyped-call]
-    return answer
+    return applied(_AtNodes, transform, light, *numbers)
 
 
 class _AtNodes(torch.autograd.Function):

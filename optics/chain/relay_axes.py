@@ -10,9 +10,9 @@ import numpy as np
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera
+from optics.chain.relay import Band, RelayAxis, fast_length
 from optics.plane import Plane
-from optics.psf.question import Question
-from optics.psf.relay import Band, RelayAxis, fast_length
+from optics.point.question import Question
 
 _TAPER = 1e-2
 """What a band's smooth ends leave of its light outside the light's geometric reach, in shares

@@ -21,6 +21,7 @@ import torch
 from optics.accuracy import MachineSpeed
 from optics.fourier import fft, unit_phasor
 from optics.fourier.fft import fft_operations
+from optics.fourier.transform import applied
 
 
 @dataclass(frozen=True)
@@ -327,13 +328,8 @@ def relayed(relay: Relay, field: torch.Tensor, moved: Moved | None = None) -> to
     if not (wanted and torch.is_grad_enabled()):
         return relay.to_lens(relay.spectrum(field), (None, None))
     if moved is None:
-        return _applied(relay, field, None, None, None, None)
-    return _applied(relay, field, moved.bend, moved.stretch, *moved.shift)
-
-
-def _applied(*arguments: Any) -> torch.Tensor:
-    answer: torch.Tensor = _Relayed.apply(*arguments)  # type: ignore[no-untyped-call]
-    return answer
+        return applied(_Relayed, relay, field, None, None, None, None)
+    return applied(_Relayed, relay, field, moved.bend, moved.stretch, *moved.shift)
 
 
 class _Relayed(torch.autograd.Function):
