@@ -43,7 +43,7 @@ class ReconstructionView(QWidget):
         super().__init__(parent)
         self.method = QComboBox(self)
         self.method.addItems(list(METHODS))
-        self.method.setToolTip("Automatic takes what serves best in the time")
+        self.method.setToolTip("Method: automatic takes what serves best in the time")
         self.budget = QDoubleSpinBox(self, decimals=2, maximum=_LONGEST, singleStep=0.1)
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
@@ -77,7 +77,6 @@ class ReconstructionView(QWidget):
     def _arrange(self) -> None:
         bar = QHBoxLayout()
         bar.setSpacing(6)
-        bar.addWidget(label(self, "Method"))
         bar.addWidget(self.method)
         bar.addWidget(label(self, "Time"))
         bar.addWidget(self.budget)

@@ -12,6 +12,7 @@ import atexit
 import ctypes
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -125,6 +126,7 @@ class Popen(subprocess.Popen):
             "session": start_new_session,
             "group": process_group,
             "parent": os.getpid(),
+            "blocked": sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
             "files": [0, 1, 2, *pass_fds],
         }
         given = enumerate((p2cread, c2pwrite, errwrite))

@@ -71,6 +71,8 @@ def become(request: dict[str, Any], files: list[int]) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # After nohup all processes would ignore it.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    # This server may have been started while signals were blocked.
+    signal.pthread_sigmask(signal.SIG_SETMASK, request["blocked"])
     if request["session"]:
         os.setsid()
     elif request["group"] >= 0:

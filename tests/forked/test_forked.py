@@ -70,6 +70,19 @@ def test_a_program_ends_as_it_should(kind, code, status, last):
     assert "".join(done.stderr.splitlines()[-1:]) == last
 
 
+@KINDS
+def test_signals_are_blocked_as_they_are_here(kind):
+    code = python(
+        "import signal; print(signal.SIGUSR1 in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+    )
+    assert kind.run(code, capture_output=True, text=True).stdout == "False\n"
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR1})
+    try:
+        assert kind.run(code, capture_output=True, text=True).stdout == "True\n"
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def test_modules_run_as_the_interpreter_runs_them():
     done = forked.run(
         [sys.executable, "-m", "labapp", "--help"], capture_output=True, text=True, check=True

@@ -283,7 +283,7 @@ def test_what_cannot_be_is_said_in_words(labapp, tmp_path, words, complaint):
 
 def test_ctrl_c_leaves_a_record_that_can_be_finished(labapp, tmp_path):
     out, bench = tmp_path / "out", coarse(tmp_path)
-    many = ", ".join(["1"] * 1500)
+    many = ", ".join(["1"] * 6000)
     words = ["study", "psf-shapes", 'shapes=["heart"]', "iterations=2", f"exposures_ms=[{many}]"]
     command = [sys.executable, "-m", "labapp", *words, "--bench", str(bench), "--out", str(out)]
     with forked.Popen(command, stderr=forked.PIPE, text=True) as process:
