@@ -79,7 +79,7 @@ def test_every_restoration_is_offered_and_asking_loads_no_engine(labapp):
     code, printed, _ = labapp("reconstruct", "--help")
     assert code == 0
     assert all(name in printed for name in ASKABLE)
-    loaded = "import sys, labapp.cli.reconstructing; print('torch' in sys.modules)"
+    loaded = "import sys, labapp.cli.reconstruct; print('torch' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", loaded], capture_output=True, check=True)
     assert said.stdout.strip() == b"False"
 
