@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
@@ -60,6 +61,11 @@ class Line:
         memory, self.memory = self.memory, -1
         if memory >= 0:
             os.close(memory)
+
+    def disconnect(self) -> None:
+        """Say no more, and let who waits here for a message know: Closed. From any thread."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
 
     # A pyusb backend, for one, is never told that nobody needs it any more.
     __del__ = close

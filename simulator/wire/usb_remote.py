@@ -86,7 +86,7 @@ class UsbServer:
             Client(self._path, "AF_UNIX").close()
         self._listener.close()
         for line in self._lines:
-            line.close()
+            line.disconnect()
         _key_file(self._path).unlink(missing_ok=True)
 
     def _accept(self) -> None:
@@ -100,7 +100,8 @@ class UsbServer:
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
     def _serve(self, line: Line) -> None:
-        with contextlib.suppress(EOFError, OSError):
+        # This thread alone closes it: the number of what it waits at is nobody else's till then.
+        with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
             while True:
                 request: Request = line.receive()
                 line.send(answer_of(self._obey, request.name, *request.given))

@@ -123,3 +123,21 @@ def test_what_a_process_raises_comes_as_its_answer_and_how_it_ended_after_that()
 def test_a_process_whose_function_is_not_there_says_so():
     with closing(Process("no_such_module:run")) as process, pytest.raises(ModuleNotFoundError):
         process.next(60).result()
+
+
+def test_who_waits_at_a_line_is_told_that_it_was_disconnected(ends):
+    line, _ = ends
+    told = []
+
+    def wait() -> None:
+        try:
+            line.receive(20)
+        except Closed as closed:
+            told.append(closed)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    line.disconnect()
+    waiting.join(10)
+    assert len(told) == 1
+    line.disconnect()
