@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -115,18 +116,13 @@ def fit_record(path: Path, progress: Progress | None = None) -> Fits:
     return fits
 
 
-class _explained:
-    """Turns a fit's ValueError into words that name the record and the fit."""
-
-    def __init__(self, path: Path, what: str) -> None:
-        self._path, self._what = path, what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, ValueError):
-            raise UserError(f"{self._path}: {self._what}: {error}.") from error
+@contextmanager
+def _explained(path: Path, what: str) -> Iterator[None]:
+    """Turn a fit's ValueError into words that name the record and the fit."""
+    try:
+        yield
+    except ValueError as error:
+        raise UserError(f"{path}: {what}: {error}.") from error
 
 
 def _fit_wavelength(frames: Frames, nm: float, fits: Fits, progress: Progress) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import bundled, read_grey, validate
+from labapp.files.reading import bundled, read_grey
 from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star import measure_psf
@@ -20,7 +20,7 @@ from labapp.studies.catalogue.cubic_edof import STUDY
 from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
-from labapp.studies.stars import NEUTRAL, correlation
+from labapp.studies.stars import bracket, correlation, plan_of
 from optics.camera import Camera
 from optics.deconvolution.depths import depths, pasted
 from optics.deconvolution.layered import layered
@@ -49,24 +49,14 @@ _SLIT = 129
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
-    scene = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.scene_ms)}
-    stars = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.star_ms)}
-    darks = {"interleave": [{"role": "dark", "frames": 4}]}
-    both = ["neutral", "cubic"]
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {
-            "neutral": dict(NEUTRAL),
-            "cubic": {"kind": "cubic", "strength_rad": settings.strength_rad},
-        },
-        "acquire": [
-            {"targets": list(STARS), "patterns": both} | stars | darks,
-            {"targets": ["depths"], "patterns": both} | scene | darks,
-            {"targets": ["sharp"], "patterns": ["neutral"]} | scene,
-        ],
-    }
-    return validate(data, PlanFile, "study cubic-edof")
+    nm, both = settings.wavelength_nm, ["neutral", "cubic"]
+    return plan_of(
+        STUDY,
+        {"cubic": {"kind": "cubic", "strength_rad": settings.strength_rad}},
+        bracket(list(STARS), both, nm, settings.star_ms),
+        bracket(["depths"], both, nm, settings.scene_ms),
+        bracket(["sharp"], ["neutral"], nm, settings.scene_ms) | {"interleave": []},
+    )
 
 
 def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Results:
@@ -102,11 +92,7 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
         "Unmodulated light, 5 %, adds a peak to the plate's PSF, which then is no product of a "
         "column and a row.",
     ]
-    data = {
-        name: {"psnr_db": one.psnr, "ssim": one.ssim}
-        for name, one in scores.items()
-        if name != "sharp"
-    }
+    data = {name: one.as_data for name, one in scores.items() if name != "sharp"}
     return Results(rows, plates, notes, {"scores": data, "waves": waves})
 
 

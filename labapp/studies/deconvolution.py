@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from scipy.ndimage import shift
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture, merge_all
 from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.reconstructing.records import found_in
@@ -20,7 +19,7 @@ from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_tone
-from labapp.studies.stars import NEUTRAL, star_blocks
+from labapp.studies.stars import bracket, plan_of, psf_pattern
 from optics.camera import Camera
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.statistics import fitted_generalised, fitted_mixture, log_histogram
@@ -43,30 +42,13 @@ _CODED = "heart"
 
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
     """Star and photograph, each with no pattern and with the heart."""
-    patterns = ["neutral", _CODED]
-    scene = {
-        "targets": ["photograph"],
-        "patterns": patterns,
-        "wavelengths_nm": [settings.wavelength_nm],
-        "exposures_ms": list(settings.photograph_ms),
-        "interleave": [{"role": "dark", "frames": 4}],
-    }
-    heart = {"shape": "heart", "radius_um": settings.radius_um, "width_um": settings.width_um}
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {
-            "neutral": dict(NEUTRAL),
-            _CODED: {
-                "kind": "psf",
-                "target": heart,
-                "wavelength_nm": settings.wavelength_nm,
-                "iterations": settings.iterations,
-            },
-        },
-        "acquire": [*star_blocks(patterns, settings.wavelength_nm, settings.star_ms), scene],
-    }
-    return validate(data, PlanFile, "study deconvolution")
+    nm, patterns = settings.wavelength_nm, ["neutral", _CODED]
+    return plan_of(
+        STUDY,
+        {_CODED: psf_pattern(settings, "heart", radius_um=settings.radius_um)},
+        bracket(["star"], patterns, nm, settings.star_ms),
+        bracket(["photograph"], patterns, nm, settings.photograph_ms),
+    )
 
 
 def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> Results:
@@ -112,11 +94,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
             f"{blind.trust}. Where a blur lies nobody can tell from the photograph alone: the "
             "kernel was moved to where the star's PSF lies. Total variation undoes it."
         )
-    data = {
-        name: {"psnr_db": one.psnr, "ssim": one.ssim}
-        for name, one in scores.items()
-        if name != "sharp"
-    }
+    data = {name: one.as_data for name, one in scores.items() if name != "sharp"}
     kernel = None if blind is None else blind.kernel
     return Results(rows, [_plate(pictures, scores, psf, kernel), *plates], notes, data)
 

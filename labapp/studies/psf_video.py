@@ -6,14 +6,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_video import STUDY, VideoSettings
 from labapp.studies.contract import Movie, Plate, Results, Row
 from labapp.studies.drawing import animated, draw_log, draw_tone
-from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks, summed_noise
+from labapp.studies.stars import (
+    bracket,
+    correlation,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    summed_noise,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -29,34 +35,23 @@ def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
     """Every frame of the video by itself, and the whole video in one exposure."""
     share = (1 - settings.smallest) / (settings.moments - 1)
     frames = {
-        _name(moment): {
-            "kind": "psf",
-            "target": {
-                "shape": "spiral",
-                "radius_um": settings.radius_um * (1 - share * moment),
-                "width_um": settings.width_um,
-                "turns": settings.turns,
-            },
-            "wavelength_nm": settings.wavelength_nm,
-            "iterations": settings.iterations,
-        }
+        _name(moment): psf_pattern(
+            settings,
+            "spiral",
+            radius_um=settings.radius_um * (1 - share * moment),
+            turns=settings.turns,
+        )
         for moment in range(settings.moments)
     }
-    nm = settings.wavelength_nm
-    (whole,) = star_blocks(["video"], nm, settings.exposures_ms)
+    nm, exposures = settings.wavelength_nm, settings.exposures_ms
+    whole = bracket(["star"], ["video"], nm, exposures)
     del whole["exposures_ms"]
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {"neutral": dict(NEUTRAL)}
-        | frames
-        | {"video": {"kind": "video", "frames": list(frames)}},
-        "acquire": [
-            *star_blocks(["neutral", *frames], nm, settings.exposures_ms),
-            whole | {"periods": [1, 4]},
-        ],
-    }
-    return validate(data, PlanFile, "study psf-video")
+    return plan_of(
+        STUDY,
+        frames | {"video": {"kind": "video", "frames": list(frames)}},
+        bracket(["star"], ["neutral", *frames], nm, exposures),
+        whole | {"periods": [1, 4]},
+    )
 
 
 def _name(moment: int) -> str:

@@ -7,27 +7,52 @@ from typing import Any
 
 import numpy as np
 
-from labapp.files.plan_file import Reconstruction
+from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture, find, merge_all
 from labapp.pictures.analysis.star import PSFReport, centre_of, cut, measure_psf
 from labapp.runs.record.reader import Record
+from labapp.studies.contract import Study
 from optics.progress import Progress
 
-NEUTRAL: Mapping[str, Any] = {"kind": "constant", "grey": 0}
 
-
-def star_blocks(
-    patterns: Sequence[str], wavelength_nm: float, exposures_ms: Sequence[float], darks: int = 4
-) -> list[dict[str, Any]]:
-    """A bracket of the star with each pattern, after dark frames of every exposure."""
-    block = {
-        "targets": ["star"],
-        "patterns": list(patterns),
-        "wavelengths_nm": [wavelength_nm],
-        "exposures_ms": list(exposures_ms),
-        "interleave": [{"role": "dark", "frames": darks}],
+def plan_of(
+    study: Study[Any], patterns: Mapping[str, Any], *blocks: Mapping[str, Any], **more: Any
+) -> PlanFile:
+    """A study's plan; the pattern "neutral" is there beside its own."""
+    data = {
+        "version": 1,
+        "title": study.title,
+        "patterns": {"neutral": {"kind": "constant", "grey": 0}, **patterns},
+        "acquire": blocks,
     }
-    return [block]
+    return validate(data | more, PlanFile, f"study {study.title!r}")
+
+
+def psf_pattern(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
+    """A pattern whose PSF has a shape, as a study's settings have it retrieved."""
+    return {
+        "kind": "psf",
+        "target": {"shape": shape, "width_um": settings.width_um, **sizes},
+        "wavelength_nm": settings.wavelength_nm,
+        "iterations": settings.iterations,
+    }
+
+
+def bracket(
+    targets: Sequence[str],
+    patterns: Sequence[str],
+    wavelength_nm: float,
+    exposures_ms: Sequence[float],
+) -> dict[str, Any]:
+    """Targets with each pattern, after dark frames of every exposure."""
+    return {
+        "targets": targets,
+        "patterns": patterns,
+        "wavelengths_nm": [wavelength_nm],
+        "exposures_ms": exposures_ms,
+        "interleave": [{"role": "dark", "frames": 4}],
+    }
 
 
 def measured_psfs(
