@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
 from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -79,7 +79,7 @@ def accuracy_deconvolve(
         speed = machine_speed(progress.part(0.0, 0.1))
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
-    Sheet(f"Deconvolution: {case.name}", _COLUMNS, _REMARK).show(rows, as_json=as_json)
+    print_rows(f"Deconvolution: {case.name}", _COLUMNS, _REMARK, rows, as_json=as_json)
     write_plot(plot, lambda: draw(case, rows))
 
 

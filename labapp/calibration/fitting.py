@@ -69,14 +69,8 @@ class Fits:
         """The camera with the response and the zeroth order that were found."""
         panel = self.camera.panel
         if self.responses:
-            phases = np.stack(
-                [
-                    np.stack([region.fit.phase for region in regions]).reshape(
-                        *self.design.request.regions, -1
-                    )
-                    for regions in self.responses.values()
-                ]
-            )
+            curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
+            phases = np.array(curves).reshape(len(curves), *self.design.request.regions, -1)
             wavelengths = [nm * 1e-9 for nm in self.responses]
             response = Response.measured(panel, wavelengths, torch.from_numpy(phases))
             panel = replace(panel, response=response)

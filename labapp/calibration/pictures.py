@@ -188,5 +188,4 @@ def _wavefront_row(figure: SubFigure, fits: Fits) -> None:
     seen.set_title(
         f"The star: neutral, and with known defocus; residual {found.residual:.1%}", fontsize=10
     )
-    seen.set_xticks([])
-    seen.set_yticks([])
+    seen.set(xticks=[], yticks=[])

@@ -61,7 +61,7 @@ def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
 
 def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Results:
     """How alike the PSFs are, what the transfer functions do, and the pictures restored."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.2))
+    brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.bench.build_camera()
     psfs = {
         (star, pattern): _psf(record, brackets, star, pattern, settings)

@@ -53,7 +53,7 @@ def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
 
 def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> Results:
     """The photograph restored in several ways, against the one that no pattern blurred."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.3))
+    brackets = merge_all(record, progress.part(0, 0.3))
     roles = Reconstruction(
         coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
     )

@@ -16,7 +16,14 @@ from labapp.studies.catalogue.psf_shapes import PUBLISHED, STUDY, Shape, ShapesS
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_log, draw_tone
 from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
-from labapp.studies.stars import bracket, correlation, measured_psfs, plan_of, psf_pattern
+from labapp.studies.stars import (
+    bracket,
+    correlation,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    target_of,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -98,9 +105,7 @@ def _figures(report: PSFReport) -> dict[str, float]:
 
 def _figures_of(shape: Picture, report: PSFReport) -> dict[str, float]:
     """Of a PSF without its unmodulated light. light: of all the star's; contrast: of speckle."""
-    target = report.target
-    if target is None:
-        raise ValueError("the pattern has no target; take a psf or ring pattern")
+    target = target_of(report)
     return {
         "light": metrics.efficiency(shape, target, 1.0),
         "correlation": correlation(shape, target),
@@ -151,8 +156,7 @@ def _overview(record: Record, found: Mapping[str, PSFReport]) -> Plate:
     figure = Figure(figsize=(3.1 * max(columns, 3), 10.2), dpi=100, layout="constrained")
     axes = figure.subplots(3, columns, squeeze=False)
     for column, (shape, report) in zip(axes.T, found.items(), strict=True):
-        assert report.target is not None
-        draw_tone(column[0], report.target, f"{shape}: asked for")
+        draw_tone(column[0], target_of(report), f"{shape}: asked for")
         draw_log(column[1], report.measured, "measured, 4 decades")
         draw_tone(column[2], report.shape, "without unmodulated light")
     return Plate(

@@ -17,7 +17,14 @@ from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_stability import STUDY, StabilitySettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_tone
-from labapp.studies.stars import bracket, measured_psfs, plan_of, psf_pattern, summed_noise
+from labapp.studies.stars import (
+    bracket,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    summed_noise,
+    target_of,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -100,8 +107,7 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
 
 
 def _contrast(report: PSFReport) -> float:
-    assert report.target is not None
-    return metrics.speckle_contrast(report.shape, report.target)
+    return metrics.speckle_contrast(report.shape, target_of(report))
 
 
 def law(frames: int, reference: int) -> float:

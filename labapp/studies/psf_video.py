@@ -19,6 +19,7 @@ from labapp.studies.stars import (
     plan_of,
     psf_pattern,
     summed_noise,
+    target_of,
 )
 from optics import metrics
 from optics.camera import Camera
@@ -66,12 +67,12 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Res
     )
     noise = _noise(record, names, settings, progress.part(0.8, 1))
     frames, video = [found[name] for name in names], found["video"]
-    asked = [spread(_target(one)) for one in frames]
+    asked = [spread(target_of(one)) for one in frames]
     seen = [spread(_lit(one)) for one in frames]
     mean = np.mean([one.measured for one in frames], axis=0)
     multiplexed = metrics.relative_error(video.measured, mean)
     worst = max(abs(s / a - 1) for s, a in zip(seen, asked, strict=True))
-    likeness = [correlation(one.shape, _target(one)) for one in frames]
+    likeness = [correlation(one.shape, target_of(one)) for one in frames]
     last, wanted = seen[-1] / seen[0], asked[-1] / asked[0]
     rows = [
         Row(
@@ -138,15 +139,9 @@ def _noise(record: Record, names: list[str], settings: VideoSettings, progress: 
     return float(np.sqrt(frames + summed["video"]))
 
 
-def _target(report: PSFReport) -> Picture:
-    if report.target is None:
-        raise ValueError("the pattern has no target; take a psf pattern")
-    return report.target
-
-
 def _lit(report: PSFReport) -> Picture:
     """The PSF where its target has light: what is beside it would count by its distance."""
-    target = _target(report)
+    target = target_of(report)
     return np.where(target > 0.02 * target.max(), report.shape, 0.0)
 
 

@@ -55,7 +55,7 @@ def star_at(metres: float) -> str:
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> Results:
     """Where the focus lies without and with the lens, and what becomes of the bricks."""
     camera = record.bench.build_camera()
-    brackets = merge_all(record, record.plan, progress.part(0, 0.8))
+    brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9
 
     def taken(target: str, pattern: str) -> Bracket:

@@ -63,7 +63,7 @@ def measured_psfs(
     progress: Progress,
 ) -> dict[str, PSFReport]:
     """The PSF of every pattern, by the star that was also taken with the pattern "neutral"."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.3))
+    brackets = merge_all(record, progress.part(0, 0.3))
     found = {}
     for number, name in enumerate(patterns):
         progress.report(0.3 + 0.7 * number / len(patterns), f"PSF of {name}")
@@ -81,7 +81,7 @@ def summed_noise(
 ) -> dict[str, float]:
     """Variance of each measured PSF, summed over its window: what the camera's noise adds to the
     square of a difference, on the scale of the neutral star's light."""
-    brackets = merge_all(record, record.plan, progress)
+    brackets = merge_all(record, progress)
     metres = wavelength_nm * 1e-9
     neutral = find(brackets, "star", "neutral", metres, record.path).rate
     centre = centre_of(neutral)
@@ -92,6 +92,12 @@ def summed_noise(
         known = np.where(np.isfinite(variance), variance, 0.0)
         found[name] = float(cut(known, centre, window_px).sum()) / total**2
     return found
+
+
+def target_of(report: PSFReport) -> Picture:
+    """What was asked for: all patterns of a study's own have it."""
+    assert report.target is not None
+    return report.target
 
 
 def correlation(one: Picture, other: Picture) -> float:
