@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ class Asked:
     field: tuple[float, float] = (0.0, 0.0)
     sphere: bool = False
 
-    @property
+    @cached_property
     def camera(self) -> Camera | None:
         """The asked lens behind its panel, or that of the virtual bench for a pattern."""
         if self.case.camera is not None or self.pattern is None:

@@ -53,9 +53,9 @@ def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     return plan_of(
         STUDY,
         {"cubic": {"kind": "cubic", "strength_rad": settings.strength_rad}},
-        bracket(list(STARS), both, nm, settings.star_ms),
-        bracket(["depths"], both, nm, settings.scene_ms),
-        bracket(["sharp"], ["neutral"], nm, settings.scene_ms) | {"interleave": []},
+        bracket(list(STARS), both, nm, exposures_ms=settings.star_ms),
+        bracket(["depths"], both, nm, exposures_ms=settings.scene_ms),
+        bracket(["sharp"], ["neutral"], nm, exposures_ms=settings.scene_ms) | {"interleave": []},
     )
 
 

@@ -46,8 +46,8 @@ def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
     return plan_of(
         STUDY,
         {_CODED: psf_pattern(settings, "heart", radius_um=settings.radius_um)},
-        bracket(["star"], patterns, nm, settings.star_ms),
-        bracket(["photograph"], patterns, nm, settings.photograph_ms),
+        bracket(["star"], patterns, nm, exposures_ms=settings.star_ms),
+        bracket(["photograph"], patterns, nm, exposures_ms=settings.photograph_ms),
     )
 
 

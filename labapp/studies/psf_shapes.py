@@ -42,7 +42,7 @@ def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
             shape: psf_pattern(settings, shape, **_sizes(shape, settings, camera))
             for shape in shapes
         },
-        bracket(["star"], names, settings.wavelength_nm, settings.exposures_ms),
+        bracket(["star"], names, settings.wavelength_nm, exposures_ms=settings.exposures_ms),
     )
 
 

@@ -45,7 +45,9 @@ def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
         name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
         for name, count in lengths.items()
     }
-    neutral = bracket(["star"], ["neutral"], settings.wavelength_nm, settings.neutral_ms)
+    neutral = bracket(
+        ["star"], ["neutral"], settings.wavelength_nm, exposures_ms=settings.neutral_ms
+    )
     blocks = [_block(name, count, settings) for name, count in lengths.items()]
     return plan_of(STUDY, patterns, neutral, *blocks)
 
@@ -61,11 +63,9 @@ def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
-    block = bracket(["star"], [name], settings.wavelength_nm, (1000.0,))
-    if count > 1:
-        del block["exposures_ms"]
-        block["periods"] = [max(1, round(_RATE / count))]
-    return block
+    periods = {"periods": [max(1, round(_RATE / count))]}
+    exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
+    return bracket(["star"], [name], settings.wavelength_nm, **exposures)
 
 
 @dataclass(frozen=True)

@@ -44,14 +44,12 @@ def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
         )
         for moment in range(settings.moments)
     }
-    nm, exposures = settings.wavelength_nm, settings.exposures_ms
-    whole = bracket(["star"], ["video"], nm, exposures)
-    del whole["exposures_ms"]
+    nm = settings.wavelength_nm
     return plan_of(
         STUDY,
         frames | {"video": {"kind": "video", "frames": list(frames)}},
-        bracket(["star"], ["neutral", *frames], nm, exposures),
-        whole | {"periods": [1, 4]},
+        bracket(["star"], ["neutral", *frames], nm, exposures_ms=settings.exposures_ms),
+        bracket(["star"], ["video"], nm, periods=[1, 4]),
     )
 
 

@@ -41,9 +41,9 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
     nm, both = settings.wavelength_nm, ["neutral", "lens"]
     lens = {"kind": "lens", "focal_length_m": 1 / added, "wavelength_nm": nm}
     stars = {star_at(metres): {"distance_m": metres} for metres in settings.stars_m}
-    blocks = [bracket(list(stars), both, nm, settings.star_ms)]
+    blocks = [bracket(list(stars), both, nm, exposures_ms=settings.star_ms)]
     if settings.bricks:
-        blocks.append(bracket([BRICKS], both, nm, settings.scene_ms))
+        blocks.append(bracket([BRICKS], both, nm, exposures_ms=settings.scene_ms))
     return plan_of(STUDY, {"lens": lens}, *blocks, targets=stars)
 
 

@@ -40,17 +40,17 @@ def psf_pattern(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
 
 
 def bracket(
-    targets: Sequence[str],
-    patterns: Sequence[str],
-    wavelength_nm: float,
-    exposures_ms: Sequence[float],
+    targets: Sequence[str], patterns: Sequence[str], wavelength_nm: float, **exposures: Any
 ) -> dict[str, Any]:
-    """Targets with each pattern, after dark frames of every exposure."""
+    """Targets with each pattern, after dark frames of every exposure.
+
+    exposures: exposures_ms, or the periods of videos, as a plan's block has them.
+    """
     return {
+        **exposures,
         "targets": targets,
         "patterns": patterns,
         "wavelengths_nm": [wavelength_nm],
-        "exposures_ms": exposures_ms,
         "interleave": [{"role": "dark", "frames": 4}],
     }
 
