@@ -46,6 +46,12 @@ _WINDOW = 128
 _SLIT = 129
 """Samples of the polar display along each axis."""
 
+_PUBLISHED = {
+    "open aperture": "far scene blurred (Fig. 2.17c)",
+    "cubic, as taken": "picture only (Fig. 2.17d)",
+    "one PSF, Richardson-Lucy": "picture only (Fig. 2.17e)",
+}
+
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
@@ -70,12 +76,13 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
     }
     pictures = _restored(record, brackets, psfs, settings, progress.part(0.3, 0.95))
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
+    del scores["sharp"]
     waves, strength = _slit(camera, settings)
     rows = [
         _alike_row(psfs),
         _zeros_row(waves, strength),
         _separable_row(psfs),
-        *_score_rows(scores),
+        *(Row.of_score(name, one, _PUBLISHED) for name, one in scores.items()),
     ]
     plates = [
         _pictures_plate(pictures, scores),
@@ -92,7 +99,7 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
         "Unmodulated light, 5 %, adds a peak to the plate's PSF, which then is no product of a "
         "column and a row.",
     ]
-    data = {name: one.as_data for name, one in scores.items() if name != "sharp"}
+    data = {name: one.as_data for name, one in scores.items()}
     return Results(rows, plates, notes, {"scores": data, "waves": waves})
 
 
@@ -231,29 +238,10 @@ def left_out(psf: Picture) -> float:
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
 
 
-def _score_rows(scores: dict[str, Score]) -> list[Row]:
-    published = {
-        "open aperture": "far scene blurred (Fig. 2.17c)",
-        "cubic, as taken": "picture only (Fig. 2.17d)",
-        "one PSF, Richardson-Lucy": "picture only (Fig. 2.17e)",
-    }
-    return [
-        Row(
-            name,
-            published.get(name, "-"),
-            "-",
-            f"{one.psnr:.1f} dB, SSIM {one.ssim:.3f}",
-            one.psnr,
-        )
-        for name, one in scores.items()
-        if name != "sharp"
-    ]
-
-
 def _pictures_plate(pictures: dict[str, Picture], scores: dict[str, Score]) -> Plate:
     figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
     for axes, (name, one) in zip(figure.subplots(2, 4).flat, pictures.items(), strict=True):
-        told = "" if name == "sharp" else f", {scores[name].psnr:.1f} dB"
+        told = f", {scores[name].psnr:.1f} dB" if name in scores else ""
         draw_grey(axes, one, name + told, 1.0)
     return Plate("Pictures", figure, "Fig. 2.17: near rocks in focus, the rest beyond it.")
 

@@ -79,7 +79,9 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         blind = _blind(seen, settings, record.bench.build_camera(), progress.part(0.7, 1))
         pictures["blind"] = blind.restored / white
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
-    rows = [_row(name, one) for name, one in scores.items() if name != "sharp"]
+    del scores["sharp"]
+    better = dict.fromkeys(scores, "better than blurred") | {"blurred": "-"}
+    rows = [Row.of_score(name, one, _PUBLISHED, better[name]) for name, one in scores.items()]
     notes = [
         "PSNR (peak 1) and SSIM (range 1) are against the photograph taken with a neutral pattern, "
         "over the central 90 %; its own noise and the lens' blur are in it, so that nothing comes "
@@ -94,7 +96,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
             f"{blind.trust}. Where a blur lies nobody can tell from the photograph alone: the "
             "kernel was moved to where the star's PSF lies. Total variation undoes it."
         )
-    data = {name: one.as_data for name, one in scores.items() if name != "sharp"}
+    data = {name: one.as_data for name, one in scores.items()}
     kernel = None if blind is None else blind.kernel
     return Results(rows, [_plate(pictures, scores, psf, kernel), *plates], notes, data)
 
@@ -162,12 +164,6 @@ _PUBLISHED = {
 }
 
 
-def _row(name: str, one: Score) -> Row:
-    expected = "-" if name == "blurred" else "better than blurred"
-    ours = f"{one.psnr:.1f} dB, SSIM {one.ssim:.3f}"
-    return Row(name, _PUBLISHED.get(name, "-"), expected, ours, one.psnr)
-
-
 def _plate(
     pictures: dict[str, Picture],
     scores: dict[str, Score],
@@ -178,7 +174,7 @@ def _plate(
     axes = figure.subplots(2, 4).ravel()
     draw_log(axes[0], psf, "PSF, measured, 4 decades")
     for one, (name, picture) in zip(axes[1:], pictures.items(), strict=False):
-        told = "" if name == "sharp" else f"\n{scores[name].psnr:.1f} dB"
+        told = f"\n{scores[name].psnr:.1f} dB" if name in scores else ""
         draw_grey(one, picture, name + told, 1.0)
     if kernel is None:
         axes[-1].set_axis_off()
