@@ -21,12 +21,12 @@ from labapp.files.photograph_file import read_photograph
 from labapp.files.reading import bundled
 from labapp.pictures.reconstructing.psfs import psf_of_file
 from labapp.pictures.reconstructing.records import Choice
+from optics import targets
 from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.measured import measured
 from optics.metrics import psnr, ssim
 from optics.operators.blur import Border
 from optics.plane import Plane
-from optics.targets import heart, ring, spiral
 from optics.targets.stroke import drawn
 
 Array = NDArray[np.float64]
@@ -176,13 +176,9 @@ def line(length: float, angle: float) -> Array:
 
 def shape(name: str, radius: float) -> Array:
     """A PSF of the thesis, so many pixels in radius."""
-    targets: dict[str, Callable[..., torch.Tensor]] = {
-        "ring": ring,
-        "spiral": spiral,
-        "heart": heart,
-    }
     side = 2 * math.ceil(radius + 6) + 1
-    return _whole(np.asarray(targets[name](Plane((side, side), (1.0, 1.0)), radius, 0.8)))
+    target = getattr(targets, name)
+    return _whole(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
 
 
 _MAKERS: dict[str, Callable[..., Array]] = {

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from labapp.accuracy.asked import require_pattern
 from labapp.accuracy.command import show_measured
 from labapp.accuracy.references.chain_psf import ChainProblem
-from labapp.accuracy.rows import Candidate, Row, measure, refuse
+from labapp.accuracy.references.psf import Judge
+from labapp.accuracy.rows import Candidate, Row, by_tolerance, measure
 from labapp.common.console import watched
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
@@ -118,48 +118,26 @@ def _require_short(problem: ChainProblem) -> None:
         )
 
 
-class Reference:
-    """The exact light on some rows and columns of the window, drawn by their light."""
-
-    def __init__(self, problem: ChainProblem) -> None:
-        self._judge = problem.judge(_glimpse(problem))
-
-    @property
-    def truth(self) -> Array:
-        return self._judge.truth
-
-    def seen(self, light: Any) -> Array:
-        """An answer's, from a tensor or an array on the whole window."""
-        return self._judge.seen(np.asarray(light, dtype=np.float64))
-
-
-def _glimpse(problem: ChainProblem) -> Array:
-    """About where the light arrives; everywhere alike if even that can't be said."""
+def judge_of(problem: ChainProblem) -> Judge:
+    """The exact light on some rows and columns of the window, drawn by about where the light
+    arrives; everywhere alike if even that can't be said."""
     try:
-        return problem.light(problem.operator(problem.tol))
+        light = problem.light(problem.operator(problem.tol))
     except ValueError:
-        return np.ones(problem.pixels.shape)
+        light = np.ones(problem.pixels.shape)
+    return problem.judge(light)
 
 
-def candidates(case: ChainCase, reference: Reference, budget: Budget) -> Iterator[Candidate]:
+def candidates(case: ChainCase, judge: Judge, budget: Budget) -> Iterator[Candidate]:
     """Every method at every tolerance; what refuses is a row that says why."""
-    for method in case.problem.methods:
-        for tol in TOLERANCES:
-            row = Row("chain", case.name, method, "float64", tol)
-            try:
-                operator = case.problem.operator(tol, method=method, budget=budget)
-            except ValueError as error:
-                yield Candidate(row, partial(refuse, error))
-                continue
-            row = replace(row, precision=operator.account.precision)
-            yield Candidate(row, partial(_to_tolerance, case.problem, operator, reference))
+    problem = case.problem
 
+    def timed(operator: PSFOperator) -> Callable[[], Array]:
+        return lambda: judge.seen(problem.light(operator))
 
-def _to_tolerance(
-    problem: ChainProblem, operator: PSFOperator, reference: Reference
-) -> tuple[Callable[[], Any], float, int]:
-    account = operator.account
-    return lambda: reference.seen(problem.light(operator)), account.error, account.bytes
+    row = Row("chain", case.name, "", "float64", None)
+    plan = partial(problem.operator, budget=budget)
+    return by_tolerance(row, problem.methods, TOLERANCES, plan, timed)
 
 
 @single_threaded
@@ -171,9 +149,9 @@ def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | 
     with watched() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
         progress.report(0.1, "the exact integral")
-        reference = Reference(case.problem)
-        truth = reference.truth
+        judge = judge_of(case.problem)
+        truth = judge.truth
         progress.report(0.3, "planning")
-        found = list(candidates(case, reference, budget))
+        found = list(candidates(case, judge, budget))
         measured = measure(found, truth, progress.part(0.3, 1.0))
     show_measured("Chain", case.name, measured, as_json, plot)

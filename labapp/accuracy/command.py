@@ -21,7 +21,7 @@ from labapp.accuracy.comparing import (
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact
 from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
 from labapp.common.console import err, out, watched
 from labapp.common.speed import machine_speed
 from labapp.light.asked import Case
@@ -106,9 +106,9 @@ def show_measured(
     what: str, name: str, measured: Measured, as_json: bool, plot: Path | None
 ) -> None:
     """The table of a diagram, or its rows as JSON; the diagram where there is a path for it."""
-    sheet = Sheet(f"{what}: {name}", _COLUMNS, _REMARK)
-    sheet.show(measured.rows, as_json=as_json, calibration_s=measured.calibration_s)
-    write_plot(plot, lambda: draw(name, measured.rows))
+    rows, kernel = measured.rows, measured.calibration_s
+    print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
+    write_plot(plot, lambda: draw(name, rows))
 
 
 def draw(name: str, rows: list[Row]) -> Figure:

@@ -50,10 +50,6 @@ def _key(row: dict[str, Any]) -> _Key:
     return row["operation"], row["case"], row["method"], row["precision"], row["tol"]
 
 
-def _of(row: Row) -> _Key:
-    return row.operation, row.case, row.method, row.precision, row.tol
-
-
 def slower(rows: Sequence[Row], calibration_s: float, stored: Stored) -> list[int]:
     """Which rows take more of the calibration kernel's time than they did, and how they did."""
     return [
@@ -62,7 +58,7 @@ def slower(rows: Sequence[Row], calibration_s: float, stored: Stored) -> list[in
 
 
 def _ratio(row: Row, calibration_s: float, stored: Stored) -> float:
-    before = stored.rows.get(_of(row), {}).get("cpu_s")
+    before = stored.rows.get(_key(vars(row)), {}).get("cpu_s")
     if row.cpu_s is None or not before:
         return 0.0
     return (row.cpu_s / calibration_s) / (before / stored.calibration_s)
@@ -72,7 +68,7 @@ def verdicts(rows: Sequence[Row], calibration_s: float, stored: Stored) -> list[
     """A line for each row that became slower, less accurate, or failed where it didn't."""
     lines = []
     for row in rows:
-        before = stored.rows.get(_of(row))
+        before = stored.rows.get(_key(vars(row)))
         if before is None:
             continue
         what = f"{row.method}, {row.precision}" + (f", tol {row.tol:.0e}" if row.tol else "")
@@ -89,7 +85,7 @@ def verdicts(rows: Sequence[Row], calibration_s: float, stored: Stored) -> list[
 
 def require_known(rows: Sequence[Row], stored: Stored) -> int:
     """How many rows can be compared; UserError if none can."""
-    count = sum(_of(row) in stored.rows for row in rows)
+    count = sum(_key(vars(row)) in stored.rows for row in rows)
     if not count:
         raise UserError(f"{stored.where}: has no row of this case; give the case's own options.")
     return count

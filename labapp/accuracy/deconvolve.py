@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 from labapp.accuracy.blurs import Array, Taken
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
 from labapp.common.console import watched
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -79,7 +80,7 @@ def accuracy_deconvolve(
         speed = machine_speed(progress.part(0.0, 0.1))
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
-    Sheet(f"Deconvolution: {case.name}", _COLUMNS, _REMARK).show(rows, as_json=as_json)
+    print_rows(f"Deconvolution: {case.name}", _COLUMNS, _REMARK, rows, as_json=as_json)
     write_plot(plot, lambda: draw(case, rows))
 
 
@@ -94,28 +95,26 @@ def measure_deconvolution(
 
     adapters: to other libraries, see labapp.accuracy.peers.
     """
-    settings = list(_settings(denoise))
-    theirs = [one for adapter in adapters for one in adapter(case)]
-    rows, total = [_row(case, "as it is", 0, lambda: case.frame)], len(settings) + len(theirs)
-    for number, (name, count) in enumerate(settings):
-        progress.report(number / total, f"{name}, {count}")
-
-        def solve(name: str = name, count: int = count) -> torch.Tensor:
-            return restore(case.problem, None, name, count=count, denoise=denoise).image
-
+    settings = [
+        (name, count, partial(_restored, case, name, count, denoise))
+        for name, method in METHODS.items()
+        if denoise is not None or not method.learned
+        for count in sorted(method.gains)
+    ]
+    settings += [one for adapter in adapters for one in adapter(case)]
+    rows = [_row(case, "as it is", 0, lambda: case.frame)]
+    for number, (name, count, solve) in enumerate(settings):
+        progress.report(number / len(settings), f"{name}, {count}")
         row = _row(case, name, count, solve)
-        predicted = METHODS[name].seconds(case.problem, count, speed)
-        rows.append(replace(row, cpu_predicted_s=predicted))
-    for number, (name, count, call) in enumerate(theirs):
-        progress.report((len(settings) + number) / total, name)
-        rows.append(_row(case, name, count, call))
+        if name in METHODS:
+            predicted = METHODS[name].seconds(case.problem, count, speed)
+            row = replace(row, cpu_predicted_s=predicted)
+        rows.append(row)
     return mark_front(rows)
 
 
-def _settings(denoise: Denoise | None) -> Iterator[tuple[str, int]]:
-    for name, method in METHODS.items():
-        if denoise is not None or not method.learned:
-            yield from ((name, count) for count in sorted(method.gains))
+def _restored(case: Taken, name: str, count: int, denoise: Denoise | None) -> torch.Tensor:
+    return restore(case.problem, None, name, count=count, denoise=denoise).image
 
 
 def _row(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from labapp.accuracy.references.free_space import (
     product_count,
 )
 from labapp.accuracy.references.samples import draw_samples
-from labapp.accuracy.rows import Candidate, Row, measure, refuse
+from labapp.accuracy.rows import Candidate, Row, by_tolerance, measure
 from labapp.common.console import watched
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
@@ -188,35 +188,26 @@ def _glimpse(case: FieldCase) -> Complex:
 
 def candidates(case: FieldCase, reference: Reference, budget: Budget) -> Iterator[Candidate]:
     """Every method at every tolerance; what refuses is a row that says why."""
-    for method in METHODS:
-        for tol in TOLERANCES:
-            row = Row("propagate", case.name, method, "float64", tol)
-            try:
-                operator = case.operator(tol, method=method, budget=budget)
-                _require_quick(operator)
-            except ValueError as error:
-                yield Candidate(row, partial(refuse, error))
-                continue
-            row = replace(row, precision=operator.account.precision)
-            yield Candidate(row, partial(_to_tolerance, case.samples, operator, reference))
+
+    def timed(operator: FreeSpace) -> Callable[[], Real]:
+        field = case.samples
+        if operator.account.precision == "float32":
+            field = field.to(torch.complex64)
+        operator(field)
+        return lambda: reference.of(operator(field))
+
+    row = Row("propagate", case.name, "", "float64", None)
+    return by_tolerance(row, METHODS, TOLERANCES, partial(_quick, case, budget), timed)
 
 
-def _require_quick(operator: FreeSpace) -> None:
+def _quick(case: FieldCase, budget: Budget, *, tol: float, method: str) -> FreeSpace:
+    operator = case.operator(tol, method=method, budget=budget)
     predicted = operator.account.cpu_predicted
     if predicted > _MOST_SECONDS:
         raise ValueError(
             f"the {operator.method} takes {predicted:.0f} s, and {_MOST_SECONDS:g} s are tried"
         )
-
-
-def _to_tolerance(
-    field: torch.Tensor, operator: FreeSpace, reference: Reference
-) -> tuple[Callable[[], Any], float, int]:
-    if operator.account.precision == "float32":
-        field = field.to(torch.complex64)
-    operator(field)
-    account = operator.account
-    return lambda: reference.of(operator(field)), account.error, account.bytes
+    return operator
 
 
 @single_threaded

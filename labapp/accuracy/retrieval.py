@@ -12,7 +12,7 @@ import torch
 from matplotlib.figure import Figure
 
 from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import Columns, Sheet, format_number, machine, write_plot
+from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import watched
 from labapp.common.speed import machine_speed
@@ -86,7 +86,7 @@ def accuracy_retrieval(
     with watched() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
-    Sheet(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK).show(rows, as_json=as_json)
+    print_rows(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK, rows, as_json=as_json)
     write_plot(plot, lambda: draw(name, rows))
 
 

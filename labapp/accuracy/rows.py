@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
 
 from labapp.accuracy.calibration import Calibration
 from optics.progress import Progress
+from optics.propagation.operator import FreeSpace
+from optics.psf import PSFOperator
+
+Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
 _REPEATS = 5
 _LEAST_SECONDS = 0.02
@@ -54,6 +60,35 @@ class Candidate:
 def refuse(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
     """Plan what can't be had: a row whose failure is the error's words."""
     raise error
+
+
+def by_tolerance(
+    case: Row,
+    methods: Iterable[str],
+    tolerances: Iterable[float],
+    plan: Callable[..., Operator],
+    timed: Callable[[Operator], Callable[[], Any]],
+) -> Iterator[Candidate]:
+    """Every method at every tolerance; what refuses is a row that says why.
+
+    case: a row that names it. plan: an operator for `tol` and `method`, or ValueError. timed: the
+    call whose time counts.
+    """
+    for method, tol in product(methods, tolerances):
+        row = replace(case, method=method, tol=tol)
+        try:
+            operator = plan(tol=tol, method=method)
+        except ValueError as error:
+            yield Candidate(row, partial(refuse, error))
+            continue
+        row = replace(row, precision=operator.account.precision)
+        yield Candidate(row, partial(_ready, operator, timed))
+
+
+def _ready(
+    operator: Operator, timed: Callable[[Operator], Callable[[], Any]]
+) -> tuple[Callable[[], Any], float, int]:
+    return timed(operator), operator.account.error, operator.account.bytes
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from labapp.accuracy.writing import Columns, Sheet
+from labapp.accuracy.writing import Columns, print_rows
 from labapp.common.console import watched
 from labapp.light.simulating.asked import AskedPicture, stage, stage_of
 from labapp.light.simulating.everything import Deviation, Rendered, by_plan, with_everything
@@ -70,7 +70,7 @@ def accuracy_simulate(asked: AskedPicture, *, as_json: bool) -> None:
     with watched() as progress:
         s = _situation(asked, progress.part(0.0, 0.1))
         found = rows(s, progress.part(0.1, 1.0))
-    Sheet(_heading(s), _COLUMNS, _REMARK).show(found, as_json=as_json)
+    print_rows(_heading(s), _COLUMNS, _REMARK, found, as_json=as_json)
     if not all(row.kept for row in found):
         raise SystemExit(1)
 
@@ -91,7 +91,7 @@ def rows(s: Situation, progress: Progress) -> list[SimulationRow]:
     found = []
     for number, tol in enumerate(TOLERANCES):
         progress.report((number + 1) * share, f"tolerance {tol:g}")
-        found.append(_row(by_plan(s, tol, check=progress.check), truth, tol))
+        found.append(_row(by_plan(s, tol, progress.check), truth, tol))
     caused = found[0].caused if found else 0
     whole = SimulationRow(None, 0, 0, 0, 0, truth.operations, truth.cpu, 0, 0, caused)
     return [*found, whole]

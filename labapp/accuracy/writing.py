@@ -7,9 +7,9 @@ import math
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -22,26 +22,19 @@ Columns = Mapping[str, Callable[[R], str]]
 """What stands in a row under each heading; numbers under those that end in a blank."""
 
 
-@dataclass(frozen=True)
-class Sheet(Generic[R]):
-    """How rows are shown: title of the table, columns, and what is said below."""
-
-    title: str
-    columns: Columns[R]
-    remark: str
-
-    def show(self, rows: Sequence[R], *, as_json: bool, **more: float) -> None:
-        """Print a table, with why rows failed below it; or JSON, with what else there is."""
-        if as_json:
-            print_data(rows, **more)
-            return
-        cells = [[cell(row) for cell in self.columns.values()] for row in rows]
-        table(self.title, list(self.columns), cells)
-        failures = (getattr(row, "failure", "") for row in rows)
-        for failure in dict.fromkeys(filter(None, failures)):
-            out.print(f"failed: {failure}", markup=False)
-        out.print(self.remark)
-        out.print(machine(), style="dim")
+def print_rows(
+    title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
+) -> None:
+    """Print a table, with why rows failed below it; or JSON, with what else there is."""
+    if as_json:
+        print_data(rows, **more)
+        return
+    table(title, list(columns), [[cell(row) for cell in columns.values()] for row in rows])
+    failures = (getattr(row, "failure", "") for row in rows)
+    for failure in dict.fromkeys(filter(None, failures)):
+        out.print(f"failed: {failure}", markup=False)
+    out.print(remark)
+    out.print(machine(), style="dim")
 
 
 def format_number(value: float | None, form: str, scale: float = 1.0) -> str:

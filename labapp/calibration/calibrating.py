@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from labapp.bench.opening import Bench
+from labapp.bench.star import known_star
 from labapp.calibration import designing
 from labapp.calibration.exposing import (
     Found,
@@ -25,7 +26,6 @@ from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile, as_json
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PICTURES, write_plan
-from labapp.files.scene_file import StarTable
 from labapp.files.writing import make_folder, require_free, write_whole
 from labapp.runs.acquisition.runner import Outcome, run_plan
 from labapp.runs.acquisition.taking import Ask
@@ -137,20 +137,9 @@ def completed(request: Request, bench: Bench) -> Request:
 
     UserError if the bench lacks the star, or its size isn't known.
     """
-    names = bench.targets.names
-    if request.star not in names:
-        raise UserError(
-            f"--star {request.star}: this bench has no such target. Choose among "
-            f"{', '.join(names)}."
-        )
-    if request.dark and request.dark not in names:
-        raise UserError(
-            f"--dark {request.dark}: this bench has no such target. Choose among "
-            f"{', '.join(names)}, or give --dark '' to go without dark frames."
-        )
-    table = bench.scene_file.targets.get(request.star) if bench.scene_file else None
+    table = known_star(bench, request.star, request.dark)
     known: dict[str, float] = {}
-    if isinstance(table, StarTable):
+    if table is not None:
         known = {"star_diameter_um": table.diameter_um, "star_distance_m": table.distance_m}
     given = {key: value for key, value in request.model_dump().items() if value is not None}
     filled = Request.model_validate(known | given)

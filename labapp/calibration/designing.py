@@ -92,7 +92,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
 def patterns(camera: Camera, made: Design) -> Patterns:
     """Grey levels of every pattern of a design, by name, (rows, columns)."""
     panel = camera.panel
-    shown: Patterns = {names.neutral(): np.zeros(panel.shape, dtype=np.uint8)}
+    shown: Patterns = {names.NEUTRAL: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in made.request.wavelengths_nm:
         for number, vector in enumerate(made.compass):
             phase = torch.from_numpy(ramp(panel.shape, vector))
@@ -127,12 +127,15 @@ def plan_of(made: Design, shown: Mapping[str, NDArray[np.uint8]], folder: str) -
         if nm == made.reference_nm:
             full += [names.defocus(nm, k) for k in range(len(made.defocus_waves))]
         sweep = [names.stripes(low, high) for low, high in zip(made.low, made.high, strict=True)]
+        neutral, full_ms = [names.NEUTRAL], exposures.full_ms
         if request.dark:
-            blocks.append(_dark(request.dark, nm, exposures, bool(sweep)))
-        blocks.append(_light(request.star, [names.neutral()], nm, exposures.full_ms, _NEUTRALS))
-        blocks.append(_light(request.star, full, nm, exposures.full_ms))
+            both = (full_ms, exposures.sweep_ms) if sweep else (full_ms,)
+            darks = _block(request.dark, neutral, nm, *both, repeats=_DARKS)
+            blocks.append(darks | {"role": "dark"})
+        blocks.append(_block(request.star, neutral, nm, full_ms, repeats=_NEUTRALS))
+        blocks.append(_block(request.star, full, nm, full_ms))
         if sweep:
-            blocks.append(_light(request.star, sweep, nm, exposures.sweep_ms))
+            blocks.append(_block(request.star, sweep, nm, exposures.sweep_ms))
     return PlanFile.model_validate(
         {
             "version": 1,
@@ -144,27 +147,15 @@ def plan_of(made: Design, shown: Mapping[str, NDArray[np.uint8]], folder: str) -
     )
 
 
-def _light(
-    star: str, shown: list[str], nm: float, exposure_ms: float, repeats: int = 1
+def _block(
+    target: str, shown: list[str], nm: float, *exposures_ms: float, repeats: int = 1
 ) -> dict[str, object]:
     return {
-        "targets": [star],
+        "targets": [target],
         "patterns": shown,
         "wavelengths_nm": [nm],
-        "exposures_ms": [exposure_ms],
+        "exposures_ms": sorted(set(exposures_ms)),
         "repeats": repeats,
-    }
-
-
-def _dark(dark: str, nm: float, exposures: Exposures, sweep: bool) -> dict[str, object]:
-    lasting = [exposures.full_ms] + ([exposures.sweep_ms] if sweep else [])
-    return {
-        "role": "dark",
-        "targets": [dark],
-        "patterns": [names.neutral()],
-        "wavelengths_nm": [nm],
-        "exposures_ms": sorted(set(lasting)),
-        "repeats": _DARKS,
     }
 
 

@@ -58,7 +58,7 @@ def trial_plan(request: Request, wavelength_nm: float, exposures: tuple[float, .
     """The neutral star at one wavelength, at several exposures in seconds."""
     block = {
         "targets": [request.star],
-        "patterns": [names.neutral()],
+        "patterns": [names.NEUTRAL],
         "wavelengths_nm": [wavelength_nm],
         "exposures_ms": [t * 1e3 for t in exposures],
     }
@@ -66,7 +66,7 @@ def trial_plan(request: Request, wavelength_nm: float, exposures: tuple[float, .
         {
             "version": 1,
             "title": f"Trial of the exposure, {wavelength_nm:g} nm",
-            "patterns": {names.neutral(): {"kind": "constant", "grey": 0}},
+            "patterns": {names.NEUTRAL: {"kind": "constant", "grey": 0}},
             "acquire": [block],
         }
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from datetime import datetime
-from typing import Any
 
 import labapp
 from labapp.calibration.fitting import Fits, Region
@@ -61,8 +60,8 @@ def _registration(nm: float, found: Registration, fits: Fits) -> RegistrationTab
     return RegistrationTable(
         wavelength_nm=nm,
         centre_px=found.centre,
-        matrix_px=_pairs(found.matrix),
-        covariance_px2=_pairs(found.covariance),
+        matrix_px=found.matrix.tolist(),
+        covariance_px2=found.covariance.tolist(),
         uncertainty_px=found.field_uncertainty(camera.sensor.shape),
         residual_px=found.residual,
         shift_px=found.shift,
@@ -97,8 +96,8 @@ def _wavefront(found: WavefrontFit, nm: float) -> WavefrontTable:
     return WavefrontTable(
         wavelength_nm=nm,
         terms=found.terms,
-        path_nm=tuple((found.coefficients * 1e9).tolist()),
-        covariance_nm2=_pairs(found.covariance * 1e18),
+        path_nm=(found.coefficients * 1e9).tolist(),
+        covariance_nm2=(found.covariance * 1e18).tolist(),
         radius_mm=found.radius * 1e3,
         rms_nm=found.rms * 1e9,
         sigma_nm=found.sigma * 1e9,
@@ -113,7 +112,3 @@ def _zeroth(nm: float, found: ZerothOrder) -> ZerothTable:
     # A share of nothing may come out a little below it.
     share = min(max(found.share, 0.0), 1.0)
     return ZerothTable(wavelength_nm=nm, share=share, sigma=found.sigma, frames=len(found.by_frame))
-
-
-def _pairs(matrix: Any) -> Any:
-    return tuple(tuple(float(v) for v in row) for row in matrix)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -68,14 +69,8 @@ class Fits:
         """The camera with the response and the zeroth order that were found."""
         panel = self.camera.panel
         if self.responses:
-            phases = np.stack(
-                [
-                    np.stack([region.fit.phase for region in regions]).reshape(
-                        *self.design.request.regions, -1
-                    )
-                    for regions in self.responses.values()
-                ]
-            )
+            curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
+            phases = np.array(curves).reshape(len(curves), *self.design.request.regions, -1)
             wavelengths = [nm * 1e-9 for nm in self.responses]
             response = Response.measured(panel, wavelengths, torch.from_numpy(phases))
             panel = replace(panel, response=response)
@@ -115,18 +110,13 @@ def fit_record(path: Path, progress: Progress | None = None) -> Fits:
     return fits
 
 
-class _explained:
-    """Turns a fit's ValueError into words that name the record and the fit."""
-
-    def __init__(self, path: Path, what: str) -> None:
-        self._path, self._what = path, what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, ValueError):
-            raise UserError(f"{self._path}: {self._what}: {error}.") from error
+@contextmanager
+def _explained(path: Path, what: str) -> Iterator[None]:
+    """Turn a fit's ValueError into words that name the record and the fit."""
+    try:
+        yield
+    except ValueError as error:
+        raise UserError(f"{path}: {what}: {error}.") from error
 
 
 def _fit_wavelength(frames: Frames, nm: float, fits: Fits, progress: Progress) -> None:
@@ -146,9 +136,9 @@ def _fit_wavelength(frames: Frames, nm: float, fits: Fits, progress: Progress) -
 def _registered(frames: Frames, nm: float) -> Registration:
     """From the spots of the compass' gratings, seen beside the neutral star."""
     dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
-    neutral, variance = frames.light(names.neutral(), nm, dark)
+    neutral, variance = frames.light(names.NEUTRAL, nm, dark)
     hot = frames.hot(dark)
-    clipped = frames.clipped(names.neutral(), nm) & ~hot
+    clipped = frames.clipped(names.NEUTRAL, nm) & ~hot
     if clipped.any():
         raise ValueError(
             f"{int(clipped.sum())} pixels of the neutral star are clipped; expose it shorter "
@@ -202,7 +192,7 @@ def _responses(
 def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
     """What the compass' gratings leave in the centre, but for what they were seen to show."""
     dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
-    neutral, _ = frames.light(names.neutral(), nm, dark)
+    neutral, _ = frames.light(names.NEUTRAL, nm, dark)
     # The edges of a blazed grating's waves are where neighbours matter most.
     panel = replace(fits.calibrated.panel, illumination=None, flatness=None, coupling=fits.blur)
     modulator = Modulator(panel, nm * 1e-9)
@@ -215,7 +205,7 @@ def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
         noises.append(noise)
         field = modulator.modulation(modulator.phase(grey))
         expected.append(left_in_the_centre(field.numpy()))
-    usable = ~(frames.hot(dark) | frames.clipped(names.neutral(), nm))
+    usable = ~(frames.hot(dark) | frames.clipped(names.NEUTRAL, nm))
     centre = fits.registrations[nm].centre
     return zeroth_share(neutral, steered, noises, expected, centre, usable)
 
@@ -225,7 +215,7 @@ def _fit_wavefront(frames: Frames, fits: Fits, progress: Progress) -> None:
     nm = design.reference_nm
     if request.star_diameter_um is None or request.star_distance_m is None:
         raise ValueError("the star's size and distance aren't known (--star-um, --star-m)")
-    shown = [names.neutral(), *(names.defocus(nm, k) for k in range(len(design.defocus_waves)))]
+    shown = [names.NEUTRAL, *(names.defocus(nm, k) for k in range(len(design.defocus_waves)))]
     registration = fits.registrations[nm]
     corner, shape = _window(registration.centre, frames.camera.sensor.shape)
     part = tuple(slice(c, c + n) for c, n in zip(corner, shape, strict=True))

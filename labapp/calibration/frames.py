@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +55,7 @@ class Frames:
 
     def raw(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
         """All frames of a pattern at a wavelength, (frames, rows, columns)."""
-        indices = [
-            index
-            for index in self.record.select(pattern=pattern)
-            if self._is_at(index, wavelength_nm) and self._target(index) == self.design.request.star
-        ]
+        indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
         if not indices:
             raise UserError(
                 f"{self.record.path}: has no frame of {pattern!r} at {wavelength_nm:g} nm. "
@@ -75,11 +72,7 @@ class Frames:
         """The mean dark frame of an exposure; the sensor's black level where there is none."""
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
-        indices = [
-            index
-            for index in (self.record.select(target=dark) if dark else [])
-            if self._is_at(index, wavelength_nm) and abs(self._asked[index] - exposure) < 0.5e-6
-        ]
+        indices = self._at(wavelength_nm, target=dark, exposure_asked=exposure)
         if not indices:
             sensor = self.camera.sensor
             level = sensor.black_level + sensor.dark_current * exposure / sensor.gain
@@ -103,24 +96,14 @@ class Frames:
         sensor = self.camera.sensor
         return dark - np.median(dark) > _HOT * sensor.read_noise / sensor.gain + 1
 
+    def _at(self, wavelength_nm: float, **wanted: Any) -> list[int]:
+        """Stored frames at a wavelength, which plans round to whole picometres."""
+        away = np.abs(self._wavelengths - wavelength_nm * 1e-9)
+        return [index for index in self.record.select(**wanted) if away[index] < 1e-12]
+
     @cached_property
     def _wavelengths(self) -> Array:
         return self.record.column("wavelength_asked")
-
-    @cached_property
-    def _asked(self) -> Array:
-        return self.record.column("exposure_asked")
-
-    @cached_property
-    def _targets(self) -> list[str]:
-        known = self.record.target_names
-        return [known[number] for number in self.record.column("target")]
-
-    def _is_at(self, index: int, wavelength_nm: float) -> bool:
-        return abs(self._wavelengths[index] - wavelength_nm * 1e-9) < 1e-12
-
-    def _target(self, index: int) -> str:
-        return self._targets[index]
 
 
 def validate_design(text: str, source: str) -> Design:

@@ -62,7 +62,7 @@ def _draw_spots(axes: Axes, fits: Fits, frames: Frames, nm: float) -> None:
     """All steered spots in one picture, the map's grid over it, and how far they miss it."""
     found, design = fits.registrations[nm], fits.design
     dark = frames.dark(nm, design.exposure(nm).full_ms)
-    shown = [names.neutral(), *(names.steer(nm, k) for k in range(len(design.compass)))]
+    shown = [names.NEUTRAL, *(names.steer(nm, k) for k in range(len(design.compass)))]
     seen = np.max([frames.light(name, nm, dark)[0] for name in shown], axis=0)
     # Spots of a few pixels would be lost in a picture of the whole frame.
     seen = ndimage.grey_dilation(np.where(frames.hot(dark), 0.0, seen), (3, 3))
@@ -188,5 +188,4 @@ def _wavefront_row(figure: SubFigure, fits: Fits) -> None:
     seen.set_title(
         f"The star: neutral, and with known defocus; residual {found.residual:.1%}", fontsize=10
     )
-    seen.set_xticks([])
-    seen.set_yticks([])
+    seen.set(xticks=[], yticks=[])

@@ -79,9 +79,8 @@ class Design(FileModel):
         return next(e for e in self.exposures if e.wavelength_nm == wavelength_nm)
 
 
-def neutral() -> str:
-    """Names of patterns, alike in plan and record."""
-    return "neutral"
+NEUTRAL = "neutral"
+"""Of the patterns; they and the names below are alike in plan and record."""
 
 
 def steer(wavelength_nm: float, number: int) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic import Field
 
-from labapp.files.camera_file import CameraFile, found_in, plain_data
-from labapp.files.reading import FileModel, bundled
+from labapp.files.camera_file import CameraFile, found_in
+from labapp.files.reading import FileModel, bundled, read_file
 from optics.camera import Camera
 
 
@@ -77,12 +77,12 @@ class BenchFile(CameraFile):
 
 def read_bench(path: Path) -> BenchFile:
     """A bench file; see found_in() for the files that it may name, and for errors."""
-    return found_in(plain_data(path), path, BenchFile)
+    return found_in(read_file(path, dict[str, Any]), path, BenchFile)
 
 
 def read_camera_file(path: Path) -> CameraFile:
     """A camera file, or a bench file. As read_bench()."""
-    data = plain_data(path)
+    data = read_file(path, dict[str, Any])
     return found_in(data, path, BenchFile if "devices" in data else CameraFile)
 
 

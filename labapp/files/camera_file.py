@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
@@ -145,17 +145,6 @@ class CameraFile(FileModel):
 
 
 C = TypeVar("C", bound=CameraFile)
-
-
-class Unread(FileModel):
-    """A file's plain data."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-def plain_data(path: Path) -> dict[str, Any]:
-    """What a file says, unread."""
-    return read_file(path, Unread).model_dump()
 
 
 def found_in(data: dict[str, Any], path: Path, model: type[C]) -> C:

@@ -27,7 +27,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -36,6 +36,11 @@ from numpy.typing import NDArray
 import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
+
+if TYPE_CHECKING:
+    import torch
+
+    from optics.plane import Plane
 
 DEFINITION = "labapp_design"
 _GREY = "entry/pattern/grey"
@@ -48,6 +53,10 @@ class Grid:
     images: NDArray[Any]
     y: NDArray[np.float64]
     x: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, images: torch.Tensor, plane: Plane) -> Grid:
+        return cls(images.numpy(), *(plane.coordinates(axis).numpy() for axis in (0, 1)))
 
 
 @dataclass(frozen=True, eq=False)

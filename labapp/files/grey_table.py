@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from optics.camera import Camera
+    from optics.camera import Camera, Panel
 
 Grey = Annotated[int, Ge(0), Le(255)]
 
@@ -102,26 +102,32 @@ class ImagePattern(GreyPattern):
         return f"image {self.file.rpartition('/')[2]}{which}"
 
     def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
-        from optics.slm import require_grey
-
-        path = folder / self.file
-        grey = self._read(path)
-        try:
-            require_grey(camera.panel, grey)
-        except (TypeError, ValueError) as error:
-            raise UserError(f"{path}: {error}.") from error
-        return grey
-
-    def _read(self, path: Path) -> NDArray[np.uint8]:
         from labapp.files.design_file import read_design_frame
         from labapp.files.places import is_design
-        from labapp.files.reading import read_grey
 
+        path = folder / self.file
         if is_design(path):
-            return read_design_frame(path, self.frame)
+            return _fit_for(camera.panel, read_design_frame(path, self.frame), path)
         if self.frame:
             raise UserError(f"{path}: is one picture. Leave 'frame' out, or name a design file.")
-        return read_grey(path)
+        return read_shown(path, camera.panel)
+
+
+def read_shown(path: Path, panel: Panel) -> NDArray[np.uint8]:
+    """Grey levels of a picture, (rows, columns); UserError if the panel can't show them."""
+    from labapp.files.reading import read_grey
+
+    return _fit_for(panel, read_grey(path), path)
+
+
+def _fit_for(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
+    from optics.slm import require_grey
+
+    try:
+        require_grey(panel, grey)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path}: {error}.") from error
+    return grey
 
 
 GREYS: tuple[type[GreyPattern], ...] = (ConstantPattern, GratingPattern, ImagePattern)

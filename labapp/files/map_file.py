@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -59,16 +60,12 @@ class FlatnessTable(MapTable):
 
 
 def _values(path: Path) -> NDArray[np.float64]:
-    values = (
-        _array(read_bytes(path)) if path.suffix.lower() == ".npy" else decoded(path, colour=False)
-    )
+    values: NDArray[Any] | None = None
+    if path.suffix.lower() == ".npy":
+        with suppress(ValueError, EOFError):
+            values = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+    else:
+        values = decoded(path, colour=False)
     if values is None or values.dtype.kind not in "iuf":
         raise UserError(f"{path}: is no map. Give a grey PNG or TIFF, or numbers as .npy.")
     return values.astype(np.float64)
-
-
-def _array(data: bytes) -> NDArray[Any] | None:
-    try:
-        return np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError):
-        return None

@@ -48,11 +48,6 @@ class PhasePattern(Table):
         """What it is called on the screen and in records: what it is, and its sizes."""
         return f"{self.sizes} for {self.wavelength_nm:g} nm"
 
-    @property
-    def sizes(self) -> str:
-        """What it is and how large, in a few words."""
-        raise NotImplementedError
-
     def quick(self) -> PhasePattern:
         """The same with as little work as shows whether it can be computed."""
         return self
@@ -70,16 +65,13 @@ class LensPattern(FormulaPattern):
     """A Fresnel lens of a focal length; negative diverges."""
 
     title: ClassVar = "Fresnel lens"
+    words: ClassVar = "lens {focal_length_m:g} m"
     kind: Literal["lens"]
     focal_length_m: Annotated[float, Key("negative diverges", "Focal length", 20, -1000, 1000)]
     centre_mm: Annotated[tuple[float, float], Key("y and x of its centre on the panel")] = (
         0.0,
         0.0,
     )
-
-    @property
-    def sizes(self) -> str:
-        return f"lens {self.focal_length_m:g} m"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -93,12 +85,9 @@ class AxiconPattern(FormulaPattern):
     """A cone that sends a point to a ring of a radius on the sensor."""
 
     title: ClassVar = "Axicon"
+    words: ClassVar = "axicon {radius_um:g} µm"
     kind: Literal["axicon"]
     radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 5000)]
-
-    @property
-    def sizes(self) -> str:
-        return f"axicon {self.radius_um:g} µm"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -111,13 +100,10 @@ class CubicPattern(FormulaPattern):
     """A cubic phase, which extends the depth of field (thesis section 2.5)."""
 
     title: ClassVar = "Cubic"
+    words: ClassVar = "cubic {strength_rad:g} rad"
     kind: Literal["cubic"]
     strength_rad: Annotated[float, Key("phase at the radius, along an axis", "Strength", 60)] = 60.0
     radius_mm: Annotated[Positive | None, Key("on the panel; none: half its longer side")] = None
-
-    @property
-    def sizes(self) -> str:
-        return f"cubic {self.strength_rad:g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -129,16 +115,13 @@ class AnnularPattern(FormulaPattern):
     """Rings with a parabola across each, which extend the depth of field (thesis section 5.6)."""
 
     title: ClassVar = "Annular"
+    words: ClassVar = "annular {rings} rings of {depth_rad:.3g} rad"
     kind: Literal["annular"]
     rings: Annotated[Count, Key("how many", "Rings", 8, 1, 500)] = 8
     depth_rad: Annotated[float, Key("phase in the middle of a ring", "Depth", 6.28)] = 2 * math.pi
     radius_mm: Annotated[Positive | None, Key("of the last ring; none: to the panel's corners")] = (
         None
     )
-
-    @property
-    def sizes(self) -> str:
-        return f"annular {self.rings} rings of {self.depth_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -151,6 +134,7 @@ class LogarithmicPattern(FormulaPattern):
     """A logarithmic asphere, in focus from a near object to a far one (George and Chi 2003)."""
 
     title: ClassVar = "Logarithmic asphere"
+    words: ClassVar = "logarithmic {near_m:g} to {far_m:g} m"
     kind: Literal["logarithmic"]
     near_m: Annotated[Positive, Key("in focus by the middle of the panel", "Near", 1.8, 0.1, 1000)]
     far_m: Annotated[Positive, Key("in focus at the radius", "Far", 2.2, 0.1, 1000)]
@@ -161,10 +145,6 @@ class LogarithmicPattern(FormulaPattern):
     def __post_init__(self) -> None:
         if not self.near_m < self.far_m:
             raise ValueError(f"far_m is {self.far_m:g}; it must be more than near_m")
-
-    @property
-    def sizes(self) -> str:
-        return f"logarithmic {self.near_m:g} to {self.far_m:g} m"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -214,15 +194,12 @@ class BlazePattern(FormulaPattern):
 class BinaryPattern(FormulaPattern):
     """Stripes of two phases: half a wave splits the light in two."""
 
+    words: ClassVar = "binary {period_px:g} px, {step_rad:.3g} rad"
     kind: Literal["binary"]
     smooth: ClassVar[bool] = False
     period_px: Annotated[float, Ge(2), Le(1e6), Key("of both stripes")] = 16.0
     step_rad: Annotated[float, Key("between the stripes")] = math.pi
     angle_deg: Annotated[float, Key("direction, from x towards y")] = 0.0
-
-    @property
-    def sizes(self) -> str:
-        return f"binary {self.period_px:g} px, {self.step_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -235,16 +212,13 @@ class SinePattern(FormulaPattern):
     """A wave of phase: low with a long period, high with a short one (thesis section 6.4)."""
 
     title: ClassVar = "Sine"
+    words: ClassVar = "sine {period_px:g} px, {amplitude_rad:.3g} rad"
     kind: Literal["sine"]
     amplitude_rad: Annotated[float, Key("from the mean to a crest", "Amplitude", 3.14, 0)] = math.pi
     period_px: Annotated[float, Ge(4), Le(1e6), Key("of the panel, a wave", "Period", 120, 4)] = (
         120.0
     )
     angle_deg: Annotated[float, Key("from x towards y", "Direction", 0, -360, 360)] = 0.0
-
-    @property
-    def sizes(self) -> str:
-        return f"sine {self.period_px:g} px, {self.amplitude_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -257,6 +231,7 @@ class PatchesPattern(FormulaPattern):
     """Rectangles of random phase (thesis section 6.4)."""
 
     title: ClassVar = "Random patches"
+    words: ClassVar = "patches {columns}x{rows}, {depth_rad:.3g} rad"
     kind: Literal["patches"]
     smooth: ClassVar[bool] = False
     rows: Annotated[Count, Key("of patches", "Rows", 9, 1, 4096)] = 9
@@ -266,10 +241,6 @@ class PatchesPattern(FormulaPattern):
     @property
     def varies(self) -> bool:
         return True
-
-    @property
-    def sizes(self) -> str:
-        return f"patches {self.columns}x{self.rows}, {self.depth_rad:.3g} rad"
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
@@ -313,6 +284,7 @@ class RingPattern(PhasePattern):
 
     title: ClassVar = "Ring"
     smooth: ClassVar[bool] = False
+    words: ClassVar = "ring {radius_um:g}/{width_um:g} µm"
     kind: Literal["ring"]
     radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 2000)]
     width_um: Annotated[Positive, Key("standard deviation of its profile", "Width", 8, 0.5, 500)]
@@ -324,10 +296,6 @@ class RingPattern(PhasePattern):
     @property
     def varies(self) -> bool:
         return self.start == "random"
-
-    @property
-    def sizes(self) -> str:
-        return f"ring {self.radius_um:g}/{self.width_um:g} µm"
 
     @property
     def target(self) -> RingTarget:

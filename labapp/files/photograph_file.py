@@ -89,16 +89,14 @@ def written(path: Path, light: Light, in_srgb: bool, full: float) -> bytes:
     """
     ending = path.suffix.lower()
     shown = light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
-    buffer = io.BytesIO()
     if ending == ".npy":
-        np.save(buffer, shown)
-    elif ending in _TIFF:
-        kind = "minisblack" if len(light) == 1 else "rgb"
+        return encoded(path, shown)
+    if ending in _TIFF:
+        buffer, kind = io.BytesIO(), "minisblack" if len(light) == 1 else "rgb"
         tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
-    else:
-        levels = coded(shown / full) if in_srgb else _sixteen(shown / full)
-        buffer.write(encoded(path, levels[..., ::-1] if levels.ndim == 3 else levels))
-    return buffer.getvalue()
+        return buffer.getvalue()
+    levels = coded(shown / full) if in_srgb else _sixteen(shown / full)
+    return encoded(path, levels[..., ::-1] if levels.ndim == 3 else levels)
 
 
 def coded(light: NDArray[Any]) -> NDArray[np.uint8]:

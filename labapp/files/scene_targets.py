@@ -10,7 +10,7 @@ import torch
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.chart_table import Brick, Chart, ColorChecker, Patch, Siemens, SlantedEdge, Usaf
+from labapp.files.chart_table import Chart, ColorChecker, Siemens, SlantedEdge, Usaf
 from labapp.files.light_table import Lamp
 from labapp.files.picture_cache import picture_of
 from labapp.files.quantities import Finite, Positive
@@ -181,9 +181,7 @@ class LayerTable(FileModel):
     """What stands at one distance, and hides what is behind it."""
 
     distance_m: Distance
-    picture: Annotated[
-        Brick | Patch | SlantedEdge | Siemens | Usaf | ColorChecker, Field(discriminator="kind")
-    ]
+    picture: Annotated[Chart, Field(discriminator="kind")]
 
 
 class LayersTable(LitTable):

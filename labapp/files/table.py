@@ -51,15 +51,21 @@ class Table:
 
     Unknown keys are errors, as are numbers that aren't finite; what else can't be, its
     `__post_init__` says by a ValueError. title: what a form calls it; without one it isn't on
-    forms.
+    forms. words: what it is and how large, with keys in braces, where that is always said alike.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid", "allow_inf_nan": False}
     title: ClassVar[str] = ""
+    words: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
+
+    @property
+    def sizes(self) -> str:
+        """What it is and how large, in a few words."""
+        return self.words.format(**vars(self))
 
 
 def tag_of(table: type[Table], key: str) -> str:

@@ -29,11 +29,6 @@ Width = Annotated[
 class TargetShape(Table):
     """A PSF shape."""
 
-    @property
-    def sizes(self) -> str:
-        """What it is and how large, in a few words."""
-        raise NotImplementedError
-
     def require_frames(self, frames: int) -> None:
         """ValueError if a video of so many frames can't show it."""
 
@@ -54,29 +49,27 @@ class TargetShape(Table):
 
 
 class Stroked(TargetShape):
-    """What is drawn within a circle, with a stroke."""
+    """What is drawn within a circle, with a stroke; by the function of its shape's name."""
 
+    words: ClassVar = "{shape} {radius_um:g}/{width_um:g} µm"
     radius_um: Radius = 100.0
     width_um: Width = 8.0
 
     @property
-    def sizes(self) -> str:
-        return f"{vars(self)['shape']} {self.radius_um:g}/{self.width_um:g} µm"
-
-    @property
     def _metres(self) -> tuple[float, float]:
         return self.radius_um * 1e-6, self.width_um * 1e-6
+
+    def draw(self, folder: Path) -> Drawing:
+        from optics import targets
+
+        drawn: Drawing = getattr(targets, vars(self)["shape"]).draw(*self._metres)
+        return drawn
 
 
 class RingTarget(Stroked):
     """A ring."""
 
     shape: Literal["ring"]
-
-    def draw(self, folder: Path) -> Drawing:
-        from optics import targets
-
-        return targets.ring.draw(*self._metres)
 
 
 class Spiral(Stroked):
@@ -133,11 +126,6 @@ class HeartTarget(Stroked):
     title: ClassVar = "Heart"
     shape: Literal["heart"]
 
-    def draw(self, folder: Path) -> Drawing:
-        from optics import targets
-
-        return targets.heart.draw(*self._metres)
-
 
 class InfinityTarget(Stroked):
     """The symbol of infinity, lying."""
@@ -145,22 +133,12 @@ class InfinityTarget(Stroked):
     title: ClassVar = "Infinity"
     shape: Literal["infinity"]
 
-    def draw(self, folder: Path) -> Drawing:
-        from optics import targets
-
-        return targets.infinity.draw(*self._metres)
-
 
 class EyeTarget(Stroked):
     """An eye with its iris and pupil."""
 
     title: ClassVar = "Eye"
     shape: Literal["eye"]
-
-    def draw(self, folder: Path) -> Drawing:
-        from optics import targets
-
-        return targets.eye.draw(*self._metres)
 
 
 class DotsTarget(TargetShape):
@@ -206,16 +184,13 @@ class LettersTarget(TargetShape):
     """A line of text."""
 
     title: ClassVar = "Letters"
+    words: ClassVar = "letters {text} {height_um:g}/{width_um:g} µm"
     shape: Literal["letters"]
     text: Annotated[str, MinLen(1), MaxLen(80), Key("letters and digits", "Text", "EI", high=80)]
     height_um: Annotated[Positive, Key("of a capital", "Height", 100, 5, 2000)] = 100.0
     width_um: Annotated[
         Positive, Key("of a stroke: a Gaussian's standard deviation", "Width", 5, 0.5, 500)
     ] = 8.0
-
-    @property
-    def sizes(self) -> str:
-        return f"letters {self.text} {self.height_um:g}/{self.width_um:g} µm"
 
     def draw(self, folder: Path) -> Drawing:
         from optics import targets

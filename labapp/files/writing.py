@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -61,7 +62,14 @@ def to_disk(path: Path) -> None:
 
 
 def encoded(path: Path, picture: NDArray[Any]) -> bytes:
-    """What a picture's file holds, by its ending; values in OpenCV's order. UserError."""
+    """What a picture's file holds, by its ending; values in OpenCV's order, but those of .npy are
+    kept as they are. UserError."""
+    if path.suffix.lower() == ".npy":
+        import numpy as np
+
+        buffer = io.BytesIO()
+        np.save(buffer, picture)
+        return buffer.getvalue()
     import cv2
 
     done, data = cv2.imencode(path.suffix, picture)

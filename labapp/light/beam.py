@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from labapp.common.console import out, watched
 from labapp.common.drawing import png
 from labapp.common.errors import UserError
-from labapp.files.reading import read_grey
+from labapp.files.grey_table import read_shown
 from labapp.files.writing import write_whole
 from optics.beam import beam
 from optics.camera import Camera
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.slm import grey_to_phase, require_grey
+from optics.slm import grey_to_phase
 from optics.threads import single_threaded
 
 _ACROSS = 481
@@ -93,12 +93,8 @@ def _phase(asked: AskedBeam) -> torch.Tensor | None:
     if asked.pattern is None:
         return None
     panel = asked.camera.panel
-    grey = read_grey(asked.pattern)
-    try:
-        require_grey(panel, grey)
-    except ValueError as error:
-        raise UserError(f"{asked.pattern}: {error}.") from error
-    phase: torch.Tensor = grey_to_phase(panel, torch.from_numpy(grey), asked.wavelength)
+    grey = torch.from_numpy(read_shown(asked.pattern, panel))
+    phase: torch.Tensor = grey_to_phase(panel, grey, asked.wavelength)
     return phase
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from labapp.common.console import out, print_json, table, watched
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_camera
-from labapp.files.reading import read_grey
+from labapp.files.grey_table import read_shown
 from labapp.files.writing import encoded, write_whole
 from labapp.light.asked import Case
 from optics.accuracy import Account, Budget, MachineSpeed, describe
@@ -26,7 +25,7 @@ from optics.camera import Camera
 from optics.psf import PSFOperator
 from optics.psf.modulated import modulated_psf
 from optics.shadow import share_through
-from optics.slm import Modulator, Panel, require_grey
+from optics.slm import Modulator, Panel
 from optics.threads import single_threaded
 
 _NOTHING = 1e-9
@@ -51,7 +50,7 @@ class Asked:
     field: tuple[float, float] = (0.0, 0.0)
     sphere: bool = False
 
-    @property
+    @cached_property
     def camera(self) -> Camera | None:
         """The asked lens behind its panel, or that of the virtual bench for a pattern."""
         if self.case.camera is not None or self.pattern is None:
@@ -139,12 +138,7 @@ def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
     """A picture for the panel; a neutral one, if there is none."""
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
-    grey = read_grey(pattern)
-    try:
-        require_grey(panel, grey)
-    except ValueError as error:
-        raise UserError(f"{pattern}: {error}.") from error
-    return grey
+    return read_shown(pattern, panel)
 
 
 def _of_the_light(asked: Asked) -> dict[str, Any]:
@@ -198,13 +192,10 @@ def _light_rows(data: dict[str, Any]) -> list[list[str]]:
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
     """A PSF by the file's ending; a picture shows five decades, brightest pixel white."""
-    if path.suffix.lower() == ".npy":
-        buffer = io.BytesIO()
-        np.save(buffer, psf)
-        write_whole(path, buffer.getvalue())
-        return
-    values = psf.astype(np.float32) if path.suffix.lower() == ".tiff" else _decades(psf)
-    write_whole(path, encoded(path, values))
+    ending = path.suffix.lower()
+    if ending == ".png":
+        psf = _decades(psf)
+    write_whole(path, encoded(path, psf.astype(np.float32) if ending == ".tiff" else psf))
 
 
 def _decades(psf: NDArray[Any]) -> NDArray[np.uint8]:

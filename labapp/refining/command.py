@@ -34,7 +34,8 @@ def refine_design(
     """
     if not is_design(path):
         raise UserError(f"{path}: the ending must be .h5.")
-    drawn, folder = path.with_name(f"{path.stem}_psf.png"), runs or _beside(path)
+    drawn = path.with_name(f"{path.stem}_psf.png")
+    folder = runs or path.with_name(f"{path.stem}_runs")
     for file in (path, drawn):
         require_writable(file, force=manner.force)
     records = [record_of(folder, number + 1).name for number in range(request.pictures)]
@@ -90,7 +91,3 @@ def refined(
     except ValueError as error:
         raise UserError(f"{design}: {error}.") from error
     return Result(start, request, view, watcher.seen, start.on_panel(found.phases))
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f"{path.stem}_runs")

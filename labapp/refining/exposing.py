@@ -70,7 +70,7 @@ def expose(
     )
     require_complete(outcome)
     with Record(path) as record:
-        brackets = merge_all(record, plan, progress.part(_RUN_SHARE, 1))
+        brackets = merge_all(record, progress.part(_RUN_SHARE, 1))
     return find(brackets, "star", name, None, path)
 
 

@@ -7,10 +7,10 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from labapp.bench.opening import Bench
+from labapp.bench.star import known_star
 from labapp.common.errors import UserError
 from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, explain
-from labapp.files.scene_file import StarTable
 from optics.shadow import in_focus
 
 
@@ -51,16 +51,9 @@ def milliseconds(text: str) -> list[float]:
 
 def completed(request: Request, bench: Bench) -> Request:
     """With the size of the star; UserError if the bench lacks a target, or nobody knows it."""
-    names = ", ".join(bench.targets.names)
-    for option, name in (("star", request.star), ("dark", request.dark)):
-        if name not in bench.targets.names and (name or option == "star"):
-            without = ", or give --dark '' to go without dark frames" if option == "dark" else ""
-            raise UserError(
-                f"--{option} {name}: this bench has no such target. Choose among {names}{without}."
-            )
-    table = bench.scene_file.targets.get(request.star) if bench.scene_file else None
+    table = known_star(bench, request.star, request.dark)
     known = {"star_m": in_focus(bench.description)}
-    if isinstance(table, StarTable):
+    if table is not None:
         known = {"star_um": table.diameter_um, "star_m": table.distance_m}
     given = {key: value for key, value in request.model_dump().items() if value is not None}
     filled = Request.of(**(known | given))

@@ -17,7 +17,6 @@ from labapp.refining.request import Request
 from labapp.refining.start import Start
 from labapp.refining.view import View
 from labapp.refining.watching import Seen
-from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval.judging import judge
 from optics.retrieval.slow_crystal import shown_light
@@ -83,8 +82,8 @@ def contents_of(
         grey=greys,
         phase=phases.numpy(),
         frame_time=1 / camera.panel.frame_rate if start.frames > 1 else 0.0,
-        psf=Grid(psf.numpy(), *_axes(pixels)),
-        target=Grid(target[None].numpy(), *_axes(goal.plane)),
+        psf=Grid.of(psf, pixels),
+        target=Grid.of(target[None], goal.plane),
         quality={**before.quality, **figures},
     )
 
@@ -97,7 +96,3 @@ def _settings(result: Result, design: Path, before: Mapping[str, Any]) -> dict[s
         **result.account,
     }
     return {**before, "refined": [*before.get("refined", []), account]}
-
-
-def _axes(plane: Plane) -> tuple[Any, Any]:
-    return plane.coordinates(0).numpy(), plane.coordinates(1).numpy()

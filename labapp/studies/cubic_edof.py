@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import bundled, read_grey, validate
+from labapp.files.reading import bundled, read_grey
 from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star import measure_psf
@@ -20,7 +20,7 @@ from labapp.studies.catalogue.cubic_edof import STUDY
 from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
-from labapp.studies.stars import NEUTRAL, correlation
+from labapp.studies.stars import bracket, correlation, plan_of
 from optics.camera import Camera
 from optics.deconvolution.depths import depths, pasted
 from optics.deconvolution.layered import layered
@@ -46,32 +46,28 @@ _WINDOW = 128
 _SLIT = 129
 """Samples of the polar display along each axis."""
 
+_PUBLISHED = {
+    "open aperture": "far scene blurred (Fig. 2.17c)",
+    "cubic, as taken": "picture only (Fig. 2.17d)",
+    "one PSF, Richardson-Lucy": "picture only (Fig. 2.17e)",
+}
+
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
-    scene = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.scene_ms)}
-    stars = {"wavelengths_nm": [settings.wavelength_nm], "exposures_ms": list(settings.star_ms)}
-    darks = {"interleave": [{"role": "dark", "frames": 4}]}
-    both = ["neutral", "cubic"]
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {
-            "neutral": dict(NEUTRAL),
-            "cubic": {"kind": "cubic", "strength_rad": settings.strength_rad},
-        },
-        "acquire": [
-            {"targets": list(STARS), "patterns": both} | stars | darks,
-            {"targets": ["depths"], "patterns": both} | scene | darks,
-            {"targets": ["sharp"], "patterns": ["neutral"]} | scene,
-        ],
-    }
-    return validate(data, PlanFile, "study cubic-edof")
+    nm, both = settings.wavelength_nm, ["neutral", "cubic"]
+    return plan_of(
+        STUDY,
+        {"cubic": {"kind": "cubic", "strength_rad": settings.strength_rad}},
+        bracket(list(STARS), both, nm, exposures_ms=settings.star_ms),
+        bracket(["depths"], both, nm, exposures_ms=settings.scene_ms),
+        bracket(["sharp"], ["neutral"], nm, exposures_ms=settings.scene_ms) | {"interleave": []},
+    )
 
 
 def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Results:
     """How alike the PSFs are, what the transfer functions do, and the pictures restored."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.2))
+    brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.bench.build_camera()
     psfs = {
         (star, pattern): _psf(record, brackets, star, pattern, settings)
@@ -80,12 +76,13 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
     }
     pictures = _restored(record, brackets, psfs, settings, progress.part(0.3, 0.95))
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
+    del scores["sharp"]
     waves, strength = _slit(camera, settings)
     rows = [
         _alike_row(psfs),
         _zeros_row(waves, strength),
         _separable_row(psfs),
-        *_score_rows(scores),
+        *(Row.of_score(name, one, _PUBLISHED) for name, one in scores.items()),
     ]
     plates = [
         _pictures_plate(pictures, scores),
@@ -102,11 +99,7 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
         "Unmodulated light, 5 %, adds a peak to the plate's PSF, which then is no product of a "
         "column and a row.",
     ]
-    data = {
-        name: {"psnr_db": one.psnr, "ssim": one.ssim}
-        for name, one in scores.items()
-        if name != "sharp"
-    }
+    data = {name: one.as_data for name, one in scores.items()}
     return Results(rows, plates, notes, {"scores": data, "waves": waves})
 
 
@@ -245,29 +238,10 @@ def left_out(psf: Picture) -> float:
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
 
 
-def _score_rows(scores: dict[str, Score]) -> list[Row]:
-    published = {
-        "open aperture": "far scene blurred (Fig. 2.17c)",
-        "cubic, as taken": "picture only (Fig. 2.17d)",
-        "one PSF, Richardson-Lucy": "picture only (Fig. 2.17e)",
-    }
-    return [
-        Row(
-            name,
-            published.get(name, "-"),
-            "-",
-            f"{one.psnr:.1f} dB, SSIM {one.ssim:.3f}",
-            one.psnr,
-        )
-        for name, one in scores.items()
-        if name != "sharp"
-    ]
-
-
 def _pictures_plate(pictures: dict[str, Picture], scores: dict[str, Score]) -> Plate:
     figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
     for axes, (name, one) in zip(figure.subplots(2, 4).flat, pictures.items(), strict=True):
-        told = "" if name == "sharp" else f", {scores[name].psnr:.1f} dB"
+        told = f", {scores[name].psnr:.1f} dB" if name in scores else ""
         draw_grey(axes, one, name + told, 1.0)
     return Plate("Pictures", figure, "Fig. 2.17: near rocks in focus, the rest beyond it.")
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from scipy.ndimage import shift
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture, merge_all
 from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.reconstructing.records import found_in
@@ -20,7 +19,7 @@ from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_tone
-from labapp.studies.stars import NEUTRAL, star_blocks
+from labapp.studies.stars import bracket, plan_of, psf_pattern
 from optics.camera import Camera
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.statistics import fitted_generalised, fitted_mixture, log_histogram
@@ -43,35 +42,18 @@ _CODED = "heart"
 
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
     """Star and photograph, each with no pattern and with the heart."""
-    patterns = ["neutral", _CODED]
-    scene = {
-        "targets": ["photograph"],
-        "patterns": patterns,
-        "wavelengths_nm": [settings.wavelength_nm],
-        "exposures_ms": list(settings.photograph_ms),
-        "interleave": [{"role": "dark", "frames": 4}],
-    }
-    heart = {"shape": "heart", "radius_um": settings.radius_um, "width_um": settings.width_um}
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {
-            "neutral": dict(NEUTRAL),
-            _CODED: {
-                "kind": "psf",
-                "target": heart,
-                "wavelength_nm": settings.wavelength_nm,
-                "iterations": settings.iterations,
-            },
-        },
-        "acquire": [*star_blocks(patterns, settings.wavelength_nm, settings.star_ms), scene],
-    }
-    return validate(data, PlanFile, "study deconvolution")
+    nm, patterns = settings.wavelength_nm, ["neutral", _CODED]
+    return plan_of(
+        STUDY,
+        {_CODED: psf_pattern(settings, "heart", radius_um=settings.radius_um)},
+        bracket(["star"], patterns, nm, exposures_ms=settings.star_ms),
+        bracket(["photograph"], patterns, nm, exposures_ms=settings.photograph_ms),
+    )
 
 
 def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> Results:
     """The photograph restored in several ways, against the one that no pattern blurred."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.3))
+    brackets = merge_all(record, progress.part(0, 0.3))
     roles = Reconstruction(
         coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
     )
@@ -97,7 +79,9 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         blind = _blind(seen, settings, record.bench.build_camera(), progress.part(0.7, 1))
         pictures["blind"] = blind.restored / white
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
-    rows = [_row(name, one) for name, one in scores.items() if name != "sharp"]
+    del scores["sharp"]
+    better = dict.fromkeys(scores, "better than blurred") | {"blurred": "-"}
+    rows = [Row.of_score(name, one, _PUBLISHED, better[name]) for name, one in scores.items()]
     notes = [
         "PSNR (peak 1) and SSIM (range 1) are against the photograph taken with a neutral pattern, "
         "over the central 90 %; its own noise and the lens' blur are in it, so that nothing comes "
@@ -112,11 +96,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
             f"{blind.trust}. Where a blur lies nobody can tell from the photograph alone: the "
             "kernel was moved to where the star's PSF lies. Total variation undoes it."
         )
-    data = {
-        name: {"psnr_db": one.psnr, "ssim": one.ssim}
-        for name, one in scores.items()
-        if name != "sharp"
-    }
+    data = {name: one.as_data for name, one in scores.items()}
     kernel = None if blind is None else blind.kernel
     return Results(rows, [_plate(pictures, scores, psf, kernel), *plates], notes, data)
 
@@ -184,12 +164,6 @@ _PUBLISHED = {
 }
 
 
-def _row(name: str, one: Score) -> Row:
-    expected = "-" if name == "blurred" else "better than blurred"
-    ours = f"{one.psnr:.1f} dB, SSIM {one.ssim:.3f}"
-    return Row(name, _PUBLISHED.get(name, "-"), expected, ours, one.psnr)
-
-
 def _plate(
     pictures: dict[str, Picture],
     scores: dict[str, Score],
@@ -200,7 +174,7 @@ def _plate(
     axes = figure.subplots(2, 4).ravel()
     draw_log(axes[0], psf, "PSF, measured, 4 decades")
     for one, (name, picture) in zip(axes[1:], pictures.items(), strict=False):
-        told = "" if name == "sharp" else f"\n{scores[name].psnr:.1f} dB"
+        told = f"\n{scores[name].psnr:.1f} dB" if name in scores else ""
         draw_grey(one, picture, name + told, 1.0)
     if kernel is None:
         axes[-1].set_axis_off()

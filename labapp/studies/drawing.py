@@ -64,5 +64,4 @@ def animated(pictures: Sequence[NDArray[Any]]) -> bytes:
 def _bare(axes: Axes, title: str) -> None:
     axes.axis("on")
     axes.set_title(title, fontsize=11)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])

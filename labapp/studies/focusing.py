@@ -80,10 +80,7 @@ def opening(camera: Camera) -> float:
     """Mean of x² + y² over the panel within the stop, m²: of a star's blur by a dioptre, over
     the square of the image distance."""
     panel = camera.panel
-    y, x = (
-        (np.arange(n) - (n - 1) / 2)[shape] * panel.pitch
-        for n, shape in zip(panel.shape, ((slice(None), None), (None, slice(None))), strict=True)
-    )
-    square = y**2 + x**2
+    y, x = (np.arange(n) - (n - 1) / 2 for n in panel.shape)
+    square = (y[:, None] ** 2 + x**2) * panel.pitch**2
     inside = square <= (camera.lens.stop_diameter / 2) ** 2
     return float(square[inside].mean())

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star import PSFReport
 from labapp.runs.record.reader import Record
@@ -17,7 +16,14 @@ from labapp.studies.catalogue.psf_shapes import PUBLISHED, STUDY, Shape, ShapesS
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_log, draw_tone
 from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
-from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks
+from labapp.studies.stars import (
+    bracket,
+    correlation,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    target_of,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -28,38 +34,25 @@ _WINDOW = 128
 
 def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
     """The star with no pattern, and with one for each shape."""
-    patterns = {
-        shape: {
-            "kind": "psf",
-            "target": _target(shape, settings, camera),
-            "wavelength_nm": settings.wavelength_nm,
-            "iterations": settings.iterations,
-        }
-        for shape in dict.fromkeys(settings.shapes)
-    }
-    names = ["neutral", *patterns]
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {"neutral": dict(NEUTRAL)} | patterns,
-        "acquire": star_blocks(names, settings.wavelength_nm, settings.exposures_ms),
-    }
-    return validate(data, PlanFile, "study psf-shapes")
+    shapes = dict.fromkeys(settings.shapes)
+    names = ["neutral", *shapes]
+    return plan_of(
+        STUDY,
+        {
+            shape: psf_pattern(settings, shape, **_sizes(shape, settings, camera))
+            for shape in shapes
+        },
+        bracket(["star"], names, settings.wavelength_nm, exposures_ms=settings.exposures_ms),
+    )
 
 
-def _target(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, Any]:
+def _sizes(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, Any]:
     if shape == "letters":
-        height = 1.4 * settings.radius_um
-        return {
-            "shape": shape,
-            "text": settings.text,
-            "height_um": height,
-            "width_um": settings.width_um,
-        }
-    radius, width = settings.radius_um, settings.width_um
+        return {"text": settings.text, "height_um": 1.4 * settings.radius_um}
     if shape == "ring":
-        radius, width = (size * 1e6 for size in ring_sizes(camera, settings.wavelength_nm * 1e-9))
-    return {"shape": shape, "radius_um": radius, "width_um": width}
+        radius, width = ring_sizes(camera, settings.wavelength_nm * 1e-9)
+        return {"radius_um": radius * 1e6, "width_um": width * 1e6}
+    return {"radius_um": settings.radius_um}
 
 
 def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> Results:
@@ -112,9 +105,7 @@ def _figures(report: PSFReport) -> dict[str, float]:
 
 def _figures_of(shape: Picture, report: PSFReport) -> dict[str, float]:
     """Of a PSF without its unmodulated light. light: of all the star's; contrast: of speckle."""
-    target = report.target
-    if target is None:
-        raise ValueError("the pattern has no target; take a psf or ring pattern")
+    target = target_of(report)
     return {
         "light": metrics.efficiency(shape, target, 1.0),
         "correlation": correlation(shape, target),
@@ -165,8 +156,7 @@ def _overview(record: Record, found: Mapping[str, PSFReport]) -> Plate:
     figure = Figure(figsize=(3.1 * max(columns, 3), 10.2), dpi=100, layout="constrained")
     axes = figure.subplots(3, columns, squeeze=False)
     for column, (shape, report) in zip(axes.T, found.items(), strict=True):
-        assert report.target is not None
-        draw_tone(column[0], report.target, f"{shape}: asked for")
+        draw_tone(column[0], target_of(report), f"{shape}: asked for")
         draw_log(column[1], report.measured, "measured, 4 decades")
         draw_tone(column[2], report.shape, "without unmodulated light")
     return Plate(

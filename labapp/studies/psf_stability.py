@@ -11,14 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_stability import STUDY, StabilitySettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_tone
-from labapp.studies.stars import NEUTRAL, measured_psfs, star_blocks, summed_noise
+from labapp.studies.stars import (
+    bracket,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    summed_noise,
+    target_of,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -32,32 +38,18 @@ _RATE = 60
 
 def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
     """About a second of each video, in whole periods, and of one still pattern."""
-    still = {
-        "kind": "psf",
-        "target": {
-            "shape": "spiral",
-            "radius_um": settings.radius_um,
-            "width_um": settings.width_um,
-        },
-        "wavelength_nm": settings.wavelength_nm,
-        "iterations": settings.iterations,
-    }
+    still = psf_pattern(settings, "spiral", radius_um=settings.radius_um)
     lengths = _lengths(settings)
     # One seed begins all of them, so that a shorter video is the longer one's beginning.
     patterns = {
         name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
         for name, count in lengths.items()
     }
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {"neutral": dict(NEUTRAL)} | patterns,
-        "acquire": [
-            *star_blocks(["neutral"], settings.wavelength_nm, settings.neutral_ms),
-            *(_block(name, count, settings) for name, count in lengths.items()),
-        ],
-    }
-    return validate(data, PlanFile, "study psf-stability")
+    neutral = bracket(
+        ["star"], ["neutral"], settings.wavelength_nm, exposures_ms=settings.neutral_ms
+    )
+    blocks = [_block(name, count, settings) for name, count in lengths.items()]
+    return plan_of(STUDY, patterns, neutral, *blocks)
 
 
 def _lengths(settings: StabilitySettings) -> dict[str, int]:
@@ -71,11 +63,9 @@ def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
-    (block,) = star_blocks([name], settings.wavelength_nm, (1000.0,))
-    if count > 1:
-        del block["exposures_ms"]
-        block["periods"] = [max(1, round(_RATE / count))]
-    return block
+    periods = {"periods": [max(1, round(_RATE / count))]}
+    exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
+    return bracket(["star"], [name], settings.wavelength_nm, **exposures)
 
 
 @dataclass(frozen=True)
@@ -117,8 +107,7 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
 
 
 def _contrast(report: PSFReport) -> float:
-    assert report.target is not None
-    return metrics.speckle_contrast(report.shape, report.target)
+    return metrics.speckle_contrast(report.shape, target_of(report))
 
 
 def law(frames: int, reference: int) -> float:

@@ -6,14 +6,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_video import STUDY, VideoSettings
 from labapp.studies.contract import Movie, Plate, Results, Row
 from labapp.studies.drawing import animated, draw_log, draw_tone
-from labapp.studies.stars import NEUTRAL, correlation, measured_psfs, star_blocks, summed_noise
+from labapp.studies.stars import (
+    bracket,
+    correlation,
+    measured_psfs,
+    plan_of,
+    psf_pattern,
+    summed_noise,
+    target_of,
+)
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
@@ -29,34 +36,21 @@ def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
     """Every frame of the video by itself, and the whole video in one exposure."""
     share = (1 - settings.smallest) / (settings.moments - 1)
     frames = {
-        _name(moment): {
-            "kind": "psf",
-            "target": {
-                "shape": "spiral",
-                "radius_um": settings.radius_um * (1 - share * moment),
-                "width_um": settings.width_um,
-                "turns": settings.turns,
-            },
-            "wavelength_nm": settings.wavelength_nm,
-            "iterations": settings.iterations,
-        }
+        _name(moment): psf_pattern(
+            settings,
+            "spiral",
+            radius_um=settings.radius_um * (1 - share * moment),
+            turns=settings.turns,
+        )
         for moment in range(settings.moments)
     }
     nm = settings.wavelength_nm
-    (whole,) = star_blocks(["video"], nm, settings.exposures_ms)
-    del whole["exposures_ms"]
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "patterns": {"neutral": dict(NEUTRAL)}
-        | frames
-        | {"video": {"kind": "video", "frames": list(frames)}},
-        "acquire": [
-            *star_blocks(["neutral", *frames], nm, settings.exposures_ms),
-            whole | {"periods": [1, 4]},
-        ],
-    }
-    return validate(data, PlanFile, "study psf-video")
+    return plan_of(
+        STUDY,
+        frames | {"video": {"kind": "video", "frames": list(frames)}},
+        bracket(["star"], ["neutral", *frames], nm, exposures_ms=settings.exposures_ms),
+        bracket(["star"], ["video"], nm, periods=[1, 4]),
+    )
 
 
 def _name(moment: int) -> str:
@@ -71,12 +65,12 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Res
     )
     noise = _noise(record, names, settings, progress.part(0.8, 1))
     frames, video = [found[name] for name in names], found["video"]
-    asked = [spread(_target(one)) for one in frames]
+    asked = [spread(target_of(one)) for one in frames]
     seen = [spread(_lit(one)) for one in frames]
     mean = np.mean([one.measured for one in frames], axis=0)
     multiplexed = metrics.relative_error(video.measured, mean)
     worst = max(abs(s / a - 1) for s, a in zip(seen, asked, strict=True))
-    likeness = [correlation(one.shape, _target(one)) for one in frames]
+    likeness = [correlation(one.shape, target_of(one)) for one in frames]
     last, wanted = seen[-1] / seen[0], asked[-1] / asked[0]
     rows = [
         Row(
@@ -143,15 +137,9 @@ def _noise(record: Record, names: list[str], settings: VideoSettings, progress: 
     return float(np.sqrt(frames + summed["video"]))
 
 
-def _target(report: PSFReport) -> Picture:
-    if report.target is None:
-        raise ValueError("the pattern has no target; take a psf pattern")
-    return report.target
-
-
 def _lit(report: PSFReport) -> Picture:
     """The PSF where its target has light: what is beside it would count by its distance."""
-    target = _target(report)
+    target = target_of(report)
     return np.where(target > 0.02 * target.max(), report.shape, 0.0)
 
 

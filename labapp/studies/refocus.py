@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
 from labapp.runs.record.reader import Record
 from labapp.studies.bricks import BRICKS, Region, regions_of, sharpened
@@ -20,7 +19,7 @@ from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
 from labapp.studies.contract import Plate, Results, Row
 from labapp.studies.drawing import draw_grey, draw_log, draw_panel
 from labapp.studies.focusing import DefocusedStar, Focus, focus_of, opening
-from labapp.studies.stars import NEUTRAL
+from labapp.studies.stars import bracket, plan_of
 from optics.camera import Camera
 from optics.progress import Progress
 from optics.shadow import in_focus
@@ -39,35 +38,13 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
             f"study refocus: near_m is {settings.near_m:g}, where the lens of the bench is "
             "focused already. Choose another distance."
         )
-    block = {
-        "patterns": ["neutral", "lens"],
-        "wavelengths_nm": [settings.wavelength_nm],
-        "interleave": [{"role": "dark", "frames": 4}],
-    }
-    bracket = {"targets": [BRICKS], "exposures_ms": list(settings.scene_ms)}
-    scene = [block | bracket] if settings.bricks else []
-    data = {
-        "version": 1,
-        "title": STUDY.title,
-        "targets": {star_at(metres): {"distance_m": metres} for metres in settings.stars_m},
-        "patterns": {
-            "neutral": dict(NEUTRAL),
-            "lens": {
-                "kind": "lens",
-                "focal_length_m": 1 / added,
-                "wavelength_nm": settings.wavelength_nm,
-            },
-        },
-        "acquire": [
-            block
-            | {
-                "targets": [star_at(metres) for metres in settings.stars_m],
-                "exposures_ms": list(settings.star_ms),
-            },
-            *scene,
-        ],
-    }
-    return validate(data, PlanFile, "study refocus")
+    nm, both = settings.wavelength_nm, ["neutral", "lens"]
+    lens = {"kind": "lens", "focal_length_m": 1 / added, "wavelength_nm": nm}
+    stars = {star_at(metres): {"distance_m": metres} for metres in settings.stars_m}
+    blocks = [bracket(list(stars), both, nm, exposures_ms=settings.star_ms)]
+    if settings.bricks:
+        blocks.append(bracket([BRICKS], both, nm, exposures_ms=settings.scene_ms))
+    return plan_of(STUDY, {"lens": lens}, *blocks, targets=stars)
 
 
 def star_at(metres: float) -> str:
@@ -78,7 +55,7 @@ def star_at(metres: float) -> str:
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> Results:
     """Where the focus lies without and with the lens, and what becomes of the bricks."""
     camera = record.bench.build_camera()
-    brackets = merge_all(record, record.plan, progress.part(0, 0.8))
+    brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9
 
     def taken(target: str, pattern: str) -> Bracket:

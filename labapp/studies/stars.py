@@ -7,27 +7,52 @@ from typing import Any
 
 import numpy as np
 
-from labapp.files.plan_file import Reconstruction
+from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.files.reading import validate
 from labapp.pictures.analysis.brackets import Picture, find, merge_all
 from labapp.pictures.analysis.star import PSFReport, centre_of, cut, measure_psf
 from labapp.runs.record.reader import Record
+from labapp.studies.contract import Study
 from optics.progress import Progress
 
-NEUTRAL: Mapping[str, Any] = {"kind": "constant", "grey": 0}
 
-
-def star_blocks(
-    patterns: Sequence[str], wavelength_nm: float, exposures_ms: Sequence[float], darks: int = 4
-) -> list[dict[str, Any]]:
-    """A bracket of the star with each pattern, after dark frames of every exposure."""
-    block = {
-        "targets": ["star"],
-        "patterns": list(patterns),
-        "wavelengths_nm": [wavelength_nm],
-        "exposures_ms": list(exposures_ms),
-        "interleave": [{"role": "dark", "frames": darks}],
+def plan_of(
+    study: Study[Any], patterns: Mapping[str, Any], *blocks: Mapping[str, Any], **more: Any
+) -> PlanFile:
+    """A study's plan; the pattern "neutral" is there beside its own."""
+    data = {
+        "version": 1,
+        "title": study.title,
+        "patterns": {"neutral": {"kind": "constant", "grey": 0}, **patterns},
+        "acquire": blocks,
     }
-    return [block]
+    return validate(data | more, PlanFile, f"study {study.title!r}")
+
+
+def psf_pattern(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
+    """A pattern whose PSF has a shape, as a study's settings have it retrieved."""
+    return {
+        "kind": "psf",
+        "target": {"shape": shape, "width_um": settings.width_um, **sizes},
+        "wavelength_nm": settings.wavelength_nm,
+        "iterations": settings.iterations,
+    }
+
+
+def bracket(
+    targets: Sequence[str], patterns: Sequence[str], wavelength_nm: float, **exposures: Any
+) -> dict[str, Any]:
+    """Targets with each pattern, after dark frames of every exposure.
+
+    exposures: exposures_ms, or the periods of videos, as a plan's block has them.
+    """
+    return {
+        **exposures,
+        "targets": targets,
+        "patterns": patterns,
+        "wavelengths_nm": [wavelength_nm],
+        "interleave": [{"role": "dark", "frames": 4}],
+    }
 
 
 def measured_psfs(
@@ -38,7 +63,7 @@ def measured_psfs(
     progress: Progress,
 ) -> dict[str, PSFReport]:
     """The PSF of every pattern, by the star that was also taken with the pattern "neutral"."""
-    brackets = merge_all(record, record.plan, progress.part(0, 0.3))
+    brackets = merge_all(record, progress.part(0, 0.3))
     found = {}
     for number, name in enumerate(patterns):
         progress.report(0.3 + 0.7 * number / len(patterns), f"PSF of {name}")
@@ -56,7 +81,7 @@ def summed_noise(
 ) -> dict[str, float]:
     """Variance of each measured PSF, summed over its window: what the camera's noise adds to the
     square of a difference, on the scale of the neutral star's light."""
-    brackets = merge_all(record, record.plan, progress)
+    brackets = merge_all(record, progress)
     metres = wavelength_nm * 1e-9
     neutral = find(brackets, "star", "neutral", metres, record.path).rate
     centre = centre_of(neutral)
@@ -67,6 +92,12 @@ def summed_noise(
         known = np.where(np.isfinite(variance), variance, 0.0)
         found[name] = float(cut(known, centre, window_px).sum()) / total**2
     return found
+
+
+def target_of(report: PSFReport) -> Picture:
+    """What was asked for: all patterns of a study's own have it."""
+    assert report.target is not None
+    return report.target
 
 
 def correlation(one: Picture, other: Picture) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from figures.chains import ChainProblem
 
-from labapp.accuracy.chain import Reference, asked_chain
+from labapp.accuracy.chain import asked_chain, judge_of
 from labapp.accuracy.references.chain import chain_density, chain_field
 from labapp.accuracy.references.panel import Chain
 from labapp.accuracy.rows import Row
@@ -233,10 +233,10 @@ def test_what_is_seen_of_an_answer_is_weighed_as_the_truth():
     case = Case(lens, 1.5, 550e-9, Plane((6, 7), (3e-6, 3e-6)))
     asked = {"pattern": "cubic", "field": (0.0, 0.0), "sphere": False}
     problem = asked_chain(case, panel="12x14x8", separation_mm=20.0, **asked).problem
-    reference = Reference(problem)
+    judge = judge_of(problem)
     y, x = (np.arange(n) - n // 2 for n in (6, 7))
     chain, share = problem.chain, problem.camera.panel.unmodulated
     both = [np.exp(1j * problem.phase), np.ones((12, 14))]
     mixed = chain_density(chain, both, 3e-6 * y, 3e-6 * x) * 9e-12
     whole = (1 - share) * mixed[0] + share * mixed[1]
-    assert np.linalg.norm(reference.seen(whole) - reference.truth) <= 1e-12 * np.linalg.norm(whole)
+    assert np.linalg.norm(judge.seen(whole) - judge.truth) <= 1e-12 * np.linalg.norm(whole)

@@ -69,7 +69,7 @@ def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, re
 def test_the_noise_of_a_record_is_at_least_that_of_its_photons(record):
     window = reconstruct(Reconstruct(record, "tv", None), Progress())
     with Record(record) as opened:
-        merged = merge_all(opened, opened.plan, Progress(), {"photograph"})
+        merged = merge_all(opened, Progress(), {"photograph"})
     (coded,) = [one for one in merged if one.pattern == "lens"]
     photons = np.sqrt(coded.variance[np.isfinite(coded.variance)].mean())
     assert window.outcome.bands[0].noise >= 0.999 * photons

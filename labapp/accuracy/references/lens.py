@@ -40,15 +40,6 @@ class Line:
     open: list[Interval]
 
 
-@dataclass(frozen=True)
-class Slices:
-    """Nodes and weights of an integral over a stop, in stop radii: height by height."""
-
-    heights: Array
-    nodes: list[Array]
-    weights: list[Array]
-
-
 def lens_picture(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
@@ -73,17 +64,18 @@ def lens_density(
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
     slope = _MARGIN * (steepest(lens, distance, wavelength) + tilt * _farthest(y, x))
-    slices = slices_of(lens.stop, slope)
+    lines = list(lines_of(lens.stop, slope))
     field = np.zeros((y.size, x.size), dtype=np.complex128)
     area = 0.0
-    for number, (height, nodes, weights) in enumerate(
-        zip(slices.heights, slices.nodes, slices.weights, strict=True)
-    ):
+    for number, line in enumerate(lines):
         if progress is not None and number % 64 == 0:
-            progress.report(number / slices.heights.size, "the exact integral")
-        wave = weights * np.exp(1j * phase_at(lens, distance, wavelength, height, nodes))
+            progress.report(number / len(lines), "the exact integral")
+        parts = [_line(low, high, slope) for low, high in line.open]
+        nodes, weights = (np.concatenate(part) for part in zip(*parts, strict=True))
+        weights = line.weight * weights
+        wave = weights * np.exp(1j * phase_at(lens, distance, wavelength, line.height, nodes))
         row = wave @ np.exp(-1j * tilt * np.outer(nodes, x))
-        field += np.outer(np.exp(-1j * tilt * y * height), row)
+        field += np.outer(np.exp(-1j * tilt * y * line.height), row)
         area += float(weights.sum())
     return np.asarray(radius**2 / (scale**2 * area) * np.abs(field) ** 2)
 
@@ -102,17 +94,6 @@ def positions(plane: Plane, axis: int) -> Array:
 
 def _farthest(y: Array, x: Array) -> float:
     return math.hypot(float(np.abs(y).max()), float(np.abs(x).max()))
-
-
-def slices_of(stop: Stop, slope: float) -> Slices:
-    """slope: the most radians by which an integrand turns in one stop radius."""
-    heights, nodes, weights = [], [], []
-    for line in lines_of(stop, slope):
-        parts = [_line(a, b, slope) for a, b in line.open]
-        heights.append(line.height)
-        nodes.append(np.concatenate([p[0] for p in parts]))
-        weights.append(line.weight * np.concatenate([p[1] for p in parts]))
-    return Slices(np.array(heights), nodes, weights)
 
 
 def lines_of(stop: Stop, slope: float) -> Iterator[Line]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
 from labapp.common.errors import UserError
-from labapp.files.reading import read_grey
+from labapp.files.grey_table import read_shown
 from labapp.files.scene_file import SceneFile
 from optics.progress import Progress
 from simulator.effects.registry import EFFECTS
@@ -64,14 +64,12 @@ class Staged:
     files: dict[str, str]
 
 
-@contextmanager
-def stage(asked: AskedPicture, progress: Progress) -> Iterator[Staged]:
+def stage(asked: AskedPicture, progress: Progress) -> AbstractContextManager[Staged]:
     """The virtual world of a bench, set as asked, and the situation of the picture.
 
     UserError names the file, or the option, that is wrong.
     """
-    with stage_of(BenchFiles.default(asked.bench, asked.scene).read(), asked, progress) as staged:
-        yield staged
+    return stage_of(BenchFiles.default(asked.bench, asked.scene).read(), asked, progress)
 
 
 @contextmanager
@@ -129,13 +127,7 @@ def _set(bench: Bench, asked: AskedPicture) -> World:
     if asked.wavelength is not None:
         bench.filter.set_wavelength(asked.wavelength)
     if asked.pattern is not None:
-        grey, shape = read_grey(asked.pattern), world.camera.panel.shape
-        if grey.shape != shape:
-            raise UserError(
-                f"{asked.pattern} has {grey.shape[1]} x {grey.shape[0]} pixels and the panel "
-                f"{shape[1]} x {shape[0]}; give a pattern made for it."
-            )
-        world.grey = grey
+        world.grey = read_shown(asked.pattern, world.camera.panel)
     return world
 
 

@@ -52,12 +52,9 @@ class Rendered:
     plan: EffectPlan | None = None
 
 
-def by_plan(
-    s: Situation, tol: float, forced: Mapping[str, str | bool] | None = None,
-    check: Callable[[], None] = lambda: None,
-) -> Rendered:  # fmt: skip
+def by_plan(s: Situation, tol: float, check: Callable[[], None] = lambda: None) -> Rendered:
     """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
-    imaging = Imaging(tol, forced)
+    imaging = Imaging(tol)
     own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
     began = time.process_time()
     plan = imaging.plan(own)

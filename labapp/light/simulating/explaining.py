@@ -118,15 +118,9 @@ def _audited(world: World, s: Situation, plan: EffectPlan, pairs: int) -> tuple[
 
 
 def _as_data(one: Audited) -> dict[str, Any]:
-    return {
-        "effects": one.effects,
-        "others": one.others,
-        "mean": one.mean,
-        "variance": one.variance,
-        "sigma": one.sigma,
-        "share": one.share if math.isfinite(one.share) else None,
-        "broken": one.broken,
-    }
+    share = one.share if math.isfinite(one.share) else None
+    names = ("effects", "others", "mean", "variance", "sigma")
+    return {**{name: getattr(one, name) for name in names}, "share": share, "broken": one.broken}
 
 
 def _print_audit(found: Sequence[Audited]) -> None:

@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import out, print_json, table, watched
 from labapp.common.errors import UserError
@@ -16,7 +12,7 @@ from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, write_design
 from labapp.files.pattern_table import Still, VideoPattern, pattern_data
 from labapp.files.places import is_design
-from labapp.files.writing import write_whole
+from labapp.files.writing import encoded, write_whole
 from labapp.patterns.designing.asked import AskedDesign
 from labapp.patterns.designing.made import Made, design
 from labapp.patterns.designing.picture import picture
@@ -49,7 +45,7 @@ def make(asked: AskedDesign, files: Sequence[Path], drawn: Path, *, as_json: boo
         write_design(path, _contents(asked, spec, bench, camera, made))
     else:
         for file, grey in zip(files, made.greys, strict=True):
-            write_whole(file, _png(grey))
+            write_whole(file, encoded(file, grey))
     where = f"{bench.name}, {asked.wavelength * 1e9:g} nm"
     write_whole(drawn, picture(spec.label, where + _quality_in_words(made), made))
     data = {"pattern": spec.label, "files": [str(one) for one in (*files, drawn)], **made.figures}
@@ -77,12 +73,6 @@ def _contents(
         target=made.target,
         quality=made.figures["quality"],
     )
-
-
-def _png(grey: NDArray[np.uint8]) -> bytes:
-    done, data = cv2.imencode(".png", grey)
-    assert done
-    return data.tobytes()
 
 
 def _rows(made: Made) -> list[list[str]]:

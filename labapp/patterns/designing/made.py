@@ -27,7 +27,7 @@ from labapp.patterns.grey_levels import (
     shown_grey,
 )
 from optics.camera import Camera
-from optics.plane import Plane, centred_pad
+from optics.plane import centred_pad
 
 _SIDE = 256
 """Sensor pixels across the predicted PSF, where no target says more."""
@@ -58,7 +58,7 @@ class Made:
             return None
         largest = max(self.moments, key=lambda moment: moment.plane.shape).plane
         pictures = [centred_pad(moment.target, largest.shape) for moment in self.moments]
-        return Grid(torch.stack(pictures).numpy(), *_axes(largest))
+        return Grid.of(torch.stack(pictures), largest)
 
     @cached_property
     def figures(self) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def design(
         work.progress.part(_SHARE, 1),
         max(1, len(moments)),
     )
-    return Made(greys, phases, orders, moments, Grid(psf.numpy(), *_axes(pixels)))
+    return Made(greys, phases, orders, moments, Grid.of(psf, pixels))
 
 
 def _shown(
@@ -145,7 +145,3 @@ def _side(moments: Sequence[Moment], camera: Camera) -> int:
         return _SIDE
     widest = max(n * p for m in moments for n, p in zip(m.plane.shape, m.plane.pitch, strict=True))
     return 2 * math.ceil(widest / camera.sensor.pitch / 2)
-
-
-def _axes(plane: Plane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return plane.coordinates(0).numpy(), plane.coordinates(1).numpy()

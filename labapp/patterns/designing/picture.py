@@ -39,8 +39,7 @@ def _row(axes: list[Axes], made: Made, moment: int, count: int) -> None:
     which = f", moment {moment + 1} of {count}" if count > 1 else ""
     axes[0].imshow(grey, cmap="gray", interpolation="nearest")
     axes[0].set_title(f"Pattern (grey {grey.min()} to {grey.max()}){which}")
-    axes[0].set_xticks([])
-    axes[0].set_yticks([])
+    axes[0].set(xticks=[], yticks=[])
     psf, target = made.psf.images[moment], made.target
     if target is not None:
         _draw(axes[1], target, target.images[moment], "Target")

@@ -50,14 +50,14 @@ class Bracket:
 
 
 def merge_all(
-    record: Record, plan: PlanFile, progress: Progress, targets: Collection[str] | None = None
+    record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
     """Every target, pattern and wavelength of a record, but the dark frames themselves.
 
     targets: the only ones that are merged, if given.
     """
     sensor = record.bench.build_camera().sensor
-    dark = dark_of(plan)
+    dark = dark_of(record.plan)
     wanted = [
         {"target": target, "pattern": pattern, "wavelength_asked": wavelength}
         for target in record.target_names

@@ -26,30 +26,43 @@ from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples
 from optics.slm import Modulator
 
+_CORE = 3
+"""Pixels around the centre in which unmodulated light is looked for."""
+
 _MARGIN = 32
 """Pixels around a predicted window, so that its edges don't wrap into it."""
 
 
-@dataclass(frozen=True)
-class PSFReport:
+@dataclass(frozen=True, eq=False)
+class Star:
+    """A star as it was seen, in a window around the neutral one's peak.
+
+    measured, neutral: share of the neutral star's light on each pixel, with the coded pattern and
+    without, unmodulated light included. inside: share of the coded star's light that falls in the
+    window; what falls outside is missing from reconstructions. wavelength: metres.
+    """
+
+    measured: Picture
+    neutral: Picture
+    inside: float
+    wavelength: float
+
+
+@dataclass(frozen=True, eq=False)
+class PSFReport(Star):
     """A measured PSF and what it is judged against, on sensor pixels.
 
-    measured: share of the neutral star's light on each pixel, unmodulated light
-    included. shape: the same without the unmodulated light, to be judged against target.
+    shape: `measured` without the unmodulated light, to be judged against target.
     predicted: of the star, as the camera's description has it; None where the star isn't
-    described. inside: share of the coded star's light that falls in the window; what falls
-    outside is missing from reconstructions. unmodulated: share found in the centre.
+    described. unmodulated: share found in the centre.
     efficiency: light of `shape` where the target exceeds 2 % of its peak over all light of
     `measured`. contrast: speckle contrast of `shape`, None where it has no light.
     prediction_error: relative L2, without a fitted scale.
     """
 
-    measured: Picture
-    neutral: Picture
     shape: Picture
     target: Picture | None
     predicted: Picture | None
-    inside: float
     unmodulated: float
     efficiency: float | None
     contrast: float | None
@@ -68,32 +81,18 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     camera = record.bench.build_camera()
     target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
     predicted = _predict(record, camera, roles, star.wavelength, window)
+    total = float(measured.sum())
+    efficiency = None if target is None else metrics.efficiency(shape, target, total)
     return PSFReport(
-        measured,
-        straight,
-        shape,
-        target,
-        predicted,
-        star.inside,
-        share,
-        None if target is None else metrics.efficiency(shape, target, float(measured.sum())),
-        None if target is None else _contrast(shape, target),
-        None if predicted is None else metrics.relative_error(measured, predicted),
+        **vars(star),
+        shape=shape,
+        target=target,
+        predicted=predicted,
+        unmodulated=share,
+        efficiency=efficiency,
+        contrast=None if target is None else _contrast(shape, target),
+        prediction_error=None if predicted is None else metrics.relative_error(measured, predicted),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Star:
-    """A star as it was seen, in a window around the neutral one's peak.
-
-    measured, neutral: share of the neutral star's light on each pixel, with the coded pattern and
-    without. inside: share of the coded star's light that falls in the window. wavelength: metres.
-    """
-
-    measured: Picture
-    neutral: Picture
-    inside: float
-    wavelength: float
 
 
 def cut_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> Star:
@@ -139,13 +138,13 @@ def cut(image: Picture, centre: tuple[int, int], window: int) -> Picture:
     return cut
 
 
-def _share_of(straight: Picture, measured: Picture, reach: int = 3) -> float:
+def _share_of(straight: Picture, measured: Picture) -> float:
     """How much of the neutral PSF is in the centre of another: least squares there.
 
     Holds for shapes that leave their centre dark.
     """
     middle = straight.shape[0] // 2
-    part = (slice(middle - reach, middle + reach + 1),) * 2
+    part = (slice(middle - _CORE, middle + _CORE + 1),) * 2
     a, b = straight[part], measured[part]
     return float(np.clip((a * b).sum() / (a * a).sum(), 0, 1))
 

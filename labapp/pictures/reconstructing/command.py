@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from labapp.common.console import out, print_json, say, table, watched
 from labapp.common.speed import machine_speed
 from labapp.files.photograph_file import written
-from labapp.files.writing import write_whole
+from labapp.files.writing import encoded, write_whole
 from labapp.pictures.reconstructing.asked import AskedProblem
 from labapp.pictures.reconstructing.drawing import draw
 from labapp.pictures.reconstructing.methods import Wish
@@ -39,12 +38,12 @@ def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool)
         progress.report(0.9, "drawing")
         drawn = draw(problem, outcome, _captions(outcome))
         full = problem.full if problem.full is not None else problem.white
-        encoded = written(files.data, outcome.light, problem.coded, full)
+        data = written(files.data, outcome.light, problem.coded, full)
         progress.report(1, "writing")
-    write_whole(files.data, encoded)
+    write_whole(files.data, data)
     write_whole(files.picture, drawn)
     if files.found is not None:
-        write_whole(files.found, _array(problem.psf[0]))
+        write_whole(files.found, encoded(files.found, problem.psf[0]))
     if as_json:
         print_json(_as_data(problem, outcome, files))
         return
@@ -54,13 +53,6 @@ def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool)
     for file in (files.data, files.picture, files.found):
         if file is not None:
             out.print(f"wrote {file}", markup=False, soft_wrap=True)
-
-
-def _array(psf: Any) -> bytes:
-    """As a .npy file's bytes."""
-    buffer = io.BytesIO()
-    np.save(buffer, psf)
-    return buffer.getvalue()
 
 
 def _captions(outcome: Outcome) -> tuple[str, str]:

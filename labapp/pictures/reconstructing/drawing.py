@@ -71,5 +71,4 @@ def _draw_left(axes: Axes, left: Light) -> None:
 
 def _plain(axes: Axes, title: str) -> None:
     axes.set_title(title, fontsize=10)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])

@@ -34,8 +34,6 @@ _WHITE = 99.9
 _SAME = 1e-11
 """Metres between wavelengths that count as one."""
 
-_NEUTRAL = "neutral"
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -145,7 +143,7 @@ def photograph_of(path: Path, choice: Choice, progress: Progress, *, star: bool)
     with Record(path) as record:
         roles = _roles(record, choice)
         names = {roles.photograph, roles.star} if star else {roles.photograph}
-        merged = merge_all(record, record.plan, progress.part(0, 0.9), names)
+        merged = merge_all(record, progress.part(0, 0.9), names)
         found = found_in(record, merged, roles, star=star, frame=choice.frame)
     progress.report(1, "merged")
     return found
@@ -183,18 +181,13 @@ def star_of_file(path: Path, choice: Choice) -> Picture:
         pattern = choice.pattern or (plan.coded if plan else _last(record, (star,))[1])
         wavelength = choice.wavelength or (plan.wavelength if plan else None)
         roles = _as_roles(record, star, pattern, star, wavelength)
-        psf = _star(record, merge_all(record, record.plan, Progress(), {star}), roles)
-    if psf is None:
-        raise UserError(
-            f"{path}: has no star named {star!r} with pattern {pattern!r}; its targets are "
-            f"{', '.join(record_targets(path))}. Name the one that is a star: --star."
-        )
+        psf = _star(record, merge_all(record, Progress(), {star}), roles)
+        if psf is None:
+            raise UserError(
+                f"{path}: has no star named {star!r} with pattern {pattern!r}; its targets are "
+                f"{', '.join(record.target_names)}. Name the one that is a star: --star."
+            )
     return psf
-
-
-def record_targets(path: Path) -> list[str]:
-    with Record(path) as record:
-        return list(record.target_names)
 
 
 def _roles(record: Record, choice: Choice) -> Reconstruction:
@@ -230,15 +223,14 @@ def _as_roles(
     record: Record, target: str, pattern: str, star: str, wavelength: float | None
 ) -> Reconstruction:
     plan = record.plan.reconstruct or Reconstruction(coded=pattern)
-    neutral = plan.neutral if record.plan.reconstruct else _NEUTRAL
     # A star that was never seen with the neutral pattern is its own measure.
-    seen = bool(record.select(target=star, pattern=neutral))
+    seen = bool(record.select(target=star, pattern=plan.neutral))
     return plan.model_copy(
         update={
             "photograph": target,
             "coded": pattern,
             "star": star,
-            "neutral": neutral if seen else pattern,
+            "neutral": plan.neutral if seen else pattern,
             "wavelength_nm": None if wavelength is None else wavelength * 1e9,
         }
     )
@@ -276,4 +268,5 @@ def _of_frame(record: Record, frame: int) -> tuple[str, str, float]:
 
 def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
     frames = record.select(target=target, pattern=pattern)
-    return sorted({float(one) for one in np.unique(record.column("wavelength")[frames])})
+    found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
+    return found

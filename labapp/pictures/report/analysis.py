@@ -63,7 +63,7 @@ def analyse(path: Path, progress: Progress | None = None) -> Analysis:
     with Record(path) as record:
         plan = record.plan
         with watch.stage("merge exposures"):
-            brackets = merge_all(record, plan, progress.part(0, 0.3))
+            brackets = merge_all(record, progress.part(0, 0.3))
         analysis = Analysis(
             plan.title, record.simulated, _credit(record), brackets, seconds=watch.seconds
         )

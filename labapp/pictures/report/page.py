@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from html import escape
-
-import cv2
+from pathlib import Path
 
 from labapp.common.drawing import png
-from labapp.pictures.analysis.brackets import Picture
+from labapp.files.writing import encoded
 from labapp.pictures.report import pictures, tables
 from labapp.pictures.report.analysis import Analysis
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
@@ -63,7 +62,10 @@ def _psf(analysis: Analysis) -> str:
 
 def _photographs(analysis: Analysis) -> str:
     figures = "".join(
-        html_figure(_encoded(picture), pictures.caption(analysis, name))
+        html_figure(
+            encoded(Path(f"{name}.png"), pictures.displayed(picture)),
+            pictures.caption(analysis, name),
+        )
         for name, picture in analysis.images.items()
     )
     return (
@@ -78,10 +80,3 @@ def _photographs(analysis: Analysis) -> str:
 def _time(analysis: Analysis) -> str:
     rows = [[stage, f"{seconds:.2f}"] for stage, seconds in analysis.seconds.items()]
     return "<h2>Time</h2>" + html_table(["stage", "s "], rows) + footer()
-
-
-def _encoded(picture: Picture) -> bytes:
-    done, data = cv2.imencode(".png", pictures.displayed(picture))
-    if not done:
-        raise RuntimeError("OpenCV could not encode a PNG")
-    return data.tobytes()

@@ -103,8 +103,7 @@ def _psf_row(figure: FigureBase, analysis: Analysis) -> None:
     _draw_psf(axes[0], psf.target, "Target PSF", None)
     axes[1].imshow(pattern, cmap="gray", interpolation="nearest")
     axes[1].set_title(f"Pattern on the SLM (grey {pattern.min()} to {pattern.max()})")
-    axes[1].set_xticks([])
-    axes[1].set_yticks([])
+    axes[1].set(xticks=[], yticks=[])
     _draw_psf(axes[2], psf.measured, "Measured PSF", peak)
     predicted = "Predicted PSF"
     if psf.prediction_error is not None:
@@ -115,8 +114,7 @@ def _psf_row(figure: FigureBase, analysis: Analysis) -> None:
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
     """A PSF on a logarithmic scale; several share theirs if they are given one peak."""
     axes.set_title(title)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
     if psf is None:
         axes.text(0.5, 0.5, "not described", ha="center", va="center", transform=axes.transAxes)
         return
@@ -148,8 +146,7 @@ def _detail(axes: Axes, analysis: Analysis) -> None:
     axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
     axes.axvline(cuts[0].shape[1] - 0.5, color="white", linewidth=1)
     axes.set_title(f"Detail: neutral, and {NAMES[name]}")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
