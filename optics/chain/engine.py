@@ -8,10 +8,7 @@ from dataclasses import replace
 
 import torch
 
-from optics.accuracy import (
-    ToleranceError,
-    unkeepable,
-)
+from optics.accuracy import ToleranceError, unkeepable
 from optics.camera import Camera
 from optics.chain.dimness import Dimness
 from optics.chain.edge_light import EdgeLight
@@ -20,11 +17,7 @@ from optics.chain.relay import Moved
 from optics.edge import as_number, recorded
 from optics.point.engine import Engine
 from optics.point.question import Question
-from optics.pupil import (
-    Scalar,
-    numeric_camera,
-    open_area,
-)
+from optics.pupil import Scalar, numeric_camera, open_area
 
 
 class ChainEngine(Engine):

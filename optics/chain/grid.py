@@ -10,12 +10,7 @@ from typing import Any
 
 import torch
 
-from optics.accuracy import (
-    FLOAT32_ARITHMETIC,
-    ErrorEstimate,
-    MachineSpeed,
-    unkeepable,
-)
+from optics.accuracy import FLOAT32_ARITHMETIC, ErrorEstimate, MachineSpeed, unkeepable
 from optics.camera import Camera
 from optics.chain.engine import ChainEngine
 from optics.chain.lens_grid import Search, lens_grid

@@ -14,12 +14,12 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval.gerchberg_saxton import require_iterations
 from optics.retrieval.goal import Goal
+from optics.retrieval.job import Job
 from optics.retrieval.judging import Quality, judge
 from optics.retrieval.methods import (
     METHODS,
     MOST_FRAMES,
     QUICK_ITERATIONS,
-    Job,
     converged,
     quick_method,
 )

@@ -11,12 +11,7 @@ from optics.deconvolution.blind.agreement import aligned, deviation_of
 from optics.deconvolution.blind.found import Deblurred, Kernel
 from optics.deconvolution.blind.judged import most_natural, strangeness
 from optics.deconvolution.blind.scales import middle_of, odd, window
-from optics.deconvolution.blind.search import (
-    TASTES,
-    Photograph,
-    by_edges,
-    by_statistics,
-)
+from optics.deconvolution.blind.search import TASTES, Photograph, by_edges, by_statistics
 from optics.deconvolution.blind.specks import without_specks
 from optics.deconvolution.blind.statistics import SPREAD
 from optics.deconvolution.blurred import LEAST_NOISE

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.blind.quadratic import (
-    fast_period,
-    least,
-    padded_spectrum,
-    quadratic_of,
-)
+from optics.deconvolution.blind.quadratic import fast_period, least, padded_spectrum, quadratic_of
 from optics.deconvolution.blind.statistics import gradients
 from optics.deconvolution.border import continued
 from optics.deconvolution.noise import squared
