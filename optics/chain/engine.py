@@ -11,7 +11,6 @@ import torch
 from optics.accuracy import ToleranceError, unkeepable
 from optics.camera import Camera
 from optics.chain.dimness import Dimness
-from optics.chain.edge_light import EdgeLight
 from optics.chain.lens_grid import Search
 from optics.chain.relay import Moved
 from optics.edge import as_number, recorded
@@ -40,13 +39,12 @@ class ChainEngine(Engine):
         self,
         question: Question,
         camera: Camera,
-        search: Search | None = None,
+        search: Search,
         promised: float | None = None,
     ) -> None:
         self._question, self._camera = question, numeric_camera(camera)
         self._promised = promised or question.tol
-        self._search = search or Search(EdgeLight(question, self._camera))
-        self._edge = self._search.edge
+        self._search, self._edge = search, search.edge
         self._twin: ChainEngine | None = None
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:

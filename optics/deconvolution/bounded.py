@@ -16,7 +16,7 @@ from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, S
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
-from optics.edge import require_finite, require_positive, tensors_inside
+from optics.edge import require_count, require_finite, require_positive, tensors_inside
 from optics.operators.blur import blur_of
 from optics.operators.contract import Operator
 from optics.progress import Progress
@@ -206,8 +206,7 @@ def _require(
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
         raise ValueError(f"weight is {weight:g}; give 0 or more")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_count("iterations", iterations)
     require_positive("tol", tol, "")
     if tuple(data.shape) != operator.codomain:
         raise ValueError(f"data are {tuple(data.shape)}; the operator gives {operator.codomain}")

@@ -11,7 +11,7 @@ from optics.demosaicing.joint import jointly
 from optics.demosaicing.library import INTERPOLATIONS, interpolated
 from optics.demosaicing.mosaiced import Mosaiced
 from optics.demosaicing.noise import noise_of
-from optics.edge import floating, require_finite, require_positive, tensors_inside
+from optics.edge import floating, require_count, require_finite, require_positive, tensors_inside
 from optics.operators.spectral import filter_weights
 from optics.progress import Progress
 
@@ -66,8 +66,7 @@ def demosaic(
         return interpolated(raw, rows, method)[["RGB".index(letter) for letter in channels]]
     if weight is not None:
         require_positive("weight", weight, "")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_count("iterations", iterations)
     period = len(rows), len(rows[0])
     seen = Mosaiced(
         raw,

@@ -19,7 +19,7 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
-from optics.edge import recorded
+from optics.edge import numeric, recorded
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
@@ -37,7 +37,6 @@ from optics.point.engine import Engine, Lit, within_a_turn
 from optics.point.question import Question
 from optics.pupil import (
     defocus_curvature,
-    numeric_lens,
     panel_phase,
     panel_reach,
     phase_step,
@@ -90,7 +89,7 @@ class PanelEngine(Lit, Engine):
     ) -> None:
         self._question, self._precise = question, precise
         n = question.numeric
-        self._camera = replace(camera, lens=numeric_lens(camera.lens))
+        self._camera = replace(camera, lens=numeric(camera.lens))
         self._steps = phase_step(self._camera, n.distance, n.wavelength)
         if n.sphere is not None:
             self._steps += n.sphere.slope(panel_reach(camera)) * camera.panel.pitch
