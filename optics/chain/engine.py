@@ -77,7 +77,11 @@ class ChainEngine(Engine):
     def _sphere_error(self) -> float:
         """What it costs to follow the sphere's difference from its parabola inside a pixel by its
         slope: half of the square of half the turn, on average over the pixel a third of that."""
-        return sphere_step(self._question.numeric, self._camera) ** 2 / 12
+        sphere, panel = self._question.numeric.sphere, self._camera.panel
+        if sphere is None:
+            return 0.0
+        turn = sphere.slope(math.hypot(*panel.shape) * panel.pitch / 2) * panel.pitch
+        return turn**2 / 12
 
     def _moved(self) -> Moved | None:
         """What the field at the lens depends on, where its derivatives are wanted."""
@@ -159,11 +163,3 @@ class ChainEngine(Engine):
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts; ask for a window that is nearer to the light"
         )
-
-
-def sphere_step(n: Question, camera: Camera) -> float:
-    """Radians by which the sphere's difference from its parabola turns across a pixel."""
-    if n.sphere is None:
-        return 0.0
-    pitch = camera.panel.pitch
-    return n.sphere.slope(math.hypot(*camera.panel.shape) * pitch / 2) * pitch

@@ -14,7 +14,6 @@ from optics.chain.relay import Relay
 from optics.fourier import Geometry, transforms
 from optics.fourier.separable import SeparableTransform
 from optics.fourier.transform import linear
-from optics.plane import Plane
 
 Picturewise = Callable[[torch.Tensor], torch.Tensor]
 
@@ -27,21 +26,18 @@ class LensPass:
     edge and for aberrations. So each block of rows goes all the way along x before the next.
 
     turn_y, turn_x: the lens' wave along each axis. wave: what of it isn't their product, at the
-    lens' samples, or None. samples, scale: of the Fourier integral.
+    lens' samples, or None. geometry: of the Fourier integral from the lens.
     """
 
     def __init__(
         self,
         relay: Relay,
         openings: Openings,
-        lens: Plane,
-        samples: Plane,
-        scale: float,
+        geometry: Geometry,
         error: float,
         budget: Budget,
     ) -> None:
         self.relay, self._openings = relay, openings
-        geometry = Geometry(lens, samples, scale)
         offered = transforms(geometry, relay.dtype, error)
         separable = [one for one in offered if isinstance(one, SeparableTransform)]
         self.onward = cheapest(separable, budget, "light from the lens to the sensor")

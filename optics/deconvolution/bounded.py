@@ -286,12 +286,7 @@ def _residual(seen: Blurred, spread: torch.Tensor) -> float:
     return math.sqrt(float(squares.mean())) / seen.deviation
 
 
-def _evaluation(_: Blurred) -> Work:
-    """Of an objective and its gradient, in double precision."""
-    return Work(8, 300)
-
-
 METHOD = Method(
     "few edges, light never negative, by a general minimiser (Eq. 2.32)",
-    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, _evaluation,
+    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, lambda _: Work(8, 300),
 )  # fmt: skip

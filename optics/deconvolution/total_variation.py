@@ -9,7 +9,7 @@ from optics.deconvolution.method import PREPARED, Method, splitting_work
 from optics.deconvolution.priors import Bounds, TotalVariation, evident_weight
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.shrinkage import require_power
-from optics.deconvolution.splitting import LEAST_FREEDOM, Fit, Steps, split
+from optics.deconvolution.splitting import LEAST_FREEDOM, Fit, Splitting, Steps
 from optics.edge import require_count, require_positive
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -58,7 +58,8 @@ def total_variation(
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     name = name if fit is None else f"Poisson {name}"
-    return split(seen, gradients, bounds, steps, name, progress or Progress(), fit)
+    splitting = Splitting(seen, gradients, bounds, steps, fit)
+    return splitting.restored(name, progress or Progress())
 
 
 def _step_for(seen: Blurred) -> float:

@@ -16,7 +16,7 @@ from optics.propagation.gauss import gauss_nodes
 from optics.propagation.precision import working_precision
 from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import finer_samples, reaching
-from optics.propagation.span import Scalar, Span
+from optics.propagation.span import Span
 
 _SHARE = 0.05
 """Of the tolerance: what one of a smooth field's nearest copies may send, and what Gauss and
@@ -211,7 +211,10 @@ class DirectQuadrature(Propagator):
         device = values.device
         target = [p.to(device) for p in self._target()]
         source_y, source_x = (self._place(axis).to(device) for axis in (0, 1))
-        lengths = [_tensor(v, device) for v in (self.span.distance, self.span.wavelength)]
+        lengths = [
+            torch.as_tensor(length, dtype=torch.float64, device=device)
+            for length in (self.span.distance, self.span.wavelength)
+        ]
         lengths[0] = lengths[0] * self._sign
         lines = source_x.numel()
         (outer, inner), sums = _tiles(target[0].numel(), source_y.numel(), lines, adjoint), []
@@ -249,10 +252,6 @@ class DirectQuadrature(Propagator):
             paraxial=self.span.paraxial,
         )
         return (kernel.mH if adjoint else kernel) @ values
-
-
-def _tensor(value: Scalar, device: torch.device) -> torch.Tensor:
-    return torch.as_tensor(value, dtype=torch.float64, device=device)
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
