@@ -105,6 +105,16 @@ def require_count(name: str, value: int) -> None:
         raise ValueError(f"{name} is {value}; at least 1 is needed")
 
 
+def require_alike(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
+    """Raise ValueError for others, where they are given, of another shape than a picture's."""
+    for other, given in others.items():
+        if given is not None and given.shape != picture.shape:
+            raise ValueError(
+                f"{other} is {tuple(given.shape)} and {name} {tuple(picture.shape)}; they must be "
+                "alike"
+            )
+
+
 def require_share(name: str, value: Any) -> None:
     """Raise a ValueError for a number that isn't between 0 and 1."""
     value = as_number(value)

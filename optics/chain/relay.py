@@ -357,8 +357,7 @@ class _Relayed(torch.autograd.Function):
         if any(ctx.needs_input_grad[2:]):
             (spectrum,) = ctx.saved_tensors
             found = _changes(relay, spectrum, gradient)
-            for place, (number, value) in enumerate(zip(ctx.numbers, found, strict=True), start=1):
-                answers[place] = value.to(number)
+            answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
         return (None, *answers)
 
 

@@ -10,13 +10,19 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
-from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.blurred import Blurred, require_weights
 from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
-from optics.edge import require_count, require_finite, require_positive, tensors_inside
+from optics.edge import (
+    require_alike,
+    require_count,
+    require_finite,
+    require_positive,
+    tensors_inside,
+)
 from optics.operators.blur import blur_of
 from optics.operators.contract import Operator
 from optics.progress import Progress
@@ -225,15 +231,9 @@ def _gain(operator: Operator) -> float:
 def _trust(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    for name, given in (("weights", weights), ("clipped", clipped)):
-        if given is not None and given.shape != y.shape:
-            raise ValueError(
-                f"{name} is {tuple(given.shape)} and data {tuple(y.shape)}; they must be alike"
-            )
+    require_alike("data", y, weights=weights, clipped=clipped)
     if weights is not None:
-        require_finite("weights", weights)
-        if float(weights.min()) < 0 or not float(weights.max()) > 0:
-            raise ValueError("weights must be positive somewhere, and negative nowhere")
+        require_weights(weights)
         weights = weights.to(torch.float64)
     return weights, None if clipped is None else clipped.to(torch.bool)
 

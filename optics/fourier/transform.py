@@ -116,11 +116,8 @@ class _Forward(torch.autograd.Function):
                 for p in transform.positions()
             )
             u, v = (transform.image.coordinates(axis).to(y.device) for axis in (0, 1))
-            stretch = (y * u[:, None]).sum() + (x * v[None, :]).sum()
-            for place, number, value in zip(
-                (1, 2, 3), numbers, (stretch, y.sum(), x.sum()), strict=True
-            ):
-                answers[place] = value.to(number)
+            found = (y * u[:, None]).sum() + (x * v[None, :]).sum(), y.sum(), x.sum()
+            answers[1:] = [value.to(n) for n, value in zip(numbers, found, strict=True)]
         return (None, *answers)
 
 

@@ -15,13 +15,7 @@ from optics.progress import Progress
 from optics.retrieval.goal import Goal
 from optics.retrieval.job import Job
 from optics.retrieval.judging import Quality, judge
-from optics.retrieval.methods import (
-    METHODS,
-    MOST_FRAMES,
-    QUICK_ITERATIONS,
-    converged,
-    quick_method,
-)
+from optics.retrieval.methods import METHODS, MOST_FRAMES, QUICK_ITERATIONS, converged, quick_method
 from optics.retrieval.slow_crystal import orders_of, shown_light
 from optics.retrieval.starts import require_start
 from optics.slm.lut import require_orders
