@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,21 @@ def as_number(value: Any) -> float:
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
+def numeric(value: Any) -> Any:
+    """The same with a number for every tensor in it, in its dataclasses and tuples as well."""
+    if isinstance(value, (torch.Tensor, np.ndarray, np.floating)):
+        return as_number(value)
+    if isinstance(value, tuple):
+        inner = tuple(map(numeric, value))
+        return value if all(a is b for a, b in zip(inner, value, strict=True)) else inner
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    known = {one.name: getattr(value, one.name) for one in fields(value)}
+    found = {name: numeric(one) for name, one in known.items()}
+    changed = {name: one for name, one in found.items() if one is not known[name]}
+    return replace(value, **changed) if changed else value
+
+
 def recorded(value: object) -> bool:
     """Whether a number is a tensor whose derivative is wanted."""
     return isinstance(value, torch.Tensor) and value.requires_grad
@@ -81,6 +97,22 @@ def require_positive(name: str, value: Any, unit: str) -> None:
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
+
+
+def require_count(name: str, value: int) -> None:
+    """Raise ValueError for a number of steps below 1."""
+    if value < 1:
+        raise ValueError(f"{name} is {value}; at least 1 is needed")
+
+
+def require_alike(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
+    """Raise ValueError for others, where they are given, of another shape than a picture's."""
+    for other, given in others.items():
+        if given is not None and given.shape != picture.shape:
+            raise ValueError(
+                f"{other} is {tuple(given.shape)} and {name} {tuple(picture.shape)}; they must be "
+                "alike"
+            )
 
 
 def require_share(name: str, value: Any) -> None:

@@ -215,8 +215,8 @@ class PolarisedPath:
         number of the elements. Raises ValueError where no light passes.
         """
         before, after = self.to_panel, self.from_panel
-        waves = [share * _with_itself(before @ wave) for share, wave in self.light.waves]
-        falling = torch.stack(waves).sum(0)
+        waves = ((share, before @ wave) for share, wave in self.light.waves)
+        falling = torch.stack([share * torch.outer(w, w.conj()) for share, w in waves]).sum(0)
         leaving = after.conj().T @ after
         modulated = (leaving[0, 0] * falling[0, 0]).real
         unmodulated = (leaving[1, 1] * falling[1, 1]).real
@@ -236,7 +236,3 @@ def _product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
     for matrix in matrices:
         whole = matrix @ whole
     return whole
-
-
-def _with_itself(wave: torch.Tensor) -> torch.Tensor:
-    return torch.outer(wave, wave.conj())

@@ -12,7 +12,7 @@ import torch
 from optics.accuracy import ErrorEstimate
 from optics.caching import keep_within
 from optics.camera import Camera, Lens
-from optics.edge import as_number
+from optics.edge import as_number, numeric
 from optics.plane import Plane
 from optics.stop.aperture import Stop
 from optics.stop.coverage import coverage
@@ -210,7 +210,7 @@ def panel_reach(camera: Camera) -> float:
 
 def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of the lens' wave across one open panel pixel, in radians."""
-    lens, panel = numeric_lens(camera.lens), camera.panel
+    lens, panel = numeric(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
     if lens.aberrations:
         return _SLOPE_TO_SPARE * _largest_step(replace(camera, lens=lens), distance, wavelength)
@@ -235,17 +235,6 @@ def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
     return float((down**2 + along**2).max().sqrt()) if down.numel() else 0.0
 
 
-def numeric_lens(lens: Lens) -> Lens:
-    """A lens whose parameters are plain numbers."""
-    return replace(
-        lens,
-        focal_length=as_number(lens.focal_length),
-        f_number=as_number(lens.f_number),
-        focus_distance=as_number(lens.focus_distance),
-        aberrations=tuple((n, m, as_number(path)) for n, m, path in lens.aberrations),
-    )
-
-
 def numeric_camera(camera: Camera) -> Camera:
     """A camera whose lens and separation are plain numbers."""
-    return replace(camera, lens=numeric_lens(camera.lens), separation=as_number(camera.separation))
+    return replace(camera, lens=numeric(camera.lens), separation=as_number(camera.separation))

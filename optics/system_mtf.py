@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
@@ -69,13 +68,6 @@ def optical_transfer(
     return np.array(values).reshape(along.shape) / pupil.overlap(0.0, 0.0, 0.0)
 
 
-@functools.lru_cache(maxsize=64)
-def _gauss(count: int) -> tuple[Array, Array]:
-    """Nodes between -1 and 1, and their weights; not to be changed."""
-    nodes, weights = gauss_legendre(count)
-    return np.asarray(nodes), np.asarray(weights)
-
-
 class _Pupil:
     """Half the panel's height and width, and the stop's radius, in metres in the lens' plane.
 
@@ -110,7 +102,7 @@ class _Pupil:
         if half <= 0:
             return 0.0
         waves = abs(curvature) * math.hypot(dy, dx) * 2 * self.radius / (2 * math.pi)
-        nodes, weights = _gauss(_NODES + 8 * math.ceil(waves))
+        nodes, weights = gauss_legendre(_NODES + 8 * math.ceil(waves))
         # Denser at both ends, where a circle's chord ends as a square root.
         y = half * np.sin(0.5 * np.pi * nodes)
         step = 0.5 * np.pi * half * np.cos(0.5 * np.pi * nodes) * weights

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import torch
 
@@ -71,7 +72,6 @@ class CollapsedEngine(Engine):
             inner_error.value + neglected,
             f"{inner_error.how}, and an estimate of the stop's edge for an evenly lit panel",
         )
-        self._chain: GridEngine | None = None
 
     def _of_cut_pixels(self, thin: Camera) -> float:
         """What it costs that pixels in part are gray, whole ones."""
@@ -115,20 +115,19 @@ class CollapsedEngine(Engine):
         lost += self._panel.error.value + self.arithmetic
         if lost <= self._question.tol:
             return light
-        return self._otherwise().intensity(phase, amplitude)
+        return self._otherwise.intensity(phase, amplitude)
 
     def _leaving(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
         shape = self._camera.panel.shape
         factor = self.modulation(phase, amplitude, shape, torch.complex64)
         return torch.ones(shape, dtype=torch.complex64) if factor is None else factor
 
+    @cached_property
     def _otherwise(self) -> GridEngine:
         """The whole chain, for a window that gets less light than the stop's edge may scatter."""
-        if self._chain is None:
-            chain = GridEngine(self._question, self._camera, self._search)
-            chain.prepare()
-            self._chain = chain
-        return self._chain
+        chain = GridEngine(self._question, self._camera, self._search)
+        chain.prepare()
+        return chain
 
 
 def collapses(camera: Camera) -> bool:

@@ -73,11 +73,11 @@ class EdgeLight:
 
     def __init__(self, question: Question, camera: Camera) -> None:
         self._q, self._camera = question.numeric, camera
-        self._spread, self._shift = self._q.spread, self._footprint()
-        self._bend = self._q.wavelength * camera.separation / self._spread
-        places = _rim(camera, self._q.radius)
-        self._at, self._normal, self._length = places
         q = self._q
+        self._spread = q.spread
+        self._shift = np.array([sine * q.separation for sine in q.sines])
+        self._bend = q.wavelength * camera.separation / self._spread
+        self._at, self._normal, self._length = _rim(camera, q.radius)
         low = 1 / (4 * q.radius)
         edges = _distances(low, _FARTHEST / camera.panel.active_side, len(self._length))
         away, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges)
@@ -87,10 +87,6 @@ class EdgeLight:
         self._away = np.concatenate([-away[:, ::-1], away], axis=1)
         density = np.concatenate([each[:, ::-1], each], axis=1)
         self._density = self._length[:, None] * density / len(self._window)
-
-    def _footprint(self) -> Array:
-        q = self._q
-        return np.array([sine * q.separation for sine in q.sines])
 
     @cached_property
     def _window(self) -> Array:

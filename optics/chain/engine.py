@@ -8,23 +8,15 @@ from dataclasses import replace
 
 import torch
 
-from optics.accuracy import (
-    ToleranceError,
-    unkeepable,
-)
+from optics.accuracy import ToleranceError, unkeepable
 from optics.camera import Camera
 from optics.chain.dimness import Dimness
-from optics.chain.edge_light import EdgeLight
 from optics.chain.lens_grid import Search
 from optics.chain.relay import Moved
 from optics.edge import as_number, recorded
 from optics.point.engine import Engine
 from optics.point.question import Question
-from optics.pupil import (
-    Scalar,
-    numeric_camera,
-    open_area,
-)
+from optics.pupil import Scalar, numeric_camera, open_area
 
 
 class ChainEngine(Engine):
@@ -47,13 +39,12 @@ class ChainEngine(Engine):
         self,
         question: Question,
         camera: Camera,
-        search: Search | None = None,
+        search: Search,
         promised: float | None = None,
     ) -> None:
         self._question, self._camera = question, numeric_camera(camera)
         self._promised = promised or question.tol
-        self._search = search or Search(EdgeLight(question, self._camera))
-        self._edge = self._search.edge
+        self._search, self._edge = search, search.edge
         self._twin: ChainEngine | None = None
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -86,7 +77,11 @@ class ChainEngine(Engine):
     def _sphere_error(self) -> float:
         """What it costs to follow the sphere's difference from its parabola inside a pixel by its
         slope: half of the square of half the turn, on average over the pixel a third of that."""
-        return sphere_step(self._question.numeric, self._camera) ** 2 / 12
+        sphere, panel = self._question.numeric.sphere, self._camera.panel
+        if sphere is None:
+            return 0.0
+        turn = sphere.slope(math.hypot(*panel.shape) * panel.pitch / 2) * panel.pitch
+        return turn**2 / 12
 
     def _moved(self) -> Moved | None:
         """What the field at the lens depends on, where its derivatives are wanted."""
@@ -168,11 +163,3 @@ class ChainEngine(Engine):
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts; ask for a window that is nearer to the light"
         )
-
-
-def sphere_step(n: Question, camera: Camera) -> float:
-    """Radians by which the sphere's difference from its parabola turns across a pixel."""
-    if n.sphere is None:
-        return 0.0
-    pitch = camera.panel.pitch
-    return n.sphere.slope(math.hypot(*camera.panel.shape) * pitch / 2) * pitch

@@ -10,12 +10,7 @@ from typing import Any
 
 import torch
 
-from optics.accuracy import (
-    FLOAT32_ARITHMETIC,
-    ErrorEstimate,
-    MachineSpeed,
-    unkeepable,
-)
+from optics.accuracy import FLOAT32_ARITHMETIC, ErrorEstimate, MachineSpeed, unkeepable
 from optics.camera import Camera
 from optics.chain.engine import ChainEngine
 from optics.chain.lens_grid import Search, lens_grid
@@ -24,7 +19,7 @@ from optics.chain.lens_wave import LensWave
 from optics.chain.openings import Openings
 from optics.chain.relay import Relay, RelayAxis, relayed
 from optics.chain.relay_axes import lens_plane, relay_axes
-from optics.fourier import unit_phasor
+from optics.fourier import Geometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.point.question import Question
 from optics.pupil import defocus_curvature, wave_phase
@@ -50,7 +45,7 @@ class GridEngine(ChainEngine):
         self,
         question: Question,
         camera: Camera,
-        search: Search | None = None,
+        search: Search,
         promised: float | None = None,
     ) -> None:
         super().__init__(question, camera, search, promised)
@@ -102,7 +97,8 @@ class GridEngine(ChainEngine):
         real = torch.zeros((), dtype=self._dtype).real.dtype
         openings = Openings(lens.stop, n.radius, self._plane, real)
         error = max(_TRANSFORM_SHARE * n.tol, FINEST_GRIDDING)
-        return LensPass(self.relay, openings, self._plane, n.samples, n.scale, error, n.budget)
+        geometry = Geometry(self._plane, n.samples, n.scale)
+        return LensPass(self.relay, openings, geometry, error, n.budget)
 
     @property
     def bytes(self) -> int:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import torch
 
@@ -13,9 +12,10 @@ from optics.chain.lens_wave import LensWave
 from optics.chain.openings import Openings
 from optics.chain.relay import Relay
 from optics.fourier import Geometry, transforms
-from optics.fourier.separable import AxisRule, SeparableTransform
-from optics.fourier.transform import applied
-from optics.plane import Plane
+from optics.fourier.separable import SeparableTransform
+from optics.fourier.transform import linear
+
+Picturewise = Callable[[torch.Tensor], torch.Tensor]
 
 
 class LensPass:
@@ -26,25 +26,21 @@ class LensPass:
     edge and for aberrations. So each block of rows goes all the way along x before the next.
 
     turn_y, turn_x: the lens' wave along each axis. wave: what of it isn't their product, at the
-    lens' samples, or None. samples, scale: of the Fourier integral.
+    lens' samples, or None. geometry: of the Fourier integral from the lens.
     """
 
     def __init__(
         self,
         relay: Relay,
         openings: Openings,
-        lens: Plane,
-        samples: Plane,
-        scale: float,
+        geometry: Geometry,
         error: float,
         budget: Budget,
     ) -> None:
         self.relay, self._openings = relay, openings
-        geometry = Geometry(lens, samples, scale)
         offered = transforms(geometry, relay.dtype, error)
         separable = [one for one in offered if isinstance(one, SeparableTransform)]
         self.onward = cheapest(separable, budget, "light from the lens to the sensor")
-        self._rules: tuple[AxisRule, AxisRule] | None = None
         self._turn: tuple[torch.Tensor, torch.Tensor] | None = None
         self._wave: LensWave | None = None
 
@@ -67,13 +63,6 @@ class LensPass:
         other.relay = relay
         return other
 
-    def _prepared(self, device: torch.device) -> tuple[AxisRule, AxisRule]:
-        if self._rules is None:
-            self._rules = (self.onward.rule(0), self.onward.rule(1))
-        for rule in self._rules:
-            rule.to(device)
-        return self._rules
-
     def _lines(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
         assert self._turn is not None
         y, x = self._turn
@@ -81,7 +70,7 @@ class LensPass:
 
     def __call__(self, spectrum: torch.Tensor) -> torch.Tensor:
         """The field at the sensor, (rows, columns) of samples, of one panel's spectrum."""
-        y_rule, x_rule = self._prepared(spectrum.device)
+        y_rule, x_rule = self.onward.prepared(spectrum.device)
         turn_y, _ = self._lines(spectrum.device)
         found = spectrum.new_empty((self.onward.image.shape[1], self.relay.shape[0]))
         for rows, field in self._fields(spectrum):
@@ -104,7 +93,8 @@ class LensPass:
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """The conjugate transpose: a panel's spectrum from a field at the sensor."""
-        y_rule, x_rule = self._prepared(field.device)
+        field = field.to(self.relay.dtype)
+        y_rule, x_rule = self.onward.prepared(field.device)
         turn_y, turn_x = (line.conj().resolve_conj() for line in self._lines(field.device))
         y_axis, x_axis = self.relay.axes
         y_transfer, x_transfer = self.relay.transfers(field.device)
@@ -137,47 +127,21 @@ class LensPass:
 
 def spectrum_of(relay: Relay, field: torch.Tensor) -> torch.Tensor:
     """A panel's spectrum, (..., y, x); differentiable in its field."""
-    if not (field.requires_grad and torch.is_grad_enabled()):
-        return relay.spectrum(field.detach())
-    return applied(_Spectrum, relay, field)
+    return linear(relay.spectrum, relay.spectrum_adjoint, field)
 
 
 def passed_through(lens_pass: LensPass, spectrum: torch.Tensor) -> torch.Tensor:
     """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
-    if not (spectrum.requires_grad and torch.is_grad_enabled()):
-        return _each(lens_pass, spectrum.detach())
-    return applied(_Passed, lens_pass, spectrum)
+    return linear(_one_by_one(lens_pass), _one_by_one(lens_pass.adjoint), spectrum)
 
 
-def _each(function: Any, fields: torch.Tensor) -> torch.Tensor:
+def _one_by_one(function: Picturewise) -> Picturewise:
     """One picture at a time: a batch takes no more memory than its answers."""
-    if fields.ndim == 2:
-        found: torch.Tensor = function(fields)
-        return found
-    done = torch.stack([function(one) for one in fields.reshape(-1, *fields.shape[-2:])])
-    return done.reshape(*fields.shape[:-2], *done.shape[-2:])
 
+    def each(fields: torch.Tensor) -> torch.Tensor:
+        if fields.ndim == 2:
+            return function(fields)
+        done = torch.stack([function(one) for one in fields.reshape(-1, *fields.shape[-2:])])
+        return done.reshape(*fields.shape[:-2], *done.shape[-2:])
 
-class _Spectrum(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, relay: Relay, field: torch.Tensor) -> torch.Tensor:
-        ctx.relay, ctx.dtype = relay, field.dtype
-        return relay.spectrum(field)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        return None, ctx.relay.spectrum_adjoint(gradient).to(ctx.dtype)
-
-
-class _Passed(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, lens_pass: LensPass, spectrum: torch.Tensor) -> torch.Tensor:
-        ctx.lens_pass = lens_pass
-        return _each(lens_pass, spectrum)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        lens_pass: LensPass = ctx.lens_pass
-        return None, _each(lens_pass.adjoint, gradient.to(lens_pass.relay.dtype))
+    return each

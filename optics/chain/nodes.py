@@ -67,7 +67,7 @@ class NodesEngine(ChainEngine):
         self,
         question: Question,
         camera: Camera,
-        search: Search | None = None,
+        search: Search,
         promised: float | None = None,
     ) -> None:
         super().__init__(question, camera, search, promised)

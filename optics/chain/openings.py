@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -39,23 +40,18 @@ class Openings:
 
     def __init__(self, stop: Stop, radius: float, plane: Plane, dtype: torch.dtype) -> None:
         self._stop, self._radius, self._plane, self._dtype = stop, radius, plane, dtype
-        self._blocks: list[list[Stretch]] | None = None
 
     @property
     def rows(self) -> list[slice]:
         count = self._plane.shape[0]
         return [slice(at, min(at + _ROWS, count)) for at in range(0, count, _ROWS)]
 
+    @cached_property
     def blocks(self) -> list[list[Stretch]]:
-        """The stretches of every block; made at the first call, and kept."""
-        if self._blocks is None:
-            fine = Coverage(self._stop, self._radius, self._plane)
-            picture = self._coarse()
-            self._blocks = [
-                self._stretches(fine, rows, line)
-                for rows, line in zip(self.rows, picture, strict=True)
-            ]
-        return self._blocks
+        """The stretches of every block."""
+        fine = Coverage(self._stop, self._radius, self._plane)
+        lines = zip(self.rows, self._coarse(), strict=True)
+        return [self._stretches(fine, rows, line) for rows, line in lines]
 
     def _coarse(self) -> NDArray[np.float64]:
         plane, sides = self._plane, (_ROWS, _COLUMNS)
@@ -89,7 +85,7 @@ class Openings:
 
     def apply(self, field: torch.Tensor, block: int) -> None:
         """Close what is closed of a block's field (rows, columns), in its own memory."""
-        for stretch in self.blocks()[block]:
+        for stretch in self.blocks[block]:
             part = field[:, stretch.first : stretch.last]
             if stretch.share is None:
                 part.zero_()
@@ -102,7 +98,7 @@ class Openings:
         """Sum of |field|² over what is open of a block (rows, columns)."""
         light = field.real**2 + field.imag**2
         total = float(light.sum(dtype=torch.float64))
-        for stretch in self.blocks()[block]:
+        for stretch in self.blocks[block]:
             part = light[:, stretch.first : stretch.last]
             if stretch.share is not None:
                 part = part * (1 - stretch.share)

@@ -21,7 +21,7 @@ import torch
 from optics.accuracy import MachineSpeed
 from optics.fourier import fft, unit_phasor
 from optics.fourier.fft import fft_operations
-from optics.fourier.transform import applied
+from optics.fourier.transform import applied, linear
 
 
 @dataclass(frozen=True)
@@ -265,11 +265,29 @@ class Relay:
         return x.spectrum_adjoint(y.spectrum_adjoint(spectrum, -2), -1)
 
     def to_lens(
-        self, spectrum: torch.Tensor, also: tuple[torch.Tensor | None, torch.Tensor | None]
+        self,
+        spectrum: torch.Tensor,
+        also_y: torch.Tensor | None = None,
+        also_x: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """also: factors on the frequencies along y and x, besides what space does."""
-        y, x = self._weighed(spectrum.device, also)
+        """also_y, also_x: factors on the frequencies, besides what space does."""
+        y, x = (
+            transfer if also is None else (transfer * also.to(spectrum.device)).to(self.dtype)
+            for transfer, also in zip(
+                self.transfers(spectrum.device), (also_y, also_x), strict=True
+            )
+        )
         return self.axes[1].to_lens(self.axes[0].to_lens(spectrum, y, -2), x, -1)
+
+    def __call__(self, field: torch.Tensor) -> torch.Tensor:
+        """The field on the lens' grid, without derivatives."""
+        return self.to_lens(self.spectrum(field))
+
+    def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
+        """The conjugate transpose of a call."""
+        y, x = self.transfers(grid.device)
+        lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
+        return self.spectrum_adjoint(self.axes[0].to_lens_adjoint(lines, y, -2))
 
     def arriving(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
@@ -281,16 +299,6 @@ class Relay:
         scratch = lines.new_empty((max(_height(rows) for rows in blocks), self.axes[1].fold))
         for rows in blocks:
             yield rows, self.axes[1].to_lens(lines[rows], x, -1, scratch[: _height(rows)])
-
-    def to_lens_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
-        y, x = self._weighed(grid.device, (None, None))
-        return self.axes[0].to_lens_adjoint(self.axes[1].to_lens_adjoint(grid, x, -1), y, -2)
-
-    def _weighed(
-        self, device: torch.device, also: tuple[torch.Tensor | None, torch.Tensor | None]
-    ) -> tuple[torch.Tensor, ...]:
-        pairs = zip(self.transfers(device), also, strict=True)
-        return tuple(t if a is None else (t * a.to(device)).to(self.dtype) for t, a in pairs)
 
     @property
     def bytes(self) -> int:
@@ -324,11 +332,8 @@ class Moved:
 
 def relayed(relay: Relay, field: torch.Tensor, moved: Moved | None = None) -> torch.Tensor:
     """The field on the lens' grid, with all derivatives that are asked for."""
-    wanted = field.requires_grad or moved is not None
-    if not (wanted and torch.is_grad_enabled()):
-        return relay.to_lens(relay.spectrum(field), (None, None))
-    if moved is None:
-        return applied(_Relayed, relay, field, None, None, None, None)
+    if moved is None or not torch.is_grad_enabled():
+        return linear(relay, relay.adjoint, field)
     return applied(_Relayed, relay, field, moved.bend, moved.stretch, *moved.shift)
 
 
@@ -339,7 +344,7 @@ class _Relayed(torch.autograd.Function):
         spectrum = relay.spectrum(field)
         ctx.numbers = numbers
         ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
-        return relay.to_lens(spectrum, (None, None))
+        return relay.to_lens(spectrum)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -348,13 +353,11 @@ class _Relayed(torch.autograd.Function):
         gradient = gradient.resolve_conj()
         answers: list[Any] = [None] * 5
         if ctx.needs_input_grad[1]:
-            back = relay.spectrum_adjoint(relay.to_lens_adjoint(gradient))
-            answers[0] = back.to(ctx.dtype)
+            answers[0] = relay.adjoint(gradient).to(ctx.dtype)
         if any(ctx.needs_input_grad[2:]):
             (spectrum,) = ctx.saved_tensors
             found = _changes(relay, spectrum, gradient)
-            for place, (number, value) in enumerate(zip(ctx.numbers, found, strict=True), start=1):
-                answers[place] = value.to(number) if number is not None else None
+            answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
         return (None, *answers)
 
 
@@ -365,14 +368,14 @@ def _changes(
     fy, fx = (axis.frequency for axis in relay.axes)
     turned = 2j * math.pi
 
-    def weighed(also: tuple[torch.Tensor | None, torch.Tensor | None]) -> torch.Tensor:
-        change = relay.to_lens(spectrum, also)
+    def weighed(also_y: torch.Tensor | None, also_x: torch.Tensor | None) -> torch.Tensor:
+        change = relay.to_lens(spectrum, also_y, also_x)
         # Sums of many samples are kept in double precision.
         product = gradient.to(torch.complex128).conj() * change
         return product.real.reshape(-1, *relay.shape).sum(0)
 
-    along_y, along_x = weighed((turned * fy, None)), weighed((None, turned * fx))
-    bend = weighed((-0.5 * turned * fy**2, None)) + weighed((None, -0.5 * turned * fx**2))
+    along_y, along_x = weighed(turned * fy, None), weighed(None, turned * fx)
+    bend = weighed(-0.5 * turned * fy**2, None) + weighed(None, -0.5 * turned * fx**2)
     y, x = (
         axis.first
         + axis.step * torch.arange(axis.count, dtype=torch.float64, device=along_y.device)

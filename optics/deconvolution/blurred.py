@@ -11,7 +11,7 @@ import torch
 
 from optics.deconvolution.border import continued
 from optics.deconvolution.noise import Explained, PowerLaw, spectrum_of, squared
-from optics.edge import require_finite
+from optics.edge import require_alike, require_finite
 from optics.operators.blur import Border, blur_shape, require_border, transfer_function
 from optics.plane import centred_crop, centred_pad
 
@@ -54,17 +54,9 @@ class Blurred:
         require_border(self.border)
         if self.told is not None and not (self.told >= 0 and math.isfinite(self.told)):
             raise ValueError(f"noise is {self.told:g}; it must be finite, and not negative")
-        for name in ("weights", "clipped"):
-            given = getattr(self, name)
-            if given is not None and given.shape != self.image.shape:
-                raise ValueError(
-                    f"{name} is {tuple(given.shape)} and image {tuple(self.image.shape)}; they "
-                    "must be alike"
-                )
+        require_alike("image", self.image, weights=self.weights, clipped=self.clipped)
         if self.weights is not None:
-            require_finite("weights", self.weights)
-            if float(self.weights.min()) < 0 or not float(self.weights.max()) > 0:
-                raise ValueError("weights must be positive somewhere, and negative nowhere")
+            require_weights(self.weights)
         require_finite("image", self.image)
         if self.trust is not None and not bool(self.trust.any()):
             raise ValueError("every pixel is clipped or has no weight; nothing was measured")
@@ -192,6 +184,12 @@ class Blurred:
         else:
             mean = float(squares.mul_(self.trust).sum() / (self.trust > 0).sum())
         return mean / self.deviation**2
+
+
+def require_weights(weights: torch.Tensor) -> None:
+    require_finite("weights", weights)
+    if float(weights.min()) < 0 or not float(weights.max()) > 0:
+        raise ValueError("weights must be positive somewhere, and negative nowhere")
 
 
 def require_psf(psf: torch.Tensor) -> None:

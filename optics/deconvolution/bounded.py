@@ -10,13 +10,19 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
-from optics.deconvolution.blurred import Blurred
+from optics.deconvolution.blurred import Blurred, require_weights
 from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
 from optics.deconvolution.restored import Restored
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
-from optics.edge import require_finite, require_positive, tensors_inside
+from optics.edge import (
+    require_alike,
+    require_count,
+    require_finite,
+    require_positive,
+    tensors_inside,
+)
 from optics.operators.blur import blur_of
 from optics.operators.contract import Operator
 from optics.progress import Progress
@@ -206,8 +212,7 @@ def _require(
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
         raise ValueError(f"weight is {weight:g}; give 0 or more")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_count("iterations", iterations)
     require_positive("tol", tol, "")
     if tuple(data.shape) != operator.codomain:
         raise ValueError(f"data are {tuple(data.shape)}; the operator gives {operator.codomain}")
@@ -226,15 +231,9 @@ def _gain(operator: Operator) -> float:
 def _trust(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    for name, given in (("weights", weights), ("clipped", clipped)):
-        if given is not None and given.shape != y.shape:
-            raise ValueError(
-                f"{name} is {tuple(given.shape)} and data {tuple(y.shape)}; they must be alike"
-            )
+    require_alike("data", y, weights=weights, clipped=clipped)
     if weights is not None:
-        require_finite("weights", weights)
-        if float(weights.min()) < 0 or not float(weights.max()) > 0:
-            raise ValueError("weights must be positive somewhere, and negative nowhere")
+        require_weights(weights)
         weights = weights.to(torch.float64)
     return weights, None if clipped is None else clipped.to(torch.bool)
 
@@ -287,12 +286,7 @@ def _residual(seen: Blurred, spread: torch.Tensor) -> float:
     return math.sqrt(float(squares.mean())) / seen.deviation
 
 
-def _evaluation(_: Blurred) -> Work:
-    """Of an objective and its gradient, in double precision."""
-    return Work(8, 300)
-
-
 METHOD = Method(
     "few edges, light never negative, by a general minimiser (Eq. 2.32)",
-    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, _evaluation,
+    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, lambda _: Work(8, 300),
 )  # fmt: skip

@@ -9,7 +9,7 @@ from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.method import Denoise, Method
 from optics.deconvolution.names import RESTORATIONS
 from optics.deconvolution.restored import Restored
-from optics.edge import require_positive
+from optics.edge import require_count, require_positive
 from optics.progress import Progress
 
 USUAL = "total-variation"
@@ -63,8 +63,8 @@ def _require(
         raise ValueError("weight and count are a method's; name the method as well")
     if budget is not None and count is not None:
         raise ValueError("budget and count are both given; give one of them")
-    if count is not None and count < 1:
-        raise ValueError(f"count is {count}; at least 1 is needed")
+    if count is not None:
+        require_count("count", count)
 
 
 def _chosen(

@@ -12,10 +12,11 @@ from optics.deconvolution.noise import squared
 from optics.deconvolution.normal import solved_on_frequencies
 from optics.deconvolution.priors import Bounds, Prior, TotalVariation
 from optics.deconvolution.restored import Restored, relative_change
+from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import LEAST_FREEDOM, towards
 from optics.deconvolution.total_variation import STEP, first_weight
 from optics.deconvolution.wiener import penalty_of
-from optics.edge import require_positive
+from optics.edge import require_count, require_positive
 from optics.fourier import half_counts, irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.operators.contract import Operator
@@ -63,11 +64,9 @@ def depths(
     """
     if weight is not None:
         require_positive("weight", weight, "")
-    if not 0 < power <= 1:
-        raise ValueError(f"power is {power:g}; give one above 0, up to 1")
-    for name, number in (("iterations", iterations), ("inner", inner)):
-        if number < 1:
-            raise ValueError(f"{name} is {number}; at least 1 is needed")
+    require_power(power)
+    require_count("iterations", iterations)
+    require_count("inner", inner)
     progress, equations = progress or Progress(), _Equations(seen, occlusion)
     priors = [_Priors(seen, power, positive) for _ in range(equations.pictures)]
     first = first_weight(seen, power)

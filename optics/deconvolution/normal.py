@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 
@@ -94,9 +94,7 @@ def solved_on_frequencies(
     count: see optics.fourier.half_counts().
     """
 
-    def inner(a: torch.Tensor, b: torch.Tensor) -> float:
-        return _inner(a, b, count)
-
+    inner = partial(_inner, count=count)
     enough = _SOLVED**2 * inner(wanted, wanted * inverse)
     left = wanted - normal(spectrum)
     return conjugate_gradients(normal, left, spectrum, inverse, inner, enough, steps)

@@ -12,7 +12,7 @@ from optics.deconvolution.method import PREPARED, Denoise, Method, Work
 from optics.deconvolution.normal import NormalEquations
 from optics.deconvolution.restored import Restored, relative_change
 from optics.deconvolution.total_variation import total_variation
-from optics.edge import require_positive
+from optics.edge import require_count, require_positive
 from optics.fourier import half_counts, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -62,8 +62,7 @@ def plug_and_play(
     Raises ValueError for a strength that isn't positive, or no round.
     """
     require_positive("strength", strength, "")
-    if rounds < 1:
-        raise ValueError(f"rounds is {rounds}; at least 1 is needed")
+    require_count("rounds", rounds)
     progress = progress or Progress()
     start = total_variation(seen, iterations=_START, progress=progress.part(0, 0.1)).whole
     assert start is not None

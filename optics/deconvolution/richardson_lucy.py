@@ -10,6 +10,7 @@ from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.method import PREPARED, Method, Work
 from optics.deconvolution.priors import divergence_of_direction, laplacian_of
 from optics.deconvolution.restored import Restored, relative_change
+from optics.edge import require_count
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.plane import centred_pad
@@ -50,8 +51,7 @@ def richardson_lucy(
     on where no more is left unexplained than noise, which it would make detail of (Morozov 1966).
     Raises ValueError for weights that are negative, or too few iterations.
     """
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_count("iterations", iterations)
     for name, value in (("total_variation", total_variation), ("tikhonov", tikhonov)):
         if not 0 <= value < float("inf"):
             raise ValueError(f"{name} is {value:g}; give 0 or more")

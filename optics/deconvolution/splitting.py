@@ -49,27 +49,6 @@ class Steps:
     first: float = 0.0
 
 
-def split(
-    seen: Blurred,
-    penalty: Penalty,
-    others: Sequence[Prior],
-    steps: Steps,
-    method: str,
-    progress: Progress,
-    fit: Fit | None = None,
-) -> Restored:
-    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x), of the pictures
-    that the other priors allow. fit: of another misfit of H x than those squares.
-
-    By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
-    with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
-    each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
-    border and whichever pixels are missing.
-    """
-    data = _Everywhere(seen) if seen.complete and fit is None else _Framed(seen, fit)
-    return _Splitting(seen, data, penalty, others, steps).restored(method, progress)
-
-
 def towards(wanted: float, weight: float, first: float, farthest: float = _FARTHEST) -> float:
     """The next weight on the way to one that is wanted, not too far from the first."""
     wanted = min(max(wanted, first / farthest), first * farthest)
@@ -165,18 +144,27 @@ class _Framed(_Data):
         return self._squares
 
 
-class _Splitting:
-    """The state between two iterations."""
+class Splitting:
+    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x), of the pictures
+    that the other priors allow. fit: of another misfit of H x than those squares.
+
+    By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
+    with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
+    each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
+    border and whichever pixels are missing.
+    """
 
     def __init__(
         self,
         seen: Blurred,
-        data: _Data,
         penalty: Penalty,
         others: Sequence[Prior],
         steps: Steps,
+        fit: Fit | None = None,
     ) -> None:
-        self._seen, self._data, self._penalty, self._steps = seen, data, penalty, steps
+        self._seen, self._penalty, self._steps = seen, penalty, steps
+        plain = seen.complete and fit is None
+        self._data: _Data = _Everywhere(seen) if plain else _Framed(seen, fit)
         self._priors: list[Prior] = [penalty, *others]
         self._weight = steps.first if steps.weight is None else steps.weight
         self._inverse: torch.Tensor | None = None

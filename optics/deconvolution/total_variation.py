@@ -8,8 +8,9 @@ from optics.deconvolution.blurred import Blurred
 from optics.deconvolution.method import PREPARED, Method, splitting_work
 from optics.deconvolution.priors import Bounds, TotalVariation, evident_weight
 from optics.deconvolution.restored import Restored
-from optics.deconvolution.splitting import LEAST_FREEDOM, Fit, Steps, split
-from optics.edge import require_positive
+from optics.deconvolution.shrinkage import require_power
+from optics.deconvolution.splitting import LEAST_FREEDOM, Fit, Splitting, Steps
+from optics.edge import require_count, require_positive
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -49,17 +50,16 @@ def total_variation(
     """
     if weight is not None:
         require_positive("weight", weight, "")
-    if not 0 < power <= 1:
-        raise ValueError(f"power is {power:g}; give one above 0, up to 1")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_power(power)
+    require_count("iterations", iterations)
     gradients = TotalVariation(seen.whole, _step_for(seen), power, seen.image.dtype)
     bounded = positive or seen.border == "dark"
     bounds = [Bounds(seen.whole, seen.lit, seen.image.dtype)] if bounded else []
     steps = Steps(iterations, tol, weight, first_weight(seen, power) if weight is None else 0.0)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     name = name if fit is None else f"Poisson {name}"
-    return split(seen, gradients, bounds, steps, name, progress or Progress(), fit)
+    splitting = Splitting(seen, gradients, bounds, steps, fit)
+    return splitting.restored(name, progress or Progress())
 
 
 def _step_for(seen: Blurred) -> float:

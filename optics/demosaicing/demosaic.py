@@ -11,7 +11,14 @@ from optics.demosaicing.joint import jointly
 from optics.demosaicing.library import INTERPOLATIONS, interpolated
 from optics.demosaicing.mosaiced import Mosaiced
 from optics.demosaicing.noise import noise_of
-from optics.edge import floating, require_finite, require_positive, tensors_inside
+from optics.edge import (
+    floating,
+    require_alike,
+    require_count,
+    require_finite,
+    require_positive,
+    tensors_inside,
+)
 from optics.operators.spectral import filter_weights
 from optics.progress import Progress
 
@@ -66,8 +73,7 @@ def demosaic(
         return interpolated(raw, rows, method)[["RGB".index(letter) for letter in channels]]
     if weight is not None:
         require_positive("weight", weight, "")
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")
+    require_count("iterations", iterations)
     period = len(rows), len(rows[0])
     seen = Mosaiced(
         raw,
@@ -116,11 +122,7 @@ def _trust(
     raw: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> torch.Tensor | None:
     """Weights, with 0 for what was clipped; None where all are 1."""
-    for name, given in (("weights", weights), ("clipped", clipped)):
-        if given is not None and given.shape != raw.shape:
-            raise ValueError(
-                f"{name} is {tuple(given.shape)} and raw {tuple(raw.shape)}; they must be alike"
-            )
+    require_alike("raw", raw, weights=weights, clipped=clipped)
     trust = weights if weights is None else weights.to(raw)
     if clipped is None:
         return trust

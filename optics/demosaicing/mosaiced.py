@@ -37,7 +37,6 @@ class Mosaiced:
     clipped: torch.Tensor | None = None
 
     def __post_init__(self) -> None:
-        require_finite("raw", self.raw)
         require_finite("filters", self.filters)
         if self.filters.ndim != 3 or self.filters.shape[1:] != self.raw.shape:
             raise ValueError(
@@ -48,13 +47,6 @@ class Mosaiced:
             raise ValueError(f"noise is {self.noise:g}; it must be finite, and not negative")
         if self.psf is not None:
             self._require_psf(self.psf)
-        for name in ("trust", "clipped"):
-            given = getattr(self, name)
-            if given is not None and given.shape != self.raw.shape:
-                raise ValueError(
-                    f"{name} is {tuple(given.shape)} and raw {tuple(self.raw.shape)}; they must be "
-                    "alike"
-                )
         if self.trust is not None:
             require_finite("trust", self.trust)
             if float(self.trust.min()) < 0:

@@ -51,7 +51,8 @@ class SeparableTransform(PlaneTransform):
     def rule(self, axis: int) -> AxisRule:
         """The rule along axis 0 (y) or 1 (x); made at the first call, and kept."""
 
-    def _prepared(self, device: torch.device) -> tuple[AxisRule, AxisRule]:
+    def prepared(self, device: torch.device) -> tuple[AxisRule, AxisRule]:
+        """The rules along y and x, made once, on a device."""
         if self._rules is None:
             self._rules = (self.rule(0), self.rule(1))
         for rule in self._rules:
@@ -74,11 +75,11 @@ class SeparableTransform(PlaneTransform):
         return field if before is None else field * before.conj().to(field.device)[:, None]
 
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
-        y, x = self._prepared(field.device)
+        y, x = self.prepared(field.device)
         return self._across(self._across(field, 0, y).mT.contiguous(), 1, x).mT
 
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        y, x = self._prepared(field.device)
+        y, x = self.prepared(field.device)
         return self._back(self._back(field.mT.contiguous(), 1, x).mT.contiguous(), 0, y)
 
     def lines(self) -> tuple[int, int]:

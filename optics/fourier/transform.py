@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -72,10 +73,7 @@ class Transform(Offer):
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
         _require_shape(self.image, field)
-        field = field.to(self.dtype)
-        if not _recorded(field):
-            return self._adjoint(field)
-        return applied(_Adjoint, self, field)
+        return linear(self._adjoint, self._forward, field.to(self.dtype))
 
 
 def _recorded(field: torch.Tensor) -> bool:
@@ -118,26 +116,32 @@ class _Forward(torch.autograd.Function):
                 for p in transform.positions()
             )
             u, v = (transform.image.coordinates(axis).to(y.device) for axis in (0, 1))
-            stretch = (y * u[:, None]).sum() + (x * v[None, :]).sum()
-            for place, number, value in zip(
-                (1, 2, 3), numbers, (stretch, y.sum(), x.sum()), strict=True
-            ):
-                answers[place] = value.to(number)
+            found = (y * u[:, None]).sum() + (x * v[None, :]).sum(), y.sum(), x.sum()
+            answers[1:] = [value.to(n) for n, value in zip(numbers, found, strict=True)]
         return (None, *answers)
 
 
-class _Adjoint(torch.autograd.Function):
-    """The derivative of the adjoint is the transform."""
+def linear(
+    forward: Callable[[torch.Tensor], torch.Tensor],
+    adjoint: Callable[[torch.Tensor], torch.Tensor],
+    field: torch.Tensor,
+) -> torch.Tensor:
+    """forward(field) of a linear map, whose derivative is its adjoint."""
+    if not _recorded(field):
+        return forward(field.detach())
+    return applied(_Linear, forward, adjoint, field)
 
+
+class _Linear(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, transform: Transform, field: torch.Tensor) -> torch.Tensor:
-        ctx.transform = transform
-        return transform._adjoint(field)
+    def forward(ctx: Any, forward: Any, adjoint: Any, field: torch.Tensor) -> Any:
+        ctx.adjoint, ctx.dtype = adjoint, field.dtype
+        return forward(field)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        return None, ctx.transform._forward(gradient)
+        return None, None, ctx.adjoint(gradient).to(ctx.dtype)
 
 
 def _moved(

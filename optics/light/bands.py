@@ -92,11 +92,6 @@ class Band:
         width = _half_width(nodes, values)
         return Band(moment / one.integral(), width, "table", leak, leak_range, one)
 
-    @property
-    def support(self) -> tuple[float, float]:
-        """Metres: beyond it less than a millionth passes, the leak apart."""
-        return self._support
-
     def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
         """At wavelengths in metres, 0 to 1, without the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
@@ -118,7 +113,8 @@ class Band:
         return self.transmission(asked) + self.leak * ((low <= asked) & (asked <= high))
 
     @cached_property
-    def _support(self) -> tuple[float, float]:
+    def support(self) -> tuple[float, float]:
+        """Metres: beyond it less than a millionth passes, the leak apart."""
         if self.table is not None:
             return self.table.low, self.table.high
         if self.shape == "lyot":

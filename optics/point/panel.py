@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 
 import torch
 
@@ -18,7 +19,7 @@ from optics.accuracy import (
     unkeepable,
 )
 from optics.camera import Camera
-from optics.edge import recorded
+from optics.edge import numeric, recorded
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
@@ -36,7 +37,6 @@ from optics.point.engine import Engine, Lit, within_a_turn
 from optics.point.question import Question
 from optics.pupil import (
     defocus_curvature,
-    numeric_lens,
     panel_phase,
     panel_reach,
     phase_step,
@@ -89,7 +89,7 @@ class PanelEngine(Lit, Engine):
     ) -> None:
         self._question, self._precise = question, precise
         n = question.numeric
-        self._camera = replace(camera, lens=numeric_lens(camera.lens))
+        self._camera = replace(camera, lens=numeric(camera.lens))
         self._steps = phase_step(self._camera, n.distance, n.wavelength)
         if n.sphere is not None:
             self._steps += n.sphere.slope(panel_reach(camera)) * camera.panel.pitch
@@ -114,7 +114,6 @@ class PanelEngine(Lit, Engine):
         rows, columns = camera.panel.shape
         divided = f", {self._nodes}² nodes in each" if self._nodes > 1 else ""
         self.sampling = f"{columns}x{rows} panel pixels{divided}"
-        self._twin: PanelEngine | None = None
 
     def _geometry(self, nodes: int) -> Geometry:
         n, panel = self._question.numeric, self._camera.panel
@@ -240,7 +239,7 @@ class PanelEngine(Lit, Engine):
         light = (field.real**2 + field.imag**2) * self._strength()
         light = light * self._on(self._envelope(), light)
         if not self._precise and self._too_dim(light, amplitude):
-            return self._precisely().intensity(phase, amplitude)
+            return self._precisely.intensity(phase, amplitude)
         return light.to(torch.float64 if self._double else torch.float32)
 
     @staticmethod
@@ -274,10 +273,9 @@ class PanelEngine(Lit, Engine):
         (rows, columns), (py, px) = (k - 2 * n.margin for k in n.samples.shape), n.samples.pitch
         return min(rows * py / period, 1.0) * min(columns * px / period, 1.0)
 
+    @cached_property
     def _precisely(self) -> PanelEngine:
-        if self._twin is None:
-            self._twin = PanelEngine(self._question, self._camera, precise=True)
-        return self._twin
+        return PanelEngine(self._question, self._camera, precise=True)
 
 
 def _divided(values: torch.Tensor, nodes: int) -> torch.Tensor:

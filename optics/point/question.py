@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import torch
 
 from optics.accuracy import Budget
 from optics.camera import Lens
-from optics.edge import as_number, recorded, require_same
+from optics.edge import as_number, numeric, recorded, require_same
 from optics.plane import Plane
 from optics.point.sphere import Sphere
-from optics.pupil import Scalar, numeric_lens, require_light, steepness
+from optics.pupil import Scalar, require_light, steepness
 from optics.stop.quadrature import Steepness
 
 
@@ -53,17 +54,7 @@ class Question:
     @cached_property
     def numeric(self) -> Question:
         """The same in plain numbers."""
-        centre = (as_number(self.samples.centre[0]), as_number(self.samples.centre[1]))
-        return replace(
-            self,
-            lens=numeric_lens(self.lens),
-            distance=as_number(self.distance),
-            wavelength=as_number(self.wavelength),
-            samples=replace(self.samples, centre=centre),
-            separation=as_number(self.separation),
-            field=(as_number(self.field[0]), as_number(self.field[1])),
-            sphere=self.sphere.numeric if self.sphere else None,
-        )
+        return cast(Question, numeric(self))
 
     @property
     def inner(self) -> tuple[slice, slice]:

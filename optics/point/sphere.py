@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 
-from optics.edge import as_number
+from optics.edge import as_number, numeric
 from optics.pupil import Scalar
 
 
@@ -78,6 +79,4 @@ class Sphere:
     @property
     def numeric(self) -> Sphere:
         """The same in plain numbers."""
-        sine = (as_number(self.sine[0]), as_number(self.sine[1]))
-        centre = (as_number(self.centre[0]), as_number(self.centre[1]))
-        return Sphere(as_number(self.distance), as_number(self.wavelength), sine, centre)
+        return cast(Sphere, numeric(self))

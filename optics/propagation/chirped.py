@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +18,9 @@ from optics.plane import Plane
 from optics.propagation.fresnel_integral import cell_envelope
 from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.span import Scalar
+
+Pairs = list[tuple[torch.Tensor, torch.Tensor]]
+"""What comes before and after the transform along an axis, for every node."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ class ChirpedTransform:
         waves = [self._axis_waves(axis, scale) for axis in (0, 1)]
         return _Waves(waves[0], waves[1])
 
-    def _axis_waves(self, axis: int, scale: torch.Tensor) -> list[tuple[torch.Tensor, ...]]:
+    def _axis_waves(self, axis: int, scale: torch.Tensor) -> Pairs:
         """For every node: what comes before the transform along an axis, and after it."""
         source, target = self._source, self._target
         x = source.coordinates(axis) - source.centre[axis]
@@ -158,25 +163,10 @@ class ChirpedTransform:
 
     def _ahead(self, field: torch.Tensor) -> torch.Tensor:
         waves, (stretch, shift) = self._waves(field.device), self._moves()
-        total: torch.Tensor | None = None
-        for before_y, after_y in waves.y:
-            for before_x, after_x in waves.x:
-                lit = field * before_y[:, None] * before_x
-                sent = self._transform(lit, stretch, shift) * after_y[:, None] * after_x
-                total = sent if total is None else total + sent
-        assert total is not None
-        return total
+        return _summed(waves, field, lambda lit: self._transform(lit, stretch, shift))
 
     def _back(self, field: torch.Tensor) -> torch.Tensor:
-        waves = self._waves(field.device)
-        total: torch.Tensor | None = None
-        for before_y, after_y in waves.y:
-            for before_x, after_x in waves.x:
-                lit = field * after_y.conj()[:, None] * after_x.conj()
-                sent = self._transform.adjoint(lit) * before_y.conj()[:, None] * before_x.conj()
-                total = sent if total is None else total + sent
-        assert total is not None
-        return total
+        return _summed(self._waves(field.device).backwards, field, self._transform.adjoint)
 
 
 class ChirpedPropagator(ParaxialPropagator):
@@ -213,16 +203,34 @@ class ChirpedPropagator(ParaxialPropagator):
 
 @dataclass(frozen=True)
 class _Waves:
-    """What comes before and after the transform along either axis, for every node."""
+    """Of both axes."""
 
-    y: list[tuple[torch.Tensor, ...]]
-    x: list[tuple[torch.Tensor, ...]]
+    y: Pairs
+    x: Pairs
 
     def to(self, device: torch.device) -> _Waves:
         if self.y[0][0].device == device:
             return self
-        y, x = ([tuple(w.to(device) for w in pair) for pair in axis] for axis in (self.y, self.x))
+        y, x = ([(b.to(device), a.to(device)) for b, a in axis] for axis in (self.y, self.x))
         return _Waves(y, x)
+
+    @property
+    def backwards(self) -> _Waves:
+        """Those of the adjoint."""
+        y, x = ([(b.conj(), a.conj()) for a, b in axis] for axis in (self.y, self.x))
+        return _Waves(y, x)
+
+
+def _summed(
+    waves: _Waves, field: torch.Tensor, transform: Callable[[torch.Tensor], torch.Tensor]
+) -> torch.Tensor:
+    """The sum over all terms of a field times the waves before, transformed, times those after."""
+    terms = (
+        transform(field * before_y[:, None] * before_x) * after_y[:, None] * after_x
+        for before_y, after_y in waves.y
+        for before_x, after_x in waves.x
+    )
+    return functools.reduce(torch.add, terms)
 
 
 def _nodes(x: torch.Tensor, count: int) -> list[float]:

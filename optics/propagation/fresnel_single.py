@@ -83,7 +83,8 @@ def interpolated_cells(span: Span, scale: float, error: float) -> tuple[Cells, f
     assert n.cells is not None
     nodes, costs = [], []
     for axis, side in enumerate(n.cells):
-        turn = 2 * math.pi * _farthest_sample(span, axis) * side / abs(scale)
+        farthest = (span.source.shape[axis] - 1) * span.source.pitch[axis] / 2
+        turn = 2 * math.pi * farthest * side / abs(scale)
         count = cell_nodes(turn, error / 2, MOST_NODES)
         if not count:
             raise ToleranceError(
@@ -93,9 +94,3 @@ def interpolated_cells(span: Span, scale: float, error: float) -> tuple[Cells, f
         nodes.append(count)
         costs.append(3 * cell_error(turn, count))
     return Cells(n.cells, (nodes[0], nodes[1])), sum(costs)
-
-
-def _farthest_sample(span: Span, axis: int) -> float:
-    """Metres of the outermost cell's centre from the middle of the cells."""
-    source = span.source
-    return (source.shape[axis] - 1) * source.pitch[axis] / 2

@@ -13,19 +13,9 @@ from optics.fourier.chirp import chirp_length
 from optics.fourier.fft import fft_operations
 from optics.plane import Plane
 from optics.propagation.chirped import Cells, ChirpedPropagator, ChirpedTransform
-from optics.propagation.fresnel_single import (
-    COPY_SHARE,
-    SAMPLING_SHARE,
-    interpolated_cells,
-)
+from optics.propagation.fresnel_single import COPY_SHARE, SAMPLING_SHARE, interpolated_cells
 from optics.propagation.precision import rounding, working_precision
-from optics.propagation.replicas import (
-    Interval,
-    copies_miss,
-    field_band,
-    shadow,
-    step_widths,
-)
+from optics.propagation.replicas import Interval, copies_miss, field_band, shadow, step_widths
 from optics.propagation.span import Span
 from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
 

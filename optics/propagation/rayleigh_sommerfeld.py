@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch.utils.checkpoint import checkpoint
@@ -15,7 +16,7 @@ from optics.propagation.gauss import gauss_nodes
 from optics.propagation.precision import working_precision
 from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import finer_samples, reaching
-from optics.propagation.span import Scalar, Span
+from optics.propagation.span import Span
 
 _SHARE = 0.05
 """Of the tolerance: what one of a smooth field's nearest copies may send, and what Gauss and
@@ -141,7 +142,7 @@ class DirectQuadrature(Propagator):
         """Nothing is kept."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        points = self._spread(field.to(self.dtype))
+        points = self._on_axes(self._along, field.to(self.dtype))
         flat = points.reshape(-1, math.prod(self._points)).mT
         sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=False)
         sent = sent.conj().resolve_conj() if self._sign < 0 else sent
@@ -152,23 +153,18 @@ class DirectQuadrature(Propagator):
         sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=True)
         sent = (sent.conj().resolve_conj() if self._sign < 0 else sent).mT
         points = sent.reshape(*field.shape[:-2], *self._points)
-        return self._gathered(points)
+        return self._on_axes(self._back, points)
 
-    def _spread(self, field: torch.Tensor) -> torch.Tensor:
-        """The field on the points, times the area of each."""
+    @staticmethod
+    def _on_axes(
+        function: Callable[[int, torch.Tensor], torch.Tensor], field: torch.Tensor
+    ) -> torch.Tensor:
         for axis in (0, 1):
-            lines = field.movedim(-2 + axis, -1)
-            field = self._along(axis, lines).movedim(-1, -2 + axis)
+            field = function(axis, field.movedim(-2 + axis, -1)).movedim(-1, -2 + axis)
         return field
 
-    def _gathered(self, points: torch.Tensor) -> torch.Tensor:
-        """The adjoint of _spread()."""
-        for axis in (0, 1):
-            lines = points.movedim(-2 + axis, -1)
-            points = self._back(axis, lines).movedim(-1, -2 + axis)
-        return points
-
     def _along(self, axis: int, field: torch.Tensor) -> torch.Tensor:
+        """The field on the points along an axis, times the length of each."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -176,6 +172,7 @@ class DirectQuadrature(Propagator):
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
     def _back(self, axis: int, points: torch.Tensor) -> torch.Tensor:
+        """The adjoint of _along()."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -214,7 +211,10 @@ class DirectQuadrature(Propagator):
         device = values.device
         target = [p.to(device) for p in self._target()]
         source_y, source_x = (self._place(axis).to(device) for axis in (0, 1))
-        lengths = [_tensor(v, device) for v in (self.span.distance, self.span.wavelength)]
+        lengths = [
+            torch.as_tensor(length, dtype=torch.float64, device=device)
+            for length in (self.span.distance, self.span.wavelength)
+        ]
         lengths[0] = lengths[0] * self._sign
         lines = source_x.numel()
         (outer, inner), sums = _tiles(target[0].numel(), source_y.numel(), lines, adjoint), []
@@ -252,10 +252,6 @@ class DirectQuadrature(Propagator):
             paraxial=self.span.paraxial,
         )
         return (kernel.mH if adjoint else kernel) @ values
-
-
-def _tensor(value: Scalar, device: torch.device) -> torch.Tensor:
-    return torch.as_tensor(value, dtype=torch.float64, device=device)
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:

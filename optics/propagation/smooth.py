@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import pairwise
 
 import torch
@@ -32,7 +33,6 @@ class Promise:
         self._within_x, self._beyond_x = _runs(inside[1]), _runs(~inside[1])
         self._beyond_y = _runs(~inside[0])
         self._dtype = torch.complex64 if span.tol >= _SINGLE else torch.complex128
-        self._deviation: torch.Tensor | None = None
 
     def kept(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
         """A field's spectrum, at the frequencies along x that are within its band.
@@ -80,14 +80,13 @@ class Promise:
 
         spectrum: of the field, from kept(). The largest of all fields' errors, 0 of a dark one.
         """
-        if self._deviation is None:
-            self._deviation = self._paraxial_deviation()
-        off = self._deviation.to(spectrum.device)
+        off = self._paraxial_deviation.to(spectrum.device)
         power = spectrum.real**2 + spectrum.imag**2
         total = power.sum(dim=(-2, -1), dtype=torch.float64)
         wrong = (power * off).sum(dim=(-2, -1), dtype=torch.float64)
         return math.sqrt(max(shares(wrong, total), default=0.0))
 
+    @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
         """|H - H'|² of the exact and Fresnel's transfer functions, at the frequencies kept."""
         y, x = (_frequencies(self._span, axis) for axis in (0, 1))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 from optics.accuracy import Budget
-from optics.edge import as_number, recorded, require_positive
+from optics.edge import as_number, numeric, recorded, require_positive
 from optics.plane import Plane
 
 Scalar = Any
@@ -125,15 +125,7 @@ class Span:
     @cached_property
     def numeric(self) -> Span:
         """The same in plain numbers."""
-        return replace(
-            self,
-            distance=as_number(self.distance),
-            wavelength=as_number(self.wavelength),
-            target=replace(
-                self.target,
-                centre=(as_number(self.target.centre[0]), as_number(self.target.centre[1])),
-            ),
-        )
+        return cast(Span, numeric(self))
 
     @property
     def scale(self) -> Scalar:

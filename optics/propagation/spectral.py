@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import scipy.fft
 import torch
 
-from optics.accuracy import (
-    FLOAT64_ARITHMETIC,
-    MachineSpeed,
-    ToleranceError,
-    require_memory,
-)
+from optics.accuracy import FLOAT64_ARITHMETIC, MachineSpeed, ToleranceError, require_memory
 from optics.edge import as_number, recorded
 from optics.fourier import Geometry, plan_transform, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.fourier.transform import KEPT_BYTES, PlaneTransform, applied
+from optics.fourier.transform import KEPT_BYTES, PlaneTransform, linear
 from optics.plane import Plane
 from optics.propagation.band import Band, reaching_band
 from optics.propagation.paraxial import paraxial_cost
@@ -291,7 +285,13 @@ class SpectralPropagator(Propagator):
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         if len(self._stages) == 1:
             return self._through(self._stages[0], field)
-        return applied(_Staged, self, field)
+        return linear(self._summed, self.adjoint, field)
+
+    def _summed(self, field: torch.Tensor) -> torch.Tensor:
+        answer = self._through(self._stages[0], field)
+        for stage in self._stages[1:]:
+            answer += self._through(stage, field)
+        return answer
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         answer = self._backwards(self._stages[0], field)
@@ -306,25 +306,6 @@ class SpectralPropagator(Propagator):
     def _backwards(self, stage: Stage, field: torch.Tensor) -> torch.Tensor:
         spectrum = stage.back.adjoint(field.to(self.dtype).conj()).conj()
         return stage.there.adjoint(self._filtered(spectrum, stage.frequencies, back=True))
-
-
-class _Staged(torch.autograd.Function):
-    """A sum over stages that records nothing: its derivative is the adjoint."""
-
-    @staticmethod
-    def forward(ctx: Any, method: SpectralPropagator, field: torch.Tensor) -> torch.Tensor:
-        ctx.method, ctx.like = method, field.dtype
-        first, *others = method._stages
-        answer = method._through(first, field)
-        for stage in others:
-            answer += method._through(stage, field)
-        return answer
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        back = ctx.method.adjoint(gradient)
-        return None, back.to(ctx.like)
 
 
 def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:

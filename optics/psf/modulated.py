@@ -9,9 +9,9 @@ from dataclasses import replace
 import torch
 
 from optics.camera import Camera
-from optics.edge import as_number
+from optics.edge import as_number, numeric
 from optics.psf.operator import PSFOperator
-from optics.pupil import numeric_lens, pupil_amplitude
+from optics.pupil import pupil_amplitude
 from optics.slm.modulator import Modulator
 
 
@@ -55,7 +55,7 @@ def _scattered(operator: PSFOperator, camera: Camera, field: torch.Tensor) -> to
     area = operator.pixels.pitch[0] * operator.pixels.pitch[1]
     one = (torch.sinc(y) * torch.sinc(x)) ** 2 * (area * side**2 / scale**2)
     # A pixel that the stop covers in part is as large as the others, and dimmer.
-    opened = pupil_amplitude(replace(camera, lens=numeric_lens(lens))).to(field.device)
+    opened = pupil_amplitude(replace(camera, lens=numeric(lens))).to(field.device)
     power = ((field.real**2 + field.imag**2) * opened**2).sum((-2, -1)) / opened.sum()
     return power[..., None, None] * one
 

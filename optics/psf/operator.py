@@ -20,7 +20,7 @@ from optics.accuracy import (
 )
 from optics.camera import Camera, Lens
 from optics.chain import GridEngine, Light, passed_light
-from optics.edge import as_number, tensors_inside
+from optics.edge import as_number, numeric, tensors_inside
 from optics.plane import Plane
 from optics.point.engine import Engine
 from optics.point.question import Question
@@ -31,7 +31,6 @@ from optics.pupil import (
     cutoff_frequency,
     model_error,
     numeric_camera,
-    numeric_lens,
     open_radius,
     require_light,
 )
@@ -149,10 +148,10 @@ class PSFOperator:
 
     def _model_error(self, question: Question) -> ErrorEstimate:
         n = question.numeric
-        reach = n.radius
+        radius = n.radius
         if self.camera is not None and not n.separation:
-            reach = open_radius(replace(self.camera, lens=n.lens))
-        return model_error(n.lens, n.wavelength, min(n.radius, reach))
+            radius = open_radius(replace(self.camera, lens=n.lens))
+        return model_error(n.lens, n.wavelength, radius)
 
     @property
     def wavelength(self) -> Scalar:
@@ -356,7 +355,7 @@ def _sphere(
 
 def _numeric(optics: Camera | Lens) -> Camera | Lens:
     """The same in plain numbers."""
-    return numeric_camera(optics) if isinstance(optics, Camera) else numeric_lens(optics)
+    return numeric_camera(optics) if isinstance(optics, Camera) else numeric(optics)
 
 
 def psf(

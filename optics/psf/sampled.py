@@ -6,11 +6,7 @@ import math
 
 import torch
 
-from optics.accuracy import (
-    FLOAT32_ARITHMETIC,
-    MachineSpeed,
-    unkeepable,
-)
+from optics.accuracy import FLOAT32_ARITHMETIC, MachineSpeed, unkeepable
 from optics.fourier import Geometry, plan_transform
 from optics.plane import Plane
 from optics.point.engine import Engine, Lit, within_a_turn

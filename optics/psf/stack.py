@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import torch
@@ -49,32 +50,16 @@ class PSFStack:
         budget: Budget | None = None,
         **settings: Any,
     ) -> None:
-        for name, given in (
-            ("distances", distances),
-            ("wavelengths", wavelengths),
-            ("fields", fields),
-        ):
+        given_all = {"distances": distances, "wavelengths": wavelengths, "fields": fields}
+        for name, given in given_all.items():
             if not len(given):
                 raise ValueError(f"{name} is empty; give one at least")
         self._budget = budget or Budget()
         self.pixels = pixels
+        plan = partial(PSFOperator, camera, pixels=pixels, budget=self._budget, **settings)
         self.operators = [
-            [
-                [
-                    PSFOperator(
-                        camera,
-                        distance,
-                        wavelength,
-                        pixels,
-                        field=field,
-                        budget=self._budget,
-                        **settings,
-                    )
-                    for field in fields
-                ]
-                for wavelength in wavelengths
-            ]
-            for distance in distances
+            [[plan(distance=z, wavelength=w, field=one) for one in fields] for w in wavelengths]
+            for z in distances
         ]
         self._sharing = [_Shared(self._of_band(band)) for band in range(len(wavelengths))]
 

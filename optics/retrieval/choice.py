@@ -9,20 +9,13 @@ import torch
 
 from optics.accuracy import MachineSpeed, Setting, best_within, named
 from optics.camera import Camera
-from optics.edge import require_positive, tensors_inside
+from optics.edge import require_count, require_positive, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.retrieval.gerchberg_saxton import require_iterations
 from optics.retrieval.goal import Goal
+from optics.retrieval.job import Job
 from optics.retrieval.judging import Quality, judge
-from optics.retrieval.methods import (
-    METHODS,
-    MOST_FRAMES,
-    QUICK_ITERATIONS,
-    Job,
-    converged,
-    quick_method,
-)
+from optics.retrieval.methods import METHODS, MOST_FRAMES, QUICK_ITERATIONS, converged, quick_method
 from optics.retrieval.slow_crystal import orders_of, shown_light
 from optics.retrieval.starts import require_start
 from optics.slm.lut import require_orders
@@ -116,7 +109,7 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
     if budget is not None:
         require_positive("budget", budget, "s")
     if iterations is not None:
-        require_iterations(iterations)
+        require_count("iterations", iterations)
     named(METHODS, method)
     serving = [name for name, one in METHODS.items() if one.serves(frames)]
     named(serving, method, _counted(frames, "frame"))

@@ -17,7 +17,7 @@ from optics.progress import Progress
 from optics.retrieval.frames import corrected, mean_light, scaled
 from optics.retrieval.gerchberg_saxton import over_compensated
 from optics.retrieval.goal import Goal
-from optics.retrieval.methods import coarsest
+from optics.retrieval.superpixel import coarsest
 from optics.threads import single_threaded
 
 Measure = Callable[[torch.Tensor, Progress], torch.Tensor]

@@ -12,9 +12,9 @@ from collections.abc import Iterable
 
 import torch
 
-from optics.progress import Progress
 from optics.retrieval.far_field import unit
 from optics.retrieval.gerchberg_saxton import iterate, over_compensated, replaced
+from optics.retrieval.job import Job
 from optics.retrieval.starts import random, smooth
 from optics.retrieval.superpixel import Superpixels
 
@@ -34,42 +34,27 @@ _FAINT = 1e-3
 """Share of a sample's target below which its mean counts as this."""
 
 
-def independent(
-    pixels: Superpixels,
-    frames: int,
-    iterations: int,
-    generator: torch.Generator,
-    progress: Progress,
-) -> torch.Tensor:
+def independent(pixels: Superpixels, job: Job) -> torch.Tensor:
     """Fields on the window (frames, rows, columns), each from a random start of its own."""
     fields = []
-    for frame in range(frames):
-        part = progress.part(frame / frames, (frame + 1) / frames)
-        start = pixels.lit(random(pixels, generator))
+    for number, part in enumerate(job.parts, start=1):
+        start = pixels.lit(random(pixels, job.generator))
         constrain = replaced(pixels.intensity)
-        fields.append(iterate(pixels, start, constrain, iterations, part, f"frame {frame + 1}:"))
+        fields.append(iterate(pixels, start, constrain, job.iterations, part, f"frame {number}:"))
     return torch.stack(fields)
 
 
-def sequential(
-    pixels: Superpixels,
-    frames: int,
-    iterations: int,
-    generator: torch.Generator,
-    progress: Progress,
-) -> torch.Tensor:
+def sequential(pixels: Superpixels, job: Job) -> torch.Tensor:
     """Each frame aims at what the frames before it left: n T minus the sum of their light."""
     target = pixels.intensity
     total, fields = torch.zeros_like(target), []
-    for frame in range(frames):
-        part = progress.part(frame / frames, (frame + 1) / frames)
-        missing = ((frame + 1) * target - total).clamp(min=0)
+    for number, part in enumerate(job.parts, start=1):
+        missing = (number * target - total).clamp(min=0)
         missing = torch.where(missing.sum() > 0, missing, target)
         wanted = missing * (target.sum() / missing.sum())
-        start = pixels.lit(smooth(pixels.goal, pixels, generator))
-        field = iterate(
-            pixels, start, over_compensated(wanted), iterations, part, f"frame {frame + 1}:"
-        )
+        start = pixels.lit(smooth(pixels.goal, pixels, job.generator))
+        constrain = over_compensated(wanted)
+        field = iterate(pixels, start, constrain, job.iterations, part, f"frame {number}:")
         fields.append(field)
         given = light(pixels.far_field.bounce(field, pixels.uneven))
         # What falls beside the target can't be made up for by asking for more.
@@ -77,23 +62,18 @@ def sequential(
     return torch.stack(fields)
 
 
-def joint(
-    pixels: Superpixels,
-    frames: int,
-    iterations: int,
-    generator: torch.Generator,
-    progress: Progress,
-) -> torch.Tensor:
+def joint(pixels: Superpixels, job: Job) -> torch.Tensor:
     """All frames together: each keeps its share of the light at a sample, and their mean is
     what is asked for, corrected by what it came out as."""
     target = pixels.intensity
     amplitude = torch.sqrt(target)
     fields, wanted = [], target
-    for _ in range(frames):
-        start = pixels.lit(smooth(pixels.goal, pixels, generator))
+    for _ in range(job.frames):
+        start = pixels.lit(smooth(pixels.goal, pixels, job.generator))
         fields.append(pixels.far_field.forward(start))
+    iterations = job.iterations
     for iteration in range(iterations):
-        progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
+        job.progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
         if iteration < _FIRST:
             asked = [unit(field) * amplitude for field in fields]
         else:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import torch
 
 from optics.camera import Camera
-from optics.edge import tensors_inside
+from optics.edge import require_count, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval.far_field import unit
@@ -104,7 +104,7 @@ def gerchberg_saxton(
     positive scale; zero beyond it. start: one of STARTS. Raises ValueError for an
     empty or negative target, or one of another shape than the plane's.
     """
-    require_iterations(iterations)
+    require_count("iterations", iterations)
     goal = Goal(camera, target, plane, wavelength)
     pixels = Superpixels(goal, 1)
     field = starting_field(goal, pixels, start, generator)
@@ -117,8 +117,3 @@ def gerchberg_saxton(
         "Gerchberg-Saxton",
     )
     return pixels.pattern(asked)
-
-
-def require_iterations(iterations: int) -> None:
-    if iterations < 1:
-        raise ValueError(f"iterations is {iterations}; at least 1 is needed")

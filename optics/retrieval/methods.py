@@ -9,7 +9,6 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft_operations
-from optics.progress import Progress
 from optics.retrieval.descent import Descent
 from optics.retrieval.far_field import FarField
 from optics.retrieval.frames import independent, joint, sequential
@@ -21,11 +20,12 @@ from optics.retrieval.gerchberg_saxton import (
     replaced,
 )
 from optics.retrieval.goal import Goal
+from optics.retrieval.job import Job
 from optics.retrieval.published import published
-from optics.retrieval.slow_crystal import crystal_of, responding, shown_ways
+from optics.retrieval.slow_crystal import responding, shown_ways
 from optics.retrieval.spots import weighted
 from optics.retrieval.starts import starting_field
-from optics.retrieval.superpixel import Superpixels, superpixel_side
+from optics.retrieval.superpixel import Superpixels, coarsest
 
 QUICK_ITERATIONS = 100
 """Of a quick method, where nothing else is asked for."""
@@ -42,27 +42,6 @@ _MOTION = 2.6
 
 _WAY_BACK = 2.5
 """Time of a step of the descent over that of a round trip with all pixels."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """One retrieval, made ready: what every method gets. start: one of STARTS."""
-
-    goal: Goal
-    frames: int
-    iterations: int
-    generator: torch.Generator
-    progress: Progress
-    start: str
-
-    @property
-    def pixels(self) -> Superpixels:
-        """The coarsest superpixels that the goal allows."""
-        return coarsest(self.goal)
-
-
-def coarsest(goal: Goal) -> Superpixels:
-    return Superpixels(goal, superpixel_side(goal))
 
 
 Solve = Callable[[Job], torch.Tensor]
@@ -135,13 +114,12 @@ def _single(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solv
     return solve
 
 
-def _several(way: Callable[..., torch.Tensor]) -> Solve:
+def _several(way: Callable[[Superpixels, Job], torch.Tensor]) -> Solve:
     """Frames whose mean counts."""
 
     def solve(job: Job) -> torch.Tensor:
         pixels = job.pixels
-        asked = way(pixels, job.frames, job.iterations, job.generator, job.progress)
-        return pixels.pattern(asked)
+        return pixels.pattern(way(pixels, job))
 
     return solve
 
@@ -153,15 +131,13 @@ def _weighted(job: Job) -> torch.Tensor:
 
 def _published(job: Job) -> torch.Tensor:
     """As many frames as are wanted, each from a random start of its own."""
-    parts = [job.progress.part(n / job.frames, (n + 1) / job.frames) for n in range(job.frames)]
-    return torch.stack([published(job.goal, job.iterations, job.generator, p) for p in parts])
+    found = (published(job.goal, job.iterations, job.generator, part) for part in job.parts)
+    return torch.stack(list(found))
 
 
 def _responding(job: Job) -> torch.Tensor:
-    pixels, crystal = job.pixels, crystal_of(job.goal)
-    asked = responding(
-        pixels, job.frames, job.iterations, job.generator, job.progress.part(0, 0.9), crystal
-    )
+    pixels = job.pixels
+    asked = responding(pixels, replace(job, progress=job.progress.part(0, 0.9)))
     return shown_ways(job.goal, pixels.pattern(asked))
 
 

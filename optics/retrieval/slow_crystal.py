@@ -9,16 +9,16 @@ that start alike), and a mean that is taken over the motion, not over the frames
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
 from optics.camera import Panel
-from optics.progress import Progress
 from optics.retrieval.branches import short_ways
 from optics.retrieval.far_field import FarField
 from optics.retrieval.frames import corrected, joint, mean_light, scaled
 from optics.retrieval.goal import Goal
+from optics.retrieval.job import Job
 from optics.retrieval.superpixel import Superpixels
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
 from optics.slm.dynamics import relaxed, steady_starts, time_nodes
@@ -78,21 +78,16 @@ def _first_level(goal: Goal) -> torch.Tensor:
     return phase.to(torch.float32)
 
 
-def responding(
-    pixels: Superpixels,
-    frames: int,
-    iterations: int,
-    generator: torch.Generator,
-    progress: Progress,
-    crystal: Crystal,
-) -> torch.Tensor:
+def responding(pixels: Superpixels, job: Job) -> torch.Tensor:
     """Fields on the window (frames, rows, columns) whose mean over a repeated video, motion
     included, has the target's shape when its phases are shown in shown_ways()."""
+    crystal, iterations = crystal_of(job.goal), job.iterations
     before = max(1, round(_WITHOUT * iterations))
-    fields = list(joint(pixels, frames, before, generator, progress.part(0, 0.2)))
+    first = replace(job, iterations=before, progress=job.progress.part(0, 0.2))
+    fields = list(joint(pixels, first))
     target = pixels.intensity
     wanted = target
-    rest = progress.part(0.2, 1)
+    rest = job.progress.part(0.2, 1)
     for iteration in range(before, iterations):
         done = (iteration - before) / (iterations - before)
         rest.report(done, f"moving frames {iteration + 1}/{iterations}")

@@ -109,3 +109,8 @@ class Superpixels:
         # One after the other: the padded spectra of many frames would fill the memory.
         phases = torch.stack([torch.angle(self.goal.far_field.back(field)) for field in fields])
         return phases.reshape(*window.shape[:-2], *self.goal.camera.panel.shape)
+
+
+def coarsest(goal: Goal) -> Superpixels:
+    """The largest superpixels that lose nothing of the goal's window."""
+    return Superpixels(goal, superpixel_side(goal))

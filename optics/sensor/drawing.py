@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 
 from optics.edge import require_finite, require_positive
-from optics.sensor.chain import FEW, Shot, Stages, collected
+from optics.sensor.chain import FEW, Stages, collected
 from optics.sensor.sensor import Sensor
 
 _SURELY_FULL = 4.0
@@ -57,30 +57,24 @@ def draw(
     exposure: float,
     sensor: Sensor,
     generator: torch.Generator,
-    *,
-    dark_current: bool = True,
-    fixed_pattern: bool = True,
-    shot: Shot = "Poisson",
-    clipping: bool = True,
-    read_noise: bool = True,
-    quantisation: bool = True,
+    **switches: Any,
 ) -> torch.Tensor:
     """One raw frame: (rows, columns) of digital numbers, int32; float64 without quantisation.
 
     electrons: expected from light on each pixel over the exposure; negative ones count as none.
-    The rest is which stages are done, as optics.sensor.chain.Stages says. Raises ValueError for
+    switches: which stages are done, as optics.sensor.chain.Stages says. Raises ValueError for
     electrons that aren't finite, and an exposure that isn't positive.
     """
-    stages = Stages(dark_current, fixed_pattern, shot, clipping, read_noise, quantisation)
+    stages = Stages(**switches)
     held = collected(electrons, exposure, sensor, stages)
     mean = held.electrons
-    if clipping:
+    if stages.clipping:
         mean = mean.clamp(max=_SURELY_FULL * sensor.full_well + 1000)
     counted = _counted(mean, stages, generator)
-    if clipping:
+    if stages.clipping:
         counted = counted.clamp(max=sensor.full_well)
     counted = counted + held.offset
-    if read_noise and sensor.read_noise:
+    if stages.read_noise and sensor.read_noise:
         counted = counted + sensor.read_noise * _normal(mean, generator)
     return _converted(counted, sensor, stages)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
 
-from optics.sensor.chain import FEW, Collected, Shot, Stages, collected
+from optics.sensor.chain import FEW, Collected, Stages, collected
 from optics.sensor.reading import read_out
 from optics.sensor.sensor import Sensor
 from optics.sensor.table import pieces
@@ -20,32 +21,28 @@ def moments(
     electrons: torch.Tensor,
     exposure: float,
     sensor: Sensor,
-    *,
-    dark_current: bool = True,
-    fixed_pattern: bool = True,
-    shot: Shot = "Poisson",
-    clipping: bool = True,
-    read_noise: bool = True,
-    quantisation: bool = True,
+    **switches: Any,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Mean, in electrons, and variance, in electrons², of what draw() gives with the same.
 
-    electrons: expected from light on each pixel over the exposure. Both answers are float64 of
+    electrons: expected from light on each pixel over the exposure. switches: as draw() takes
+    them. Both answers are float64 of
     its shape, of (number - black level) gain. They are sums over all numbers of electrons and
     all digital numbers, tabulated and interpolated: to 1e-4 of themselves. Raises ValueError
     for electrons that aren't finite, and an exposure that isn't positive.
     """
-    # What is skewed as Poisson's distribution is, is counted as that.
-    shot = "Poisson" if shot == "skewed" else shot
-    stages = Stages(dark_current, fixed_pattern, shot, clipping, read_noise, quantisation)
+    stages = Stages(**switches)
+    if stages.shot == "skewed":
+        # What is skewed as Poisson's distribution is, is counted as that.
+        stages = replace(stages, shot="Poisson")
     held = collected(electrons, exposure, sensor, stages)
-    if shot == "none":
+    if stages.shot == "none":
         return _still(held, sensor, stages)
-    if shot == "Poisson" and not clipping and not quantisation:
-        noise = sensor.read_noise**2 if read_noise else 0.0
+    if stages.shot == "Poisson" and not stages.clipping and not stages.quantisation:
+        noise = sensor.read_noise**2 if stages.read_noise else 0.0
         return held.electrons + held.offset, held.electrons + noise
     few = held.electrons < FEW
-    if shot == "Poisson" or bool(few.all()):
+    if stages.shot == "Poisson" or bool(few.all()):
         return _tabulated(held, sensor, replace(stages, shot="Poisson"))
     normal = _tabulated(held, sensor, stages)
     if not bool(few.any()):

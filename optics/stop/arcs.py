@@ -81,15 +81,7 @@ def _inside_circle(circle: Circle, r: float) -> list[Interval]:
 
 def _angles_of_crossings(p: Point, q: Point, r: float) -> list[float]:
     """Where an edge crosses the circle of radius r around the axis."""
-    dy, dx = q[0] - p[0], q[1] - p[1]
-    a, b = dy * dy + dx * dx, p[0] * dy + p[1] * dx
-    root = b * b - a * (p[0] * p[0] + p[1] * p[1] - r * r)
-    if root <= 0:
-        return []
-    parameters = ((-b - math.sqrt(root)) / a, (-b + math.sqrt(root)) / a)
-    return [
-        math.atan2(p[0] + t * dy, p[1] + t * dx) % (2 * math.pi) for t in parameters if 0 <= t <= 1
-    ]
+    return [math.atan2(y, x) % (2 * math.pi) for y, x in _edge_meets((0.0, 0.0), r * r, p, q)]
 
 
 def break_radii(stop: Stop) -> list[float]:
@@ -128,7 +120,7 @@ def _meetings(a: Shape, b: Shape) -> list[Point]:
     circle, polygon = (a, b) if isinstance(a, Circle) else (b, a)
     assert isinstance(circle, Circle)
     assert isinstance(polygon, Polygon)
-    return [m for p, q in polygon.edges for m in _edge_meets(circle, p, q)]
+    return [m for p, q in polygon.edges for m in _edge_meets(circle.centre, circle.radius**2, p, q)]
 
 
 def _circles_meet(a: Circle, b: Circle) -> list[Point]:
@@ -145,11 +137,12 @@ def _circles_meet(a: Circle, b: Circle) -> list[Point]:
     ]
 
 
-def _edge_meets(circle: Circle, p: Point, q: Point) -> list[Point]:
-    (cy, cx), dy, dx = circle.centre, q[0] - p[0], q[1] - p[1]
+def _edge_meets(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
+    """Where an edge from p to q crosses a circle of a squared radius."""
+    (cy, cx), dy, dx = centre, q[0] - p[0], q[1] - p[1]
     y, x = p[0] - cy, p[1] - cx
     a, b = dy * dy + dx * dx, y * dy + x * dx
-    root = b * b - a * (y * y + x * x - circle.radius**2)
+    root = b * b - a * (y * y + x * x - square)
     if root <= 0:
         return []
     parameters = ((-b - math.sqrt(root)) / a, (-b + math.sqrt(root)) / a)

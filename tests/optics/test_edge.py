@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from optics.edge import require_finite, tensors_inside
+from optics.camera import Lens
+from optics.edge import numeric, require_finite, tensors_inside
 
 
 @tensors_inside
@@ -39,3 +40,13 @@ def test_values_that_are_not_finite_are_counted():
     with pytest.raises(ValueError, match=r"frame has 2 NaN or infinite values of 4; give finite"):
         require_finite("frame", torch.tensor([1.0, float("nan"), float("inf"), 0.0]))
     require_finite("frame", torch.zeros(3))
+
+
+def test_numbers_stand_for_every_tensor_in_a_description():
+    length = torch.tensor(0.125, dtype=torch.float64, requires_grad=True)
+    lens = Lens(length, 5.0, aberrations=((2, 0, torch.tensor(1e-7, dtype=torch.float64)),))
+    plain = numeric(lens)
+    assert plain == Lens(0.125, 5.0, aberrations=((2, 0, 1e-7),))
+    assert isinstance(plain.focal_length, float)
+    assert isinstance(plain.aberrations[0][2], float)
+    assert numeric(plain) is plain

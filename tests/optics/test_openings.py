@@ -58,7 +58,7 @@ def test_blocks_hold_all_rows_once():
 def test_shares_are_kept_only_where_the_edge_runs():
     """Of a large grid a round stop's edge takes a small part; what it encloses needs none."""
     plane = Plane((1024, 1024), (2.4e-6, 2.4e-6))
-    blocks = Openings(Stop(), RADIUS, plane, torch.float32).blocks()
+    blocks = Openings(Stop(), RADIUS, plane, torch.float32).blocks
     shares = [s.share for block in blocks for s in block if s.share is not None]
     assert all(share.dtype == torch.float32 for share in shares)
     kept = sum(share.numel() for share in shares)
@@ -72,5 +72,5 @@ def test_a_dark_block_is_closed_without_any_share():
     far = Plane((20, 100), (1e-5, 1e-5), (5e-3, 0.0))
     openings = Openings(Stop(), RADIUS, far, torch.float64)
     assert not cut(openings, torch.ones(far.shape, dtype=torch.complex128)).any()
-    assert all(s.share is None for block in openings.blocks() for s in block)
+    assert all(s.share is None for block in openings.blocks for s in block)
     assert openings.power(torch.ones((16, 100), dtype=torch.complex128), 0) == 0

@@ -12,6 +12,7 @@ from optics.progress import Progress
 from optics.retrieval import design_plane
 from optics.retrieval.frames import corrected, independent, joint, sequential
 from optics.retrieval.goal import Goal
+from optics.retrieval.job import Job
 from optics.retrieval.superpixel import Superpixels
 
 SHAPE, WINDOW, LENGTH = (60, 64), (61, 64), 128
@@ -26,7 +27,8 @@ def pixels_for(target: np.ndarray) -> Superpixels:
 
 def solved(way, target: np.ndarray, frames: int, iterations: int, seed=1) -> np.ndarray:
     pixels = pixels_for(target)
-    asked = way(pixels, frames, iterations, seeded(seed), Progress())
+    job = Job(pixels.goal, frames, iterations, seeded(seed), Progress(), "smooth")
+    asked = way(pixels, job)
     assert asked.shape == (frames, *WINDOW)
     return pixels.pattern(asked).numpy()
 

@@ -11,18 +11,13 @@ from optics.deconvolution.blind.agreement import aligned, deviation_of
 from optics.deconvolution.blind.found import Deblurred, Kernel
 from optics.deconvolution.blind.judged import most_natural, strangeness
 from optics.deconvolution.blind.scales import middle_of, odd, window
-from optics.deconvolution.blind.search import (
-    TASTES,
-    Photograph,
-    by_edges,
-    by_statistics,
-)
+from optics.deconvolution.blind.search import TASTES, Photograph, by_edges, by_statistics
 from optics.deconvolution.blind.specks import without_specks
 from optics.deconvolution.blind.statistics import SPREAD
 from optics.deconvolution.blurred import LEAST_NOISE
 from optics.deconvolution.measured import measured
 from optics.deconvolution.total_variation import total_variation
-from optics.edge import floating, require_finite, tensors_inside
+from optics.edge import floating, require_alike, require_finite, tensors_inside
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -197,10 +192,7 @@ def _require(
         raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
     if clipped is None:
         return
-    if clipped.shape != image.shape:
-        raise ValueError(
-            f"clipped is {tuple(clipped.shape)} and image {tuple(image.shape)}; they must be alike"
-        )
+    require_alike("image", image, clipped=clipped)
     share = float(clipped.to(torch.float64).mean())
     if share > _MOST_CLIPPED:
         raise ValueError(

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.blind.quadratic import (
-    fast_period,
-    least,
-    padded_spectrum,
-    quadratic_of,
-)
+from optics.deconvolution.blind.quadratic import fast_period, least, padded_spectrum, quadratic_of
 from optics.deconvolution.blind.statistics import gradients
 from optics.deconvolution.border import continued
 from optics.deconvolution.noise import squared
@@ -69,15 +64,11 @@ class StrongEdges:
         edges = gradients(picture) * self._inside
         rows, columns = self._size
         period = fast_period(edges.shape[-2] + rows, edges.shape[-1] + columns)
-        shift = _shifted(self._measured, rows // 2, columns // 2)
+        # Lags of -n // 2 become 0.
+        shift = torch.nn.functional.pad(self._measured, (columns // 2, 0, rows // 2, 0))
         problem = quadratic_of(
             padded_spectrum(edges, period), padded_spectrum(shift, period), self._size
         )
         found = least(problem.ridged(ridge), start, sum_is_one=False, steps=100)
         total = float(found.sum())
         return found / total if total > 0 else start
-
-
-def _shifted(measured: torch.Tensor, down: int, along: int) -> torch.Tensor:
-    """Lags of -n // 2 become 0."""
-    return torch.nn.functional.pad(measured, (along, 0, down, 0))
