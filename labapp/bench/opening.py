@@ -51,8 +51,10 @@ GROUP = "labapp.devices"
 class Bench:
     """Open devices and the description of the camera that they make up, calibrated.
 
-    world is the virtual world behind simulated devices, None without one. doubts: why the
-    calibration in force may not hold any more, in words.
+    A run takes what has these attributes, so that a person's own script may bring another.
+    world is the virtual world behind simulated devices, None without one. watched: the same
+    devices by name, as those who open them again see them. doubts: why the calibration in force
+    may not hold any more, in words.
     """
 
     file: BenchFile
@@ -65,17 +67,11 @@ class Bench:
     camera: Camera
     targets: TargetChanger
     watched: Mapping[str, Supervised] = field(default_factory=dict)
-    """The same devices by name, as those who open them again see them."""
     doubts: tuple[str, ...] = ()
 
     @property
     def devices(self) -> dict[str, Device]:
-        return {
-            "slm": self.slm,
-            "filter": self.filter,
-            "camera": self.camera,
-            "targets": self.targets,
-        }
+        return {name: getattr(self, name) for name in ("slm", "filter", "camera", "targets")}
 
     @property
     def wheel(self) -> FilterWheel | None:
@@ -219,7 +215,6 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
 class Alone:
     """One device of a bench that is open by itself."""
 
-    file: BenchFile
     clock: Clock
     device: Any
 
@@ -238,7 +233,7 @@ def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone
     with _forgetting(surroundings), _opened(setup, surroundings, alone, math.inf) as watched:
         device = watched[role]
         try:
-            yield Alone(setup.bench, surroundings.clock, device)
+            yield Alone(surroundings.clock, device)
         finally:
             with suppress(DeviceError):
                 device.make_safe()

@@ -12,7 +12,7 @@ from labapp.bench.opening import BenchFiles, BenchSetup, build_world, read_scene
 from labapp.bench.virtual_bench.bench_text import bench_text
 from labapp.bench.virtual_bench.cameras import CAMERAS, serve_camera
 from labapp.bench.virtual_bench.filters import FILTERS, serve_filter
-from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.bench.virtual_bench.instruments import Instrument, Site
 from labapp.bench.virtual_bench.listening import asked_to_end, listen
 from labapp.bench.virtual_bench.panels import SLMS, serve_panel
 from labapp.bench.virtual_bench.shared import SharedWorld
@@ -93,19 +93,16 @@ def _start(
     camera = setup.bench.uncalibrated().build_camera()
     world = build_world(camera, setup, clock)
     shared = SharedWorld(world, clock)
-    folder = _folder(wished.folder, stack)
+    site = Site(shared, _folder(wished.folder, stack), stack)
     served: dict[str, Instrument] = {}
     if wished.slm != "none":
-        panel = world.camera.panel
-        served["slm"] = serve_panel(panel, shared, wished.display, wished.screen, stack)
+        served["slm"] = serve_panel(world.camera.panel, wished.display, wished.screen, site)
     if wished.filter != "none":
-        described = setup.bench.devices.filter
-        served["filter"] = serve_filter(wished.filter, described, shared, clock, folder, stack)
+        served["filter"] = serve_filter(wished.filter, setup.bench.devices.filter, site)
     if wished.camera != "none":
-        sensor = world.camera.sensor
-        served["camera"] = serve_camera(sensor, shared, clock, stack)
+        served["camera"] = serve_camera(world.camera.sensor, site)
     if wished.spectroradiometer != "none":
-        served["spectroradiometer"] = serve_spectroradiometer(shared, clock, folder, stack)
+        served["spectroradiometer"] = serve_spectroradiometer(site)
     return shared, list(world.scene.targets), served
 
 

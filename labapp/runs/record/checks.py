@@ -148,14 +148,8 @@ class _Checks:
     def _checksums(self) -> Said:
         """Whether every stored frame reads back as it was."""
         stored = self._stored()
-        sums = self._record.column("checksum")
-        damaged = []
-        for done, index in enumerate(stored):
-            self.progress.report(done / len(stored), f"read frame {index} back")
-            if not self._record.reads_back(index, sums[index]):
-                damaged.append(index)
-        self._found.damaged = damaged
-        if damaged:
+        _, _, self._found.damaged = self._record.read_back(stored, self.progress)
+        if damaged := self._found.damaged:
             return "WRONG", f"{len(damaged)} frames don't read back: {frame_list(damaged)}"
         return "ok", f"{len(stored)} stored frames read back as they were"
 

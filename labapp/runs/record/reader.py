@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -21,6 +21,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.record import layout, process
 from labapp.runs.state import ENDED, State
+from optics.progress import Progress
 
 if TYPE_CHECKING:
     # Loaded where somebody asks for them: they know all devices, lenses and scenes.
@@ -220,15 +221,26 @@ class Record:
 
     def missing(self) -> list[int]:
         """Indices of planned frames that aren't stored, or don't read back as they were."""
-        stored, sums = self.column("stored"), self.column("checksum")
-        return [
-            index
-            for index in range(self.frames)
-            if not stored[index] or not self.reads_back(index, sums[index])
-        ]
+        _, not_stored, damaged = self.read_back(range(self.frames), Progress())
+        return sorted(not_stored + damaged)
 
-    def reads_back(self, index: int, known: int) -> bool:
-        """Whether a frame is in the file, with the checksum that it was stored with."""
+    def read_back(
+        self, chosen: Sequence[int], progress: Progress
+    ) -> tuple[list[int], list[int], list[int]]:
+        """Frames that read back, frames that were never stored, and frames that are damaged."""
+        stored, sums = self.column("stored"), self.column("checksum")
+        found, not_stored, damaged = [], [], []
+        for done, index in enumerate(chosen):
+            progress.report(done / len(chosen), f"read frame {index} back")
+            if not stored[index]:
+                not_stored.append(index)
+            elif self._has_checksum(index, sums[index]):
+                found.append(index)
+            else:
+                damaged.append(index)
+        return found, not_stored, damaged
+
+    def _has_checksum(self, index: int, known: int) -> bool:
         try:
             return checksum(self.image(index)) == known
         except UserError:
