@@ -8,12 +8,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
-from labapp.cli.options import (
-    BenchOption,
-    DecisionOptions,
-    JsonOption,
-    PictureOptions,
-)
+from labapp.cli.options import BenchOption, DecisionOptions, JsonOption, PictureOptions
 
 
 @app.command(cls=having(PictureOptions(), DecisionOptions()))

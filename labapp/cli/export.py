@@ -8,10 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    ForceOption,
-    RecordArgument,
-)
+from labapp.cli.options import ForceOption, RecordArgument
 
 
 @app.command()

@@ -8,10 +8,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
-from labapp.cli.options import (
-    DesignOptions,
-    KeysArgument,
-)
+from labapp.cli.options import DesignOptions, KeysArgument
 
 
 @app.command(cls=having(DesignOptions()))

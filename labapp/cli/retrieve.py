@@ -8,10 +8,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
-from labapp.cli.options import (
-    DesignOptions,
-    KeysArgument,
-)
+from labapp.cli.options import DesignOptions, KeysArgument
 
 
 @app.command(cls=having(DesignOptions()))
@@ -20,14 +17,11 @@ def retrieve(
     target: Annotated[str, typer.Argument(metavar="TARGET", help="Shape of the PSF, or 'list'.")],
     keys: KeysArgument = None,
     budget: Annotated[
-        float | None,
-        typer.Option("--budget", metavar="S", help="Processor seconds to spend; more is better."),
+        float | None, typer.Option(metavar="S", help="Processor seconds to spend; more is better.")
     ] = None,
-    iterations: Annotated[
-        int | None, typer.Option("--iterations", min=1, help="Instead of a budget.")
-    ] = None,
+    iterations: Annotated[int | None, typer.Option(min=1, help="Instead of a budget.")] = None,
     method: Annotated[
-        str | None, typer.Option("--method", help="Of retrieval; none: what serves best.")
+        str | None, typer.Option(help="Of retrieval; none: what serves best.")
     ] = None,
 ) -> None:
     """Find a pattern, or a video, whose PSF has the shape of a target.

@@ -9,10 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
-from labapp.cli.options import (
-    ImageOption,
-    RunOptions,
-)
+from labapp.cli.options import ImageOption, RunOptions
 
 
 @app.command(cls=having(RunOptions()))
@@ -25,8 +22,7 @@ def run(
         ),
     ],
     out: Annotated[
-        Path,
-        typer.Option("--out", metavar="RUN.h5", help="Record to write; of several plans a folder."),
+        Path, typer.Option(metavar="RUN.h5", help="Record to write; of several plans a folder.")
     ],
     image: ImageOption = None,
 ) -> None:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    JsonOption,
-    RecordArgument,
-)
+from labapp.cli.options import JsonOption, RecordArgument
 
 
 @app.command()

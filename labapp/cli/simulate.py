@@ -9,12 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
-from labapp.cli.options import (
-    BenchOption,
-    DecisionOptions,
-    ForceOption,
-    PictureOptions,
-)
+from labapp.cli.options import BenchOption, DecisionOptions, ForceOption, PictureOptions
 
 
 @app.command(cls=having(PictureOptions(), DecisionOptions()))

@@ -5,10 +5,7 @@ from __future__ import annotations
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    JsonOption,
-    RecordArgument,
-)
+from labapp.cli.options import JsonOption, RecordArgument
 
 
 @app.command()

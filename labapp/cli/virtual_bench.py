@@ -48,8 +48,7 @@ def serve(
         ),
     ] = "",
     folder: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the ports, so that they keep their names."),
+        Path | None, typer.Option(help="Folder for the ports, so that they keep their names.")
     ] = None,
     until_eof: Annotated[
         bool, typer.Option("--until-eof", help="End with standard input, for scripts.")

@@ -16,17 +16,12 @@ from labapp.window.main_window import MainWindow
 from labapp.window.remembered import Remembered, default_file
 
 
-def main(
-    bench: Path | None = None,
-    scene: Path | None = None,
-    image: Path | None = None,
-    faults: Path | None = None,
-) -> int:
+def main(**files: Path | None) -> int:
     """Open the window on a bench, the virtual one if no file is given; the exit status.
 
-    faults: a file of what simulated devices shall suffer. Nothing heavy is imported
-    here: the engine's process loads it once the window is shown. UserError if there is no
-    display.
+    files: bench, scene, image, and faults that simulated devices shall suffer. Nothing heavy is
+    imported here: the engine's process loads it once the window is shown. UserError if there is
+    no display.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.
@@ -34,7 +29,7 @@ def main(
     application = QApplication(sys.argv[:1])
     application.setApplicationName("labapp")
     theme.apply(application)
-    connection = Connection(bench, scene, image, faults)
+    connection = Connection(**files)
     window = MainWindow(connection, Remembered(default_file()))
     window.show()
     connection.start()

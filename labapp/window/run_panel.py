@@ -13,18 +13,16 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QProgressBar,
     QPushButton,
-    QSizePolicy,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
+from labapp.runs.state import State
 from labapp.window.bracket import Bracket
 from labapp.window.bracket_row import BracketRow
-from labapp.window.label import label
 from labapp.window.messages import JobProgress, RunInfo
 from labapp.window.panel import Panel
-from labapp.window.run_state import RunState
+from labapp.window.parts import OF_A_PANEL, fill, label, tool_button
 from labapp.window.run_times import RunTimes
 from labapp.window.spoken import spoken
 
@@ -72,7 +70,7 @@ class RunPanel(Panel):
     def show_run(self, run: RunInfo) -> None:
         """The run under way, or the one that ended last."""
         under_way = run.state.is_under_way
-        shown = under_way or run.state is RunState.COMPLETE
+        shown = under_way or run.state is State.COMPLETE
         self.bar.setValue(round(1000 * run.fraction) if shown else 0)
         self.message.setText(_describe(run) if under_way else run.state.value.lower())
         self.times.show_run(run)
@@ -101,28 +99,11 @@ class RunPanel(Panel):
             grid.addWidget(label(self, title, look="faint"), 0, column)
         self.star.place(grid, 1)
         self.photograph.place(grid, 3)
-        folder = QHBoxLayout()
-        folder.addWidget(label(self, "Folder"))
-        folder.addWidget(self.folder, 1)
-        folder.addWidget(self.browse)
-        buttons = QHBoxLayout()
-        for action in actions:
-            button = QToolButton(self)
-            button.setDefaultAction(action)
-            button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-            buttons.addWidget(button, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 4, 8, 6)
-        layout.setSpacing(5)
-        layout.addLayout(grid)
-        layout.addWidget(self.summary)
-        layout.addLayout(folder)
-        layout.addLayout(buttons)
-        layout.addWidget(self.bar)
-        layout.addWidget(self.message)
-        layout.addWidget(self.times)
-        layout.addWidget(self.last_run)
-        layout.addStretch(1)
+        folder = fill(QHBoxLayout(), label(self, "Folder"), (self.folder, 1), self.browse)
+        wide = ((tool_button(self, action, wide=True), 1) for action in actions)
+        asked = grid, self.summary, folder, fill(QHBoxLayout(), *wide)
+        told = self.bar, self.message, self.times, self.last_run, 1
+        fill(QVBoxLayout(self), *asked, *told, margins=OF_A_PANEL, spacing=5)
 
     def _sum_up(self) -> None:
         star, photograph = self.star.bracket, self.photograph.bracket
@@ -144,6 +125,6 @@ class RunPanel(Panel):
 
 def _describe(run: RunInfo) -> str:
     """What the run does now."""
-    if run.state is RunState.PAUSED:
+    if run.state is State.PAUSED:
         return "paused"
     return f"pausing after this frame: {run.message}" if run.pausing else run.message

@@ -7,8 +7,8 @@ import time
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
+from labapp.runs.state import State
 from labapp.window.messages import RunInfo
-from labapp.window.run_state import RunState
 from labapp.window.spoken import spoken
 
 _SECOND = 1000
@@ -51,6 +51,6 @@ class RunTimes(QLabel):
         since = time.monotonic() - self._heard
         parts = [f"{expected}{self._unit}", f"elapsed {spoken(run.elapsed + since)}"]
         if run.left is not None:
-            passed = since if run.state is RunState.RUNNING else 0.0
+            passed = since if run.state is State.RUNNING else 0.0
             parts.append(f"{spoken(max(0.0, run.left - passed))} left")
         self.setText("  ·  ".join(parts))

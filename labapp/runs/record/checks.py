@@ -27,7 +27,7 @@ from labapp.runs.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
 from labapp.runs.record import layout
 from labapp.runs.record.finding import Finding, Result, Verification
 from labapp.runs.record.reader import Record, digest
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from optics.progress import Cancelled, Progress
 
 _OVERLAP = 1e-6
@@ -215,7 +215,7 @@ class _Checks:
         found.state = state = record.state
         if state is State.COMPLETE and found.not_stored:
             return "WRONG", f"COMPLETE, and yet {len(found.not_stored)} frames are missing"
-        if state in ENDED:
+        if state.has_ended:
             ended = datetime.fromisoformat(record.end_time)
             detail = f"{state}, ended {ended:%Y-%m-%d %H:%M}"
             if state is State.COMPLETE:

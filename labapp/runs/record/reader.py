@@ -20,7 +20,7 @@ from labapp.files.finding import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.record import layout, process
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from optics.progress import Progress
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Record:
         with self._reading("entry/state"):
             written = State(self._read("entry/state")[0].decode())
         with self._reading("entry/writer"):
-            gone = written not in ENDED and not process.is_alive(self.writer)
+            gone = not written.has_ended and not process.is_alive(self.writer)
         return State.INTERRUPTED if gone else written
 
     @property

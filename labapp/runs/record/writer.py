@@ -18,7 +18,7 @@ from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
 from labapp.runs.record import layout, process
 from labapp.runs.record.making import now
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
 _ENTRY_FIELDS = ("state", "message", "end_time", "writer", "log")
@@ -129,7 +129,7 @@ class RecordWriter:
     def set_state(self, state: State, message: str = "") -> None:
         """Write how the run stands, and why; a state that ends it comes with the time."""
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
-        self._put("end_time", 0, now().encode() if state in ENDED else b"")
+        self._put("end_time", 0, now().encode() if state.has_ended else b"")
         self._put("state", 0, state.value.encode())
 
     def _open(self) -> None:

@@ -29,11 +29,6 @@ def read_pattern(table: PatternTable) -> Still:
         raise UserError(explain(error, "pattern")) from error
 
 
-def pattern_name(pattern: Still) -> str:
-    """What a pattern is called on the screen and in records: what it is, and its sizes."""
-    return pattern.label
-
-
 def bracket_plan(request: Acquire) -> PlanFile:
     """Darks of every exposure, then star and photograph with the neutral and the pattern.
 
@@ -42,7 +37,7 @@ def bracket_plan(request: Acquire) -> PlanFile:
     pattern = read_pattern(request.pattern)
     if isinstance(pattern, ConstantPattern):
         raise UserError("A constant grey codes nothing. Choose another pattern, then acquire.")
-    coded = pattern_name(pattern)
+    coded = pattern.label
     patterns = {"neutral": _NEUTRAL, coded: request.pattern}
     wavelengths = [round(request.wavelength * 1e9, 3)]
     exposures = {"star": request.star.exposures_ms, "photograph": request.photograph.exposures_ms}
