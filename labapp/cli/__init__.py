@@ -39,14 +39,10 @@ def main() -> None:
     keep_freed_memory()
     try:
         command()(args=arguments, prog_name="labapp")
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
         if debug:
             raise
         raise SystemExit(_explain(error)) from None
-    except KeyboardInterrupt:
-        if debug:
-            raise
-        raise SystemExit(_explain(KeyboardInterrupt())) from None
 
 
 def _explain(error: BaseException) -> int:

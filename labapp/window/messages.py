@@ -339,13 +339,12 @@ class QueueState:
 
 @dataclass(frozen=True)
 class RunEnded:
-    """How a run ended. path: None if nothing was written. expected, took: as in RunInfo."""
+    """How a run ended. path: None if nothing was written. took: as in RunInfo."""
 
     path: Path | None
     state: State
     missing: int
     message: str
-    expected: float = 0.0
     took: float = 0.0
 
 

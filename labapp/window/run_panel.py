@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.runs.state import State
-from labapp.window.bracket import Bracket
+from labapp.window.bracket import DARKS, STARS, Bracket
 from labapp.window.bracket_row import BracketRow
 from labapp.window.messages import JobProgress, RunInfo
 from labapp.window.panel import Panel
@@ -26,7 +26,7 @@ from labapp.window.parts import OF_A_PANEL, fill, label, tool_button
 from labapp.window.run_times import RunTimes
 from labapp.window.spoken import spoken
 
-_DARKS, _STARS, _PATTERNS = 4, 2, 2
+_PATTERNS = 2
 
 
 def default_folder() -> Path:
@@ -107,8 +107,8 @@ class RunPanel(Panel):
 
     def _sum_up(self) -> None:
         star, photograph = self.star.bracket, self.photograph.bracket
-        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * _DARKS
-        stars = star.count * _STARS * _PATTERNS
+        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARKS
+        stars = star.count * STARS * _PATTERNS
         photographs = photograph.count * _PATTERNS
         total = darks + stars + photographs
         size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""

@@ -30,9 +30,9 @@ class RunTimes(QLabel):
         """Whether the bench has a clock of its own, which runs faster than the wall's."""
         self._unit = " of bench time" if on else ""
 
-    def show_run(self, run: RunInfo | None) -> None:
+    def show_run(self, run: RunInfo) -> None:
         self._run, self._heard = run, time.monotonic()
-        if run is not None and run.state.is_under_way:
+        if run.state.is_under_way:
             self._timer.start()
         else:
             self._timer.stop()
@@ -41,7 +41,6 @@ class RunTimes(QLabel):
     def _update(self) -> None:
         run = self._run
         if run is None:
-            self.setText("")
             return
         expected = f"Expected {spoken(run.expected)}"
         if not run.state.is_under_way:

@@ -9,8 +9,6 @@ from labapp.common.errors import UserError
 from optics.camera import Sensor
 from simulator.wire.fake_gige import FakeGigE, NoAravis
 
-CAMERAS = ("gige", "none")
-
 _ADDRESS = "127.0.0.1"
 
 _COMPUTING_MS = 30_000.0

@@ -20,8 +20,6 @@ from labapp.common.errors import UserError
 from optics.slm import Panel
 from simulator.screens import NoXServer, xvfb
 
-SLMS = ("screen", "none")
-
 
 class WatchedPanel:
     """Has the world's panel show what stands on a screen, whenever it is looked at.

@@ -5,8 +5,6 @@ from __future__ import annotations
 from labapp.bench.virtual_bench.instruments import Instrument, Site, on_a_line
 from simulator.machines.cs2000 import CS2000Machine
 
-SPECTRORADIOMETERS = ("cs2000", "none")
-
 
 def serve_spectroradiometer(site: Site) -> Instrument:
     """Start it until the site's stack is left."""

@@ -26,7 +26,7 @@ def contents_of(
     patterns: Mapping[str, NDArray[np.uint8]],
     listed: Sequence[Shot],
     abilities: Abilities,
-    check: Callable[[], None] = lambda: None,
+    check: Callable[[], None],
 ) -> Contents:
     """patterns: grey levels by name. listed: every frame of the plan. check: is called between
     the steps of a long computation, and may raise."""

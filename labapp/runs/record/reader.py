@@ -74,7 +74,7 @@ class Record:
     def state(self) -> State:
         """As written; INTERRUPTED if it was running and its writer is gone."""
         with self._reading("entry/state"):
-            written = State(self._read("entry/state")[0].decode())
+            written = State(self._only("state"))
         with self._reading("entry/writer"):
             gone = not written.has_ended and not process.is_alive(self.writer)
         return State.INTERRUPTED if gone else written
@@ -82,8 +82,7 @@ class Record:
     @property
     def writer(self) -> str:
         """Who wrote last: host, process, start of the process, as JSON."""
-        with self._reading("entry/writer"):
-            return self._read("entry/writer")[0].decode()
+        return self._only("writer")
 
     @property
     def message(self) -> str:
@@ -138,8 +137,7 @@ class Record:
 
     @property
     def end_time(self) -> str:
-        with self._reading("entry/end_time"):
-            return self._read("entry/end_time")[0].decode()
+        return self._only("end_time")
 
     @property
     def seed(self) -> int:
@@ -280,6 +278,11 @@ class Record:
         """The values of a dataset by its path, or some rows of it."""
         with self._reading(name):
             return self._file[name][rows]
+
+    def _only(self, name: str) -> str:
+        """The text of a dataset of the entry with one row."""
+        with self._reading(f"entry/{name}"):
+            return self._read(f"entry/{name}")[0].decode()
 
     def _texts(self, name: str) -> list[str]:
         with self._reading(name):

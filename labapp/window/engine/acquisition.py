@@ -44,14 +44,8 @@ class Acquisition:
             return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
         if outcome.trouble is not None:
             self._top.devices.blame(outcome.trouble)
-        return RunEnded(
-            outcome.path,
-            outcome.state,
-            len(outcome.missing),
-            outcome.message,
-            outcome.expected,
-            outcome.took,
-        )
+        missing, why = len(outcome.missing), outcome.message
+        return RunEnded(outcome.path, outcome.state, missing, why, outcome.took)
 
     def _tell(self) -> None:
         self._channel.send(self._top.state(live=False, running=True))

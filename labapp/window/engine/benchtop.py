@@ -107,12 +107,12 @@ class Benchtop:
     def state(self, live: bool, running: bool, *, anew: bool = True) -> BenchState:
         """anew: whether the devices are asked; what they said last if not."""
         infos = self.devices.infos(self._exposure, live=live, running=running, anew=anew)
-        readings = self.devices.last
+        said = self.devices.last
         return BenchState(
             devices=infos,
-            target=readings.target,
-            pattern=readings.pattern,
-            wavelength=readings.wavelength,
+            target=said["targets"],
+            pattern=said["slm"],
+            wavelength=said["filter"],
             exposure=self._exposure,
             live=live,
         )

@@ -11,10 +11,8 @@ from labapp.files.grey_table import ConstantPattern
 from labapp.files.pattern_table import Still
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate
+from labapp.window.bracket import DARKS, STARS
 from labapp.window.messages import Acquire, PatternTable
-
-_DARKS, _STARS = 4, 2
-"""Frames of each exposure: the noise of the darks goes into every picture."""
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
 
@@ -59,8 +57,8 @@ def bracket_plan(request: Acquire) -> PlanFile:
         "seed": 1,
         "patterns": patterns,
         "acquire": [
-            block("dark", ["neutral"], every, _DARKS) | {"role": "dark"},
-            block("star", list(patterns), exposures["star"], _STARS),
+            block("dark", ["neutral"], every, DARKS) | {"role": "dark"},
+            block("star", list(patterns), exposures["star"], STARS),
             block("photograph", list(patterns), exposures["photograph"], 1),
         ],
         "reconstruct": {"coded": coded},
