@@ -8,8 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.messages import DeviceInfo
-from labapp.window.panel import Panel
-from labapp.window.parts import OF_A_PANEL, fill, label
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label
 from labapp.window.theme import ERROR, FAINT, REAL, SIMULATED
 
 TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}

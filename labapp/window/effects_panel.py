@@ -7,8 +7,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from labapp.window.effects_model import share
 from labapp.window.effects_table import EffectsTable
 from labapp.window.messages import DeviceInfo, EffectsTold
-from labapp.window.panel import Panel
-from labapp.window.parts import OF_A_PANEL, fill, label
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label
 
 _EMPTY = "What the simulator does, and why, appears here with the first picture."
 _REAL = "Real devices: nothing is simulated."

@@ -1,7 +1,8 @@
-"""Labels, buttons and layouts that panels are made of."""
+"""Panels, and the labels, buttons and layouts that they are made of."""
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSize
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QBoxLayout, QLabel, QLayout, QSizePolicy, QToolButton, QWidget
 
@@ -10,6 +11,17 @@ Margins = tuple[int, int, int, int]
 
 OF_A_PANEL: Margins = (8, 4, 8, 6)
 """Margins to the left, above, to the right and below."""
+
+
+class Panel(QWidget):
+    """Texts that wrap need more lines the narrower they are, which a dock doesn't ask about."""
+
+    def minimumSizeHint(self) -> QSize:
+        least, layout = super().minimumSizeHint(), self.layout()
+        if layout is None or not layout.hasHeightForWidth():
+            return least
+        width = max(self.width(), least.width())
+        return least.expandedTo(QSize(0, layout.minimumHeightForWidth(width)))
 
 
 def label(parent: QWidget, text: str = "", *, look: str = "", wrap: bool = False) -> QLabel:

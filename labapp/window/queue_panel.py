@@ -13,8 +13,7 @@ from PySide6.QtWidgets import (
 
 from labapp.runs.state import State
 from labapp.window.messages import QueueState, RunInfo
-from labapp.window.panel import Panel
-from labapp.window.parts import OF_A_PANEL, fill, label, tool_button
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_table import RunTable
 
 

@@ -21,8 +21,7 @@ from labapp.runs.state import State
 from labapp.window.bracket import DARKS, STARS, Bracket
 from labapp.window.bracket_row import BracketRow
 from labapp.window.messages import JobProgress, RunInfo
-from labapp.window.panel import Panel
-from labapp.window.parts import OF_A_PANEL, fill, label, tool_button
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_times import RunTimes
 from labapp.window.spoken import spoken
 
