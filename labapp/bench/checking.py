@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.markup import escape
 
-from drivers.errors import DeviceError
+from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from labapp.bench.opening import Alone, BenchFiles, BenchSetup, maker, open_device
-from labapp.bench.selftest.checks import broke
+from labapp.bench.selftest.checks import in_words, who_is
 from labapp.common.console import out, print_json, table, watched
 from labapp.common.errors import UserError
-
-log = logging.getLogger(__name__)
 
 Row = tuple[str, bool, str]
 """What was looked at, whether it is well, and what was seen."""
@@ -37,10 +31,11 @@ def check_bench(bench: Path, scene: Path | None, *, opening: bool, as_json: bool
     with watched() as progress:
         for number, role in enumerate(roles):
             progress.report(number / len(roles), f"{role}")
-            rows.append(_told(role, partial(_device, setup, role, opening)))
+            rows.append(_told(setup, role, opening))
     well = all(good for _, good, _ in rows)
     if as_json:
-        print_json({"bench": str(bench), "well": well, "checks": [_as_data(row) for row in rows]})
+        checks = [dict(zip(("check", "well", "seen"), row, strict=True)) for row in rows]
+        print_json({"bench": str(bench), "well": well, "checks": checks})
         return well
     shown = [[what, "ok" if good else "WRONG", escape(seen)] for what, good, seen in rows]
     table(str(bench), ["", "", "seen"], shown)
@@ -49,32 +44,22 @@ def check_bench(bench: Path, scene: Path | None, *, opening: bool, as_json: bool
     return well
 
 
-def _as_data(row: Row) -> dict[str, Any]:
-    return dict(zip(("check", "well", "seen"), row, strict=True))
-
-
-def _told(role: str, see: Callable[[], str]) -> Row:
+def _told(setup: BenchSetup, role: str, opening: bool) -> Row:
     try:
-        return role, True, see()
-    except (UserError, DeviceError) as error:
-        return role, False, str(error)
+        return role, True, _device(setup, role, opening)
     except Exception as error:
-        # A broken driver of somebody else's hides no other device.
-        log.info("%s", role, exc_info=error)
-        return role, False, broke(error)
+        return role, False, in_words(error, role)
 
 
 def _device(setup: BenchSetup, role: str, opening: bool) -> str:
     """What a device is, or would be; UserError or DeviceError for what is wrong."""
     described = setup.bench.devices.tables[role]
     if not opening:
-        maker(role, described, Surroundings(clock=_NoClock()), setup.source)
+        maker(role, described, Surroundings(RealClock()), setup.source)
         return f"{described.driver} is installed and takes these options"
     with open_device(setup, role) as alone:
-        who = alone.device.identity
         _require_fitting(setup, role, alone)
-    simulated = ", SIMULATED" if who.simulated else ""
-    return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
+        return who_is(alone.device)
 
 
 def _require_fitting(setup: BenchSetup, role: str, alone: Alone) -> None:
@@ -90,13 +75,3 @@ def _require_fitting(setup: BenchSetup, role: str, alone: Alone) -> None:
             f"{setup.source}: [{part}] has {shape[1]} x {shape[0]} pixels, and the {role} has "
             f"{there[1]} x {there[0]}. Correct the file, or the device's options."
         )
-
-
-class _NoClock:
-    """Of devices that are never opened."""
-
-    def now(self) -> float:
-        return 0.0
-
-    def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Nobody waits."""

@@ -8,12 +8,10 @@ from typing import Any
 
 from rich.markup import escape
 
-from drivers.errors import DeviceError
 from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
 from labapp.bench.opening import BenchFiles, BenchSetup, drivers, open_device
-from labapp.bench.selftest.checks import broke
+from labapp.bench.selftest.checks import in_words
 from labapp.common.console import out, print_json, table, watched
-from labapp.common.errors import UserError
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
@@ -61,16 +59,10 @@ def describe(setup: BenchSetup, role: str) -> dict[str, str]:
     try:
         with open_device(setup, role) as alone:
             who = alone.device.identity
-            kind = "SIMULATED" if who.simulated else "real"
-            return {
-                "device": role,
-                "model": who.model,
-                "kind": kind,
-                "limits": _LIMITS[role](alone.device),
-            }
+            kind, limits = "SIMULATED" if who.simulated else "real", _LIMITS[role](alone.device)
+            return {"device": role, "model": who.model, "kind": kind, "limits": limits}
     except Exception as error:
-        why = str(error) if isinstance(error, (UserError, DeviceError)) else broke(error)
-        driver = setup.bench.devices.tables[role].driver
+        driver, why = setup.bench.devices.tables[role].driver, in_words(error, role)
         return {"device": role, "model": driver, "kind": "FAILED", "limits": why}
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import IO
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import DeviceTable
@@ -53,8 +52,9 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
+            owner = file.read().strip() or "another application"
             raise UserError(
-                f"the {role} ({table.driver}) is in use by {_owner(file)}. Close that first."
+                f"the {role} ({table.driver}) is in use by {owner}. Close that first."
             ) from error
         file.truncate(0)
         command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:3]])
@@ -76,10 +76,6 @@ def _opened(path: Path) -> int:
         handle = os.open(path, flags | os.O_CREAT, 0o666)
         os.fchmod(handle, 0o666)
         return handle
-
-
-def _owner(file: IO[str]) -> str:
-    return file.read().strip() or "another application"
 
 
 def _path(table: DeviceTable) -> Path:

@@ -51,8 +51,10 @@ GROUP = "labapp.devices"
 class Bench:
     """Open devices and the description of the camera that they make up, calibrated.
 
-    world is the virtual world behind simulated devices, None without one. doubts: why the
-    calibration in force may not hold any more, in words.
+    A run takes what has these attributes, so that a person's own script may bring another.
+    world is the virtual world behind simulated devices, None without one. watched: the same
+    devices by name, as those who open them again see them. doubts: why the calibration in force
+    may not hold any more, in words.
     """
 
     file: BenchFile
@@ -65,17 +67,11 @@ class Bench:
     camera: Camera
     targets: TargetChanger
     watched: Mapping[str, Supervised] = field(default_factory=dict)
-    """The same devices by name, as those who open them again see them."""
     doubts: tuple[str, ...] = ()
 
     @property
     def devices(self) -> dict[str, Device]:
-        return {
-            "slm": self.slm,
-            "filter": self.filter,
-            "camera": self.camera,
-            "targets": self.targets,
-        }
+        return {name: getattr(self, name) for name in ("slm", "filter", "camera", "targets")}
 
     @property
     def wheel(self) -> FilterWheel | None:
@@ -196,8 +192,7 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
     setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
     camera = setup.bench.build_camera()
     tables = setup.bench.devices.of_runs
-    surroundings = _surroundings(setup, tables, speed)
-    with _forgetting(surroundings), _opened(setup, surroundings, tables, speed) as watched:
+    with _opened(setup, tables, speed) as (surroundings, watched):
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,
@@ -219,7 +214,6 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
 class Alone:
     """One device of a bench that is open by itself."""
 
-    file: BenchFile
     clock: Clock
     device: Any
 
@@ -234,11 +228,10 @@ def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone
             f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
         )
     alone = {role: tables[role]}
-    surroundings = _surroundings(setup, alone, math.inf)
-    with _forgetting(surroundings), _opened(setup, surroundings, alone, math.inf) as watched:
+    with _opened(setup, alone, math.inf) as (surroundings, watched):
         device = watched[role]
         try:
-            yield Alone(setup.bench, surroundings.clock, device)
+            yield Alone(surroundings.clock, device)
         finally:
             with suppress(DeviceError):
                 device.make_safe()
@@ -257,26 +250,21 @@ def _surroundings(
     return Surroundings(clock, world)
 
 
-@contextmanager
-def _forgetting(surroundings: Surroundings) -> Iterator[None]:
-    """Afterwards the world behind simulated devices keeps no pictures, whoever still has it."""
-    try:
-        yield
-    finally:
-        if surroundings.world is not None:
-            surroundings.world.forget()
-            give_back_freed_memory()
+def _forget(world: World) -> None:
+    """The world behind simulated devices keeps no pictures, whoever still has it."""
+    world.forget()
+    give_back_freed_memory()
 
 
 @contextmanager
 def _opened(
-    setup: BenchSetup,
-    surroundings: Surroundings,
-    tables: Mapping[str, DeviceTable],
-    speed: float,
-) -> Iterator[dict[str, Supervised]]:
+    setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
+) -> Iterator[tuple[Surroundings, dict[str, Supervised]]]:
     """Devices by the bench's names for them, locked and watched while the block runs."""
+    surroundings = _surroundings(setup, tables, speed)
     with ExitStack() as stack:
+        if surroundings.world is not None:
+            stack.callback(_forget, surroundings.world)
         stack.enter_context(lock_devices(tables))
         watched: dict[str, Supervised] = {}
         for name, table in tables.items():
@@ -287,7 +275,7 @@ def _opened(
                 else Supervised(name, make, simulated=table.simulated)
             )
             watched[name] = stack.enter_context(device)
-        yield watched
+        yield surroundings, watched
 
 
 def _told_doubts(bench: Bench) -> tuple[str, ...]:

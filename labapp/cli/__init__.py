@@ -15,8 +15,8 @@ from typer.main import get_command
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import demo, run, resume, show, report, verify, export, calibrate  # noqa: F401
-from labapp.cli import psf, beam, pattern, retrieve, refine, explain, simulate  # noqa: F401
+from labapp.cli import demo, runs, records, calibrate  # noqa: F401
+from labapp.cli import psf, beam, patterns, refine, pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
 from labapp.cli import accuracy, plan, devices, bench, virtual_bench  # noqa: F401
 from labapp.common.memory import keep_freed_memory
@@ -39,14 +39,10 @@ def main() -> None:
     keep_freed_memory()
     try:
         command()(args=arguments, prog_name="labapp")
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
         if debug:
             raise
         raise SystemExit(_explain(error)) from None
-    except KeyboardInterrupt:
-        if debug:
-            raise
-        raise SystemExit(_explain(KeyboardInterrupt())) from None
 
 
 def _explain(error: BaseException) -> int:

@@ -87,20 +87,14 @@ def accuracy_propagate_(
     distance: Annotated[
         float, typer.Option(help="From plane to plane, in metres; negative goes back.")
     ] = 0.05,
-    wavelength_nm: Annotated[
-        float, typer.Option("--wavelength-nm", help="Wavelength in nanometres.")
-    ] = 550.0,
-    pitch_um: Annotated[
-        float, typer.Option("--pitch-um", help="Of the field's samples, in micrometres.")
-    ] = 8.0,
+    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
+    pitch_um: Annotated[float, typer.Option(help="Of the field's samples, in micrometres.")] = 8.0,
     size: Annotated[int, typer.Option(help="Side of the square field, in samples.")] = 256,
     target_pitch_um: Annotated[
-        float | None,
-        typer.Option("--target-pitch-um", show_default="the field's", help="On the target."),
+        float | None, typer.Option(show_default="the field's", help="On the target.")
     ] = None,
     target_size: Annotated[
-        int | None,
-        typer.Option("--target-size", show_default="the field's", help="On the target."),
+        int | None, typer.Option(show_default="the field's", help="On the target.")
     ] = None,
     centre: Annotated[
         str, typer.Option(metavar="Y,X", help="The target's centre, in micrometres.")
@@ -138,10 +132,7 @@ def accuracy_propagate_(
 def accuracy_chain_(
     context: typer.Context,
     separation_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--separation-mm", show_default="the camera's, or 50", help="From panel to lens."
-        ),
+        float | None, typer.Option(show_default="the camera's, or 50", help="From panel to lens.")
     ] = None,
     panel: Annotated[
         str | None,
@@ -156,8 +147,7 @@ def accuracy_chain_(
     ] = "random",
     field: FieldOption = "0,0",
     sphere: Annotated[
-        bool,
-        typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
+        bool, typer.Option("--sphere", help="The object's wave is a sphere, not a parabola.")
     ] = False,
     memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
 ) -> None:
@@ -204,9 +194,7 @@ def accuracy_retrieval_(
         list[str] | None,
         typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as for labapp retrieve."),
     ] = None,
-    wavelength_nm: Annotated[
-        float, typer.Option("--wavelength-nm", help="For which the pattern is made.")
-    ] = 550.0,
+    wavelength_nm: Annotated[float, typer.Option(help="For which the pattern is made.")] = 550.0,
     frames: Annotated[int, typer.Option(min=1, help="Frames of a video whose mean counts.")] = 1,
     budget: Annotated[
         float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
@@ -236,10 +224,7 @@ def accuracy_deconvolve_(
     picture: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[PICTURE]",
-            callback=readable,
-            help="A sharp one.",
-            show_default="the demo's",
+            metavar="[PICTURE]", callback=readable, help="A sharp one.", show_default="the demo's"
         ),
     ] = None,
     blur: Annotated[
@@ -248,9 +233,7 @@ def accuracy_deconvolve_(
     psf: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE",
-            callback=readable,
-            help="Picture or .npy of a PSF, in the blur's place.",
+            metavar="FILE", callback=readable, help="Picture or .npy of a PSF, in the blur's place."
         ),
     ] = None,
     noise: Annotated[

@@ -22,9 +22,7 @@ def beam(
     distance: Annotated[
         float, typer.Option(help="Of the object from the panel, in metres; inf is allowed.")
     ] = 2.0,
-    wavelength_nm: Annotated[
-        float, typer.Option("--wavelength-nm", help="Wavelength in nanometres.")
-    ] = 550.0,
+    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
     field: FieldOption = "0,0",
     slices: Annotated[int, typer.Option(help="Depths in each of the two pictures.")] = 120,
     force: ForceOption = False,

@@ -8,11 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    JsonOption,
-    SceneOption,
-    readable,
-)
+from labapp.cli.options import JsonOption, SceneOption, readable
 
 bench = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(bench, name="bench")

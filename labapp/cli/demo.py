@@ -8,11 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    ForceOption,
-    ImageOption,
-    JsonOption,
-)
+from labapp.cli.options import ForceOption, ImageOption, JsonOption
 
 
 @app.command()

@@ -8,12 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    BenchOption,
-    ForceOption,
-    JsonOption,
-    SceneOption,
-)
+from labapp.cli.options import BenchOption, ForceOption, JsonOption, SceneOption
 
 devices = typer.Typer(invoke_without_command=True, rich_markup_mode="markdown")
 app.add_typer(devices, name="devices")

@@ -5,12 +5,7 @@ from __future__ import annotations
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    BenchOption,
-    FaultsOption,
-    ImageOption,
-    SceneOption,
-)
+from labapp.cli.options import BenchOption, FaultsOption, ImageOption, SceneOption
 
 
 @app.command()
@@ -23,4 +18,4 @@ def gui(
     """Open the bench window; without options, on the bundled virtual bench."""
     from labapp.window.app import main as open_window
 
-    raise typer.Exit(open_window(bench, scene, image, faults))
+    raise typer.Exit(open_window(bench=bench, scene=scene, image=image, faults=faults))

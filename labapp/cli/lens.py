@@ -51,9 +51,8 @@ class LensOptions:
     lens: Annotated[
         str,
         typer.Option(
-            "--lens",
             help="thin: quadratic phase. stigmatic: corrected for its plane in focus, sine "
-            "condition.",
+            "condition."
         ),
     ] = "thin"
 

@@ -48,16 +48,11 @@ def scene_of(name: Path | None) -> Path | None:
 
 BenchOption = Annotated[
     Path | None,
-    typer.Option(
-        "--bench",
-        callback=readable,
-        help="Bench file (TOML). Default: the bundled virtual bench.",
-    ),
+    typer.Option(callback=readable, help="Bench file (TOML). Default: the bundled virtual bench."),
 ]
 SceneOption = Annotated[
     Path | None,
     typer.Option(
-        "--scene",
         callback=scene_of,
         help="Scene for simulated devices: a file (TOML), or the name of a bundled one, as bricks.",
     ),
@@ -65,18 +60,12 @@ SceneOption = Annotated[
 ImageOption = Annotated[
     Path | None,
     typer.Option(
-        "--image",
-        callback=readable,
-        help="Your photograph (JPEG, PNG, TIFF) for the simulated scene.",
+        callback=readable, help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."
     ),
 ]
 FaultsOption = Annotated[
     Path | None,
-    typer.Option(
-        "--faults",
-        callback=readable,
-        help="Fault file (TOML): what simulated devices shall suffer.",
-    ),
+    typer.Option(callback=readable, help="Fault file (TOML): what simulated devices shall suffer."),
 ]
 KeysArgument = Annotated[
     list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as in a plan file.")
@@ -95,13 +84,11 @@ RecordArgument = Annotated[
     Path, typer.Argument(metavar="RUN.h5", callback=existing, help="Record of a run.")
 ]
 PeersOption = Annotated[
-    bool,
-    typer.Option("--peers", help="Also other libraries, by installed adapters (tests/peers)."),
+    bool, typer.Option("--peers", help="Also other libraries, by installed adapters (tests/peers).")
 ]
 CameraOption = Annotated[
     Path | None,
     typer.Option(
-        "--camera",
         metavar="FILE",
         callback=readable,
         help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
@@ -144,19 +131,14 @@ class RunOptions:
 class StarOptions:
     """The artificial star that panel and lens are measured with."""
 
-    star: Annotated[str, typer.Option("--star", help="The target with the star.")] = "star"
-    dark: Annotated[str, typer.Option("--dark", help="The target without light; '' for none.")] = (
-        "dark"
-    )
+    star: Annotated[str, typer.Option(help="The target with the star.")] = "star"
+    dark: Annotated[str, typer.Option(help="The target without light; '' for none.")] = "dark"
     star_um: Annotated[
-        float | None,
-        typer.Option("--star-um", help="Diameter of the pinhole.", show_default="the scene's"),
+        float | None, typer.Option(help="Diameter of the pinhole.", show_default="the scene's")
     ] = None
     star_m: Annotated[
         float | None,
-        typer.Option(
-            "--star-m", help="Distance of the pinhole.", show_default="the scene's, or in focus"
-        ),
+        typer.Option(help="Distance of the pinhole.", show_default="the scene's, or in focus"),
     ] = None
 
 
@@ -167,23 +149,19 @@ class DesignOptions:
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             metavar="FILE",
             help=".png for any SLM software, or .h5 with everything that it was made from.",
         ),
     ] = None
     wavelength_nm: Annotated[
-        float,
-        typer.Option("--wavelength-nm", help="For which it is made, and its PSF predicted."),
+        float, typer.Option(help="For which it is made, and its PSF predicted.")
     ] = 550.0
     frames: Annotated[
-        int,
-        typer.Option("--frames", min=1, help="Of a video: numbered .png files, or one .h5."),
+        int, typer.Option(min=1, help="Of a video: numbered .png files, or one .h5.")
     ] = 1
-    seed: Annotated[int, typer.Option("--seed", min=0, help="All chance comes from it.")] = 1
+    seed: Annotated[int, typer.Option(min=0, help="All chance comes from it.")] = 1
     size: Annotated[
-        int | None,
-        typer.Option("--size", min=16, max=2048, help="Sensor pixels across the predicted PSF."),
+        int | None, typer.Option(min=16, max=2048, help="Sensor pixels across the predicted PSF.")
     ] = None
     bench: BenchOption = None
     force: ForceOption = False
@@ -214,7 +192,7 @@ class DecisionOptions:
     ] = None
     set: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="EFFECT=LEVEL", help="Force an effect: on, off or a level."),
+        typer.Option(metavar="EFFECT=LEVEL", help="Force an effect: on, off or a level."),
     ] = None
 
 
@@ -237,14 +215,12 @@ class PictureOptions:
         Path | None,
         typer.Option(callback=readable, help="8-bit picture on the panel. Default: neutral."),
     ] = None
-    wavelength_nm: Annotated[
-        float | None, typer.Option("--wavelength-nm", help="Of the filter, in nanometres.")
-    ] = None
+    wavelength_nm: Annotated[float | None, typer.Option(help="Of the filter, in nanometres.")] = (
+        None
+    )
     exposure_ms: Annotated[
         float | None,
-        typer.Option(
-            "--exposure-ms", help="In milliseconds. Default: fills the brightest pixel to half."
-        ),
+        typer.Option(help="In milliseconds. Default: fills the brightest pixel to half."),
     ] = None
 
     def asked(
@@ -277,8 +253,7 @@ class RowsOptions:
 
     json: JsonOption = False
     plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE", help="Draw the rows against time (.png, .svg)."),
+        Path | None, typer.Option(metavar="FILE", help="Draw the rows against time (.png, .svg).")
     ] = None
     force: ForceOption = False
 

@@ -8,11 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import (
-    BenchOption,
-    JsonOption,
-    SceneOption,
-)
+from labapp.cli.options import BenchOption, JsonOption, SceneOption
 
 plan = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(plan, name="plan")

@@ -10,12 +10,7 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.groups import having
 from labapp.cli.lens import CameraOptions, LensOptions, case_behind_panel
-from labapp.cli.options import (
-    FieldOption,
-    ForceOption,
-    JsonOption,
-    readable,
-)
+from labapp.cli.options import FieldOption, ForceOption, JsonOption, readable
 from labapp.common.threads import one_thread
 
 
@@ -42,14 +37,12 @@ def psf(
     pattern: Annotated[
         Path | None,
         typer.Option(
-            callback=readable,
-            help="8-bit picture on the SLM before the lens; none: a neutral one.",
+            callback=readable, help="8-bit picture on the SLM before the lens; none: a neutral one."
         ),
     ] = None,
     field: FieldOption = "0,0",
     sphere: Annotated[
-        bool,
-        typer.Option("--sphere", help="The object's wave is a sphere, not a parabola."),
+        bool, typer.Option("--sphere", help="The object's wave is a sphere, not a parabola.")
     ] = False,
     force: ForceOption = False,
     json: JsonOption = False,

@@ -78,12 +78,9 @@ def reconstruct(
     pattern: Annotated[
         str | None, typer.Option(help="Of a record.", show_default="the plan's, or the last")
     ] = None,
-    wavelength_nm: Annotated[
-        float | None, typer.Option("--wavelength-nm", help="Of a record with several.")
-    ] = None,
+    wavelength_nm: Annotated[float | None, typer.Option(help="Of a record with several.")] = None,
     frame: Annotated[
-        int | None,
-        typer.Option(help="Of a record or TIFF.", show_default="all exposures, merged"),
+        int | None, typer.Option(help="Of a record or TIFF.", show_default="all exposures, merged")
     ] = None,
     star: Annotated[
         str | None, typer.Option(help="Target with the PSF.", show_default="the plan's, or star")

@@ -43,21 +43,18 @@ def study(
         list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its settings.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where record and page go.")
+        Path | None, typer.Option(metavar="FOLDER", help="Where record and page go.")
     ] = None,
     record: Annotated[
         Path | None,
         typer.Option(
-            "--record",
-            metavar="RUN.h5",
-            callback=existing,
-            help="Evaluate a record of it; take no pictures.",
+            metavar="RUN.h5", callback=existing, help="Evaluate a record of it; take no pictures."
         ),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Smaller settings: seconds instead of a minute.")
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="All chance comes from it.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="All chance comes from it.")] = 1,
 ) -> None:
     from labapp.common.errors import UserError
     from labapp.files.places import RECORD, STUDY_FILES

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from labapp.cli.app import app
+from labapp.cli.groups import given, having
 from labapp.cli.options import BenchOption, ForceOption, ImageOption, SceneOption
 
 virtual_bench = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
@@ -19,42 +21,48 @@ def virtual_bench_() -> None:
     """Simulated instruments behind true wires, for the real drivers."""
 
 
-@virtual_bench.command()
-def serve(
-    bench: BenchOption = None,
-    scene: SceneOption = None,
-    image: ImageOption = None,
+@dataclass(frozen=True)
+class ServedOptions:
+    """Which instruments are served, where, and until when."""
+
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Bench file to write (.toml).")
-    ] = None,
+    ] = None
     filter: Annotated[
         str, typer.Option(help="varispec, thorlabs, starlight, zwo; none leaves it out.")
-    ] = "varispec",
-    camera: Annotated[str, typer.Option(help="gige; none leaves it out.")] = "gige",
-    slm: Annotated[str, typer.Option(help="screen; none leaves it out.")] = "screen",
-    spectroradiometer: Annotated[str, typer.Option(help="cs2000; none leaves it out.")] = "cs2000",
+    ] = "varispec"
+    camera: Annotated[str, typer.Option(help="gige; none leaves it out.")] = "gige"
+    slm: Annotated[str, typer.Option(help="screen; none leaves it out.")] = "screen"
+    spectroradiometer: Annotated[str, typer.Option(help="cs2000; none leaves it out.")] = "cs2000"
     display: Annotated[
         str,
         typer.Option(
             help="X display that has the SLM's screen, such as :0.",
             show_default="an Xvfb of its own",
         ),
-    ] = "",
+    ] = ""
     screen: Annotated[
         str,
         typer.Option(
             help="The SLM's screen: an output (HDMI-1), or its monitor's model or serial number.",
             show_default="the one of its size",
         ),
-    ] = "",
+    ] = ""
     folder: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the ports, so that they keep their names."),
-    ] = None,
+        Path | None, typer.Option(help="Folder for the ports, so that they keep their names.")
+    ] = None
     until_eof: Annotated[
         bool, typer.Option("--until-eof", help="End with standard input, for scripts.")
-    ] = False,
-    force: ForceOption = False,
+    ] = False
+    force: ForceOption = False
+
+
+@virtual_bench.command(cls=having(ServedOptions()))
+def serve(
+    context: typer.Context,
+    bench: BenchOption = None,
+    scene: SceneOption = None,
+    image: ImageOption = None,
 ) -> None:
     """Serve a virtual bench at real ports, for the real drivers in other programs.
 
@@ -78,18 +86,4 @@ def serve(
     from labapp.bench.virtual_bench.serving import Wished, serve
 
     files = BenchFiles.default(bench, scene, image)
-    serve(
-        Wished(
-            files,
-            filter=filter,
-            camera=camera,
-            slm=slm,
-            spectroradiometer=spectroradiometer,
-            display=display,
-            screen=screen,
-            folder=folder,
-            out=out,
-            force=force,
-            until_eof=until_eof,
-        )
-    )
+    serve(Wished(files, **vars(given(context, ServedOptions))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -77,9 +77,6 @@ def watched() -> Iterator[Progress]:
             yield progress
 
 
-_WISHES = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
 def _let_go_of_the_terminal() -> None:
     """Whoever writes to one that is gone fails; the bench must be left safe all the same."""
     nowhere = os.open(os.devnull, os.O_RDWR)
@@ -101,7 +98,15 @@ def _cancelling(progress: Progress) -> Iterator[None]:
         progress.cancel()
         say("stopping; Ctrl-C again stops at once")
 
-    before = {number: signal.signal(number, stop) for number in _WISHES}
+    with hearing_wishes_to_end(stop):
+        yield
+
+
+@contextmanager
+def hearing_wishes_to_end(stop: Callable[[int, Any], None]) -> Iterator[None]:
+    """While the block runs, `stop` handles Ctrl-C, a polite kill and a closed terminal."""
+    wishes = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, stop) for number in wishes}
     try:
         yield
     finally:

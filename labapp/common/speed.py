@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import finufft
 import numpy as np
@@ -32,10 +32,6 @@ _SLOWNESS = np.linspace(1.2, 3.0, 19)
 
 _BUSY = 0.5
 """Load for each processor from which others' work slows what is measured beside it."""
-
-
-class _Priced(Protocol):
-    def cpu_seconds(self, speed: MachineSpeed) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -122,25 +118,21 @@ def jobs() -> list[Job]:
             field = torch.from_numpy(rng.normal(size=(side, side))).to(dtype)
             for transform in transforms(geometry, dtype, 1e-4):
                 name = f"{transform.name}, {side}² to {window}², {dtype}"
-                found.append(_job(name, transform, partial(transform, field)))
+                found.append(Job(name, transform.cpu_seconds, partial(transform, field)))
     # 8 µm x 3 µm / 1024: one over the step is a whole number.
     geometry = Geometry(
         Plane((700, 700), (8e-6, 8e-6)), Plane((200, 200), (3e-6, 3e-6)), 1024 * 2.4e-11
     )
     field = torch.ones(700, 700, dtype=torch.complex64)
     for transform in transforms(geometry, torch.complex64)[2:]:
-        found.append(_job(transform.name, transform, partial(transform, field)))
+        found.append(Job(transform.name, transform.cpu_seconds, partial(transform, field)))
     found += _scattered_jobs(rng)
     found += _axial_jobs()
     for cutoff in (1e6, 2e5):
         integral = PixelIntegration(Plane((200, 200), (3e-6, 3e-6)), cutoff)
         light = torch.ones(integral.plane.shape)
-        found.append(_job("whole pixels", integral, partial(integral, light)))
+        found.append(Job("whole pixels", integral.cpu_seconds, partial(integral, light)))
     return found
-
-
-def _job(name: str, method: _Priced, call: Callable[[], Any]) -> Job:
-    return Job(name, method.cpu_seconds, call)
 
 
 def _scattered_jobs(rng: np.random.Generator) -> list[Job]:
@@ -154,7 +146,7 @@ def _scattered_jobs(rng: np.random.Generator) -> list[Job]:
             image = Plane((window, window), (3e-6, 3e-6))
             transform = NonuniformTransform(y, x, image, 6e-8, error)
             name = f"non-uniform FFT of {points}, {window}², {error:g}"
-            found.append(_job(name, transform, partial(transform, field)))
+            found.append(Job(name, transform.cpu_seconds, partial(transform, field)))
     return found
 
 

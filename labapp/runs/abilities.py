@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from labapp.runs.bench import Bench
+if TYPE_CHECKING:
+    from labapp.bench.opening import Bench
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ def _print_summary(preview: Preview) -> None:
     for line in lines:
         out.print(line, markup=False)
     out.print()
-    rows = [[limit["what"], limit["asked"], limit["available"]] for limit in _limits(preview)]
+    rows = [list(limit.values()) for limit in _limits(preview)]
     table("Asked for, and what this bench has", ["", "asked", "bench"], rows)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labapp.bench.opening import BenchFiles, BenchSetup, open_bench
@@ -129,7 +129,7 @@ def attended(manner: Manner) -> Iterator[tuple[Progress, Ask]]:
 
 def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
     read = BenchFiles.default(bench).read()
-    return BenchSetup(read.bench, setup.scene, read.source, setup.scene_source, setup.faults)
+    return replace(setup, bench=read.bench, source=read.source)
 
 
 def _tell(outcome: Outcome, manner: Manner) -> None:

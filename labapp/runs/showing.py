@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -74,34 +73,14 @@ def describe(record: Record) -> dict[str, Any]:
 def _groups(record: Record) -> list[dict[str, Any]]:
     """The planned frames, by role, target, pattern and wavelength."""
     targets, patterns = record.target_names, record.pattern_names
-    keys = list(
-        zip(
-            (layout.ROLES[i] for i in record.column("role")),
-            (targets[i] for i in record.column("target")),
-            (patterns[i] for i in record.column("pattern")),
-            (round(w * 1e9, 3) for w in record.column("wavelength_asked").tolist()),
-            strict=True,
-        )
-    )
-    exposures = record.column("exposure_asked").tolist()
-    counts = Counter(keys)
+    columns = ("role", "target", "pattern", "wavelength_asked", "exposure_asked")
+    exposures: dict[tuple[Any, ...], list[float]] = {}
+    values = (record.column(name).tolist() for name in columns)
+    for role, target, pattern, w, t in zip(*values, strict=True):
+        key = layout.ROLES[role], targets[target], patterns[pattern], round(w * 1e9, 3)
+        exposures.setdefault(key, []).append(t * 1e3)
     return [
-        {
-            "role": role,
-            "target": target,
-            "pattern": pattern,
-            "wavelength_nm": nm,
-            "exposures_ms": ", ".join(
-                f"{ms:g}"
-                for ms in sorted(
-                    {
-                        t * 1e3
-                        for key, t in zip(keys, exposures, strict=True)
-                        if key == (role, target, pattern, nm)
-                    }
-                )
-            ),
-            "frames": count,
-        }
-        for (role, target, pattern, nm), count in counts.items()
+        dict(zip(("role", "target", "pattern", "wavelength_nm"), key, strict=True))
+        | {"exposures_ms": ", ".join(f"{ms:g}" for ms in sorted(set(taken))), "frames": len(taken)}
+        for key, taken in exposures.items()
     ]

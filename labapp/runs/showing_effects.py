@@ -20,11 +20,12 @@ def show_effects(effect_plan: dict[str, Any]) -> None:
 def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
     count, tolerances = len(plans), sorted({plan["tol"] for plan in plans})
     pictures = f"{count} different pictures" if count > 1 else "its picture"
+    names = dict.fromkeys(one["effect"] for plan in plans for one in plan["decisions"])
     tolerance = " and ".join(f"{tol:g}" for tol in tolerances)
     table(
         f"What the simulator did for {pictures}, tolerance {tolerance}",
         ["effect", "level", "at most ", "why"],
-        [_row(name, plans) for name in _names(plans)],
+        [_row(name, plans) for name in names],
     )
     worst = max(plans, key=lambda plan: _size(plan["error"]))
     out.print(
@@ -33,10 +34,6 @@ def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
         f"{worst['exposure_ms']:g} ms."
     )
     out.print()
-
-
-def _names(plans: Sequence[dict[str, Any]]) -> list[str]:
-    return list(dict.fromkeys(one["effect"] for plan in plans for one in plan["decisions"]))
 
 
 def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:

@@ -8,6 +8,9 @@ from enum import StrEnum
 class State(StrEnum):
     """COMPLETE means that every planned frame was read back from the file."""
 
+    WAITING = "WAITING"
+    """Never written: of a run in line, which has no file yet."""
+
     PLANNED = "PLANNED"
     RUNNING = "RUNNING"
     PAUSED = "PAUSED"
@@ -17,6 +20,11 @@ class State(StrEnum):
     INTERRUPTED = "INTERRUPTED"
     """Never written: how a file reads whose writer is gone without a word."""
 
+    @property
+    def is_under_way(self) -> bool:
+        return self in (State.RUNNING, State.PAUSED)
 
-ENDED = (State.COMPLETE, State.CANCELLED, State.FAILED)
-"""States that a run ends in and says so."""
+    @property
+    def has_ended(self) -> bool:
+        """Whether a run ended so, and said so."""
+        return self in (State.COMPLETE, State.CANCELLED, State.FAILED)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QToolButton, QWidget
 
-from labapp.window.actions import Actions
 from labapp.window.badge import Badge
+from labapp.window.parts import tool_button
 
 _GROUPS = (
     ("live",),
@@ -20,7 +21,7 @@ _GROUPS = (
 class ActionBar(QWidget):
     """Not a QToolBar: that can be hidden, and hides what doesn't fit."""
 
-    def __init__(self, actions: Actions, parent: QWidget | None = None) -> None:
+    def __init__(self, actions: dict[str, QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.badge = Badge(self)
         self.buttons: dict[str, QToolButton] = {}
@@ -29,8 +30,7 @@ class ActionBar(QWidget):
         layout.setSpacing(4)
         for group in _GROUPS:
             for name in group:
-                button = QToolButton(self)
-                button.setDefaultAction(actions[name])
+                button = tool_button(self, actions[name])
                 button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
                 self.buttons[name] = button
                 layout.addWidget(button)

@@ -35,20 +35,16 @@ DECLARED = (
 )
 
 
-class Actions:
+def make_actions(window: QMainWindow) -> dict[str, QAction]:
     """The actions of a window, by name."""
+    actions = {declared.name: _make(declared, window) for declared in DECLARED}
+    window.addActions(list(actions.values()))
+    return actions
 
-    def __init__(self, window: QMainWindow) -> None:
-        self._actions = {declared.name: _make(declared, window) for declared in DECLARED}
-        window.addActions(list(self._actions.values()))
 
-    def __getitem__(self, name: str) -> QAction:
-        return self._actions[name]
-
-    def retitle(self, name: str, text: str) -> None:
-        """Call an action something else; its key stays."""
-        action = self._actions[name]
-        action.setText(_with_key(text, action.shortcut().toString()))
+def retitle(action: QAction, text: str) -> None:
+    """Call an action something else; its key stays."""
+    action.setText(_with_key(text, action.shortcut().toString()))
 
 
 def _with_key(text: str, key: str) -> str:
@@ -59,9 +55,7 @@ def _make(declared: Declared, window: QMainWindow) -> QAction:
     text = _with_key(declared.text, declared.key)
     action = QAction(text, window, checkable=declared.checkable)
     action.setObjectName(declared.name)
-    action.setToolTip(
-        _with_key(declared.tip, f"({declared.key})") if declared.key else declared.tip
-    )
+    action.setToolTip(_with_key(declared.tip, declared.key and f"({declared.key})"))
     if declared.key:
         action.setShortcut(QKeySequence(declared.key))
     return action

@@ -10,23 +10,24 @@ from pathlib import Path
 from PySide6.QtWidgets import QApplication
 
 from labapp.common.errors import UserError
-from labapp.window import startup, theme
+from labapp.window import theme
 from labapp.window.connection import Connection
 from labapp.window.main_window import MainWindow
 from labapp.window.remembered import Remembered, default_file
 
 
-def main(
-    bench: Path | None = None,
-    scene: Path | None = None,
-    image: Path | None = None,
-    faults: Path | None = None,
-) -> int:
-    """Open the window on a bench, the virtual one if no file is given; the exit status.
+def main(**files: Path | None) -> int:
+    """Open the window on a bench, the virtual one if no file is given; the exit status."""
+    application, _window, _connection = open_window(**files)
+    return int(application.exec())
 
-    faults: a file of what simulated devices shall suffer. Nothing heavy is imported
-    here: the engine's process loads it once the window is shown. UserError if there is no
-    display.
+
+def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, Connection]:
+    """The window on the screen, and its engine on the way.
+
+    files: bench, scene, image, and faults that simulated devices shall suffer. Nothing heavy is
+    imported here: the engine's process loads it once the window is shown. UserError if there is
+    no display.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.
@@ -34,13 +35,11 @@ def main(
     application = QApplication(sys.argv[:1])
     application.setApplicationName("labapp")
     theme.apply(application)
-    connection = Connection(bench, scene, image, faults)
+    connection = Connection(**files)
     window = MainWindow(connection, Remembered(default_file()))
     window.show()
     connection.start()
-    if startup.PROBE in os.environ:
-        startup.watch(window, connection)
-    return int(application.exec())
+    return application, window, connection
 
 
 def _require_display() -> None:

@@ -21,13 +21,9 @@ class Badge(QLabel):
     def show_devices(self, devices: tuple[DeviceInfo, ...]) -> None:
         simulated = [device.name for device in devices if device.simulated]
         real = [device.name for device in devices if not device.simulated]
-        if not real:
-            self._paint(f"SIMULATED: {', '.join(simulated)}", SIMULATED, FIELD)
-        elif not simulated:
-            self._paint(f"REAL: {', '.join(real)}", REAL, FIELD)
-        else:
-            text = f"SIMULATED: {', '.join(simulated)}  |  REAL: {', '.join(real)}"
-            self._paint(text, SIMULATED, FIELD)
+        named = {"SIMULATED": simulated, "REAL": real}
+        text = "  |  ".join(f"{kind}: {', '.join(names)}" for kind, names in named.items() if names)
+        self._paint(text, SIMULATED if simulated else REAL, FIELD)
 
     def _paint(self, text: str, background: str, colour: str) -> None:
         self.setText(text)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+DARKS, STARS = 4, 2
+"""Frames of each exposure: the noise of the darks goes into every picture."""
+
 
 @dataclass(frozen=True)
 class Bracket:

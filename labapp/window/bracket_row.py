@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
 
 from labapp.window.bracket import Bracket
-from labapp.window.label import label
+from labapp.window.parts import label
 
 
 class BracketRow(QObject):
@@ -17,17 +17,14 @@ class BracketRow(QObject):
     def __init__(self, name: str, first: Bracket, parent: QWidget) -> None:
         super().__init__(parent)
         self._name = label(parent, name)
-        self.shortest = QDoubleSpinBox(parent, suffix=" ms", decimals=3)
-        self.shortest.setRange(0.001, 1e6)
+        self.shortest = QDoubleSpinBox(
+            parent, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=first.shortest_ms
+        )
         self.shortest.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.shortest.setValue(first.shortest_ms)
-        self.ratio = QDoubleSpinBox(parent, decimals=1, singleStep=1.0)
-        self.ratio.setRange(1.1, 100)
-        self.ratio.setPrefix("× ")
-        self.ratio.setValue(first.ratio)
-        self.count = QSpinBox(parent)
-        self.count.setRange(1, 12)
-        self.count.setValue(first.count)
+        self.ratio = QDoubleSpinBox(
+            parent, prefix="× ", decimals=1, minimum=1.1, maximum=100, value=first.ratio
+        )
+        self.count = QSpinBox(parent, minimum=1, maximum=12, value=first.count)
         self.listed = label(parent, look="faint", wrap=True)
         for box in (self.shortest, self.ratio, self.count):
             box.valueChanged.connect(lambda _: self._update())

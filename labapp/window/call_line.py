@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QToolButton, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
-from labapp.window.label import label
+from labapp.runs.state import State
 from labapp.window.messages import Prompt, QueueState
-from labapp.window.run_state import RunState
+from labapp.window.parts import fill, label, tool_button
 
 
 class CallLine(QWidget):
@@ -23,14 +23,10 @@ class CallLine(QWidget):
         self._label = label(self, wrap=True)
         self._label.setTextFormat(Qt.TextFormat.PlainText)
         self.done_button = QPushButton("Done  Enter", self)
-        self.resume_button = QToolButton(self)
-        self.resume_button.setDefaultAction(pause)
+        self.resume_button = tool_button(self, pause)
         self._prompt: Prompt | None = None
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(10, 6, 6, 6)
-        layout.addWidget(self._label, 1)
-        layout.addWidget(self.done_button)
-        layout.addWidget(self.resume_button)
+        parts = (self._label, 1), self.done_button, self.resume_button
+        fill(QHBoxLayout(self), *parts, margins=(10, 6, 6, 6))
         self.done_button.clicked.connect(self._answer)
         self.hide()
 
@@ -47,7 +43,7 @@ class CallLine(QWidget):
         run = queue.under_way
         if queue.prompt is not None:
             self._ask(queue.prompt)
-        elif run is not None and run.state is RunState.PAUSED:
+        elif run is not None and run.state is State.PAUSED:
             self._show(f"PAUSED: {run.message}", self.resume_button if run.pausing else None)
         else:
             self.hide()

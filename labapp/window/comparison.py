@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PySide6.QtWidgets import QWidget
 
 from labapp.window import tone
-from labapp.window.label import label
+from labapp.window.parts import label
 from labapp.window.picture import Picture
 from labapp.window.theme import ACCENT
 

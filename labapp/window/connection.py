@@ -30,23 +30,17 @@ _READING = 1.0
 class Connection(QObject):
     """A child process and messages with it; nothing here ever waits, but close().
 
-    received: every report, but of frames that came together only the newest. died: the
-    engine ended and nobody had asked it to; the text says how.
+    files: bench, scene, image and faults, where there are any. received: every report, but of
+    frames that came together only the newest. died: the engine ended and nobody had asked it to;
+    the text says how.
     """
 
     received = Signal(object)
     died = Signal(str)
 
-    def __init__(
-        self,
-        bench: Path | None = None,
-        scene: Path | None = None,
-        image: Path | None = None,
-        faults: Path | None = None,
-        parent: QObject | None = None,
-    ) -> None:
-        super().__init__(parent)
-        self._files = (bench, scene, image, faults)
+    def __init__(self, **files: Path | None) -> None:
+        super().__init__()
+        self._files = files
         self._process: Process | None = None
         self._notifiers: list[QSocketNotifier] = []
         self._waiting: SimpleQueue[Command | None] = SimpleQueue()
@@ -68,7 +62,7 @@ class Connection(QObject):
         self._passing = threading.Thread(target=self._pass_on, args=(reading,), daemon=True)
         self._passing.start()
         try:
-            process = Process(_ENGINE, *self._files, grace=_GRACE, errors=theirs)
+            process = Process(_ENGINE, self._files, grace=_GRACE, errors=theirs)
         except OSError as error:
             self.died.emit(f"The engine could not be started: {error}.")
             return

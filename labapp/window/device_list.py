@@ -7,9 +7,8 @@ from html import escape
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QPushButton, QVBoxLayout, QWidget
 
-from labapp.window.label import label
 from labapp.window.messages import DeviceInfo
-from labapp.window.panel import Panel
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label
 from labapp.window.theme import ERROR, FAINT, REAL, SIMULATED
 
 TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
@@ -56,11 +55,8 @@ class DeviceList(Panel):
         self.rows: dict[str, DeviceRow] = {}
         self._in_run = False
         self._layout = QVBoxLayout(self)
-        self._layout.setContentsMargins(8, 4, 8, 6)
-        self._layout.setSpacing(4)
         self._empty = label(self, "opening the bench …", look="faint")
-        self._layout.addWidget(self._empty)
-        self._layout.addStretch(1)
+        fill(self._layout, self._empty, 1, margins=OF_A_PANEL, spacing=4)
 
     def clear(self, text: str) -> None:
         """No devices are known; say why."""

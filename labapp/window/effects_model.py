@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersistentModelIndex, Qt
+from PySide6.QtCore import QObject, Qt
 
 from labapp.window.messages import EffectTold
+from labapp.window.rows import Index, RowsModel
 from labapp.window.theme import FAINT, SIMULATED, TEXT
 
-Index = QModelIndex | QPersistentModelIndex
-
-_NOWHERE = QModelIndex()
-_COLUMNS = ("Effect", "Level", "Changes at most")
-_TIPS = (
-    "Whatever optics and electronics of this bench could do to the picture, in the light's order",
-    "How far the simulator goes: faint is off, amber is forced by the scene",
-    "Beyond that level, relative to the picture. The bar is logarithmic, from 1e-7 to 1; "
-    "the line is the tolerance, which all effects share",
-)
+_COLUMNS = {
+    "Effect": "Whatever optics and electronics of this bench could do to the picture, in the "
+    "light's order",
+    "Level": "How far the simulator goes: faint is off, amber is forced by the scene",
+    "Changes at most": "Beyond that level, relative to the picture. The bar is logarithmic, from "
+    "1e-7 to 1; the line is the tolerance, which all effects share",
+}
 
 
-class EffectsModel(QAbstractTableModel):
+class EffectsModel(RowsModel):
     """The effects of one picture, in the order of the light."""
 
+    rows: Sequence[EffectTold]
+
     def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self.rows: tuple[EffectTold, ...] = ()
+        super().__init__(_COLUMNS, parent)
 
     def show_rows(self, rows: tuple[EffectTold, ...]) -> None:
         """Rows that are of the same effects as before stay where the person has scrolled to."""
@@ -34,36 +34,15 @@ class EffectsModel(QAbstractTableModel):
             self.beginResetModel()
             self.rows = rows
             self.endResetModel()
-        elif rows:
+        else:
             self.rows = rows
-            last = self.index(len(rows) - 1, len(_COLUMNS) - 1)
-            self.dataChanged.emit(self.index(0, 0), last)
-
-    def rowCount(self, parent: Index = _NOWHERE) -> int:
-        return 0 if parent.isValid() else len(self.rows)
-
-    def columnCount(self, parent: Index = _NOWHERE) -> int:
-        return 0 if parent.isValid() else len(_COLUMNS)
+            self.tell_all_changed()
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return (row.name, row.level, limit(row))[index.column()]
-        if role == Qt.ItemDataRole.ToolTipRole:
-            return _tip(row)
-        return None
-
-    def headerData(
-        self,
-        section: int,
-        orientation: Qt.Orientation,
-        role: int = Qt.ItemDataRole.DisplayRole,
-    ) -> Any:
-        if orientation is not Qt.Orientation.Horizontal:
-            return None
-        if role == Qt.ItemDataRole.ToolTipRole:
-            return _TIPS[section]
-        return _COLUMNS[section] if role == Qt.ItemDataRole.DisplayRole else None
+        return _tip(row) if role == Qt.ItemDataRole.ToolTipRole else None
 
 
 def share(number: float) -> str:

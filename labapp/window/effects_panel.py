@@ -6,9 +6,8 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from labapp.window.effects_model import share
 from labapp.window.effects_table import EffectsTable
-from labapp.window.label import label
 from labapp.window.messages import DeviceInfo, EffectsTold
-from labapp.window.panel import Panel
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label
 
 _EMPTY = "What the simulator does, and why, appears here with the first picture."
 _REAL = "Real devices: nothing is simulated."
@@ -26,12 +25,8 @@ class EffectsPanel(Panel):
         self.setting = label(self, look="faint", wrap=True)
         self.summary = label(self, _EMPTY, wrap=True)
         self.table = EffectsTable(self)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 4, 8, 6)
-        layout.setSpacing(5)
-        layout.addWidget(self.setting)
-        layout.addWidget(self.summary)
-        layout.addWidget(self.table, 1)
+        parts = self.setting, self.summary, (self.table, 1)
+        fill(QVBoxLayout(self), *parts, margins=OF_A_PANEL, spacing=5)
         self.clear(_EMPTY)
 
     def clear(self, text: str) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from labapp.window.parts import fill
 from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD
 
 _COLUMNS = 512
@@ -37,9 +38,7 @@ class HistogramView(QWidget):
         )
         self._plot.addItem(self._levels)
         self._levels.sigRegionChangeFinished.connect(self._drag)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._plot)
+        fill(QVBoxLayout(self), self._plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
         """Counts per bin of `width` DN; neighbouring bins are added up to what fits."""

@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from labapp.window import tone
 from labapp.window.histogram_view import HistogramView
-from labapp.window.label import label
 from labapp.window.messages import LiveFrame
+from labapp.window.parts import fill, label
 from labapp.window.picture import Picture
 
 _HISTOGRAM_INTERVAL = 0.1
@@ -52,15 +52,8 @@ class LiveView(QWidget):
         self._drawn = 0.0
         self._under_mouse = (-1, -1)
         self.picture.hovered.connect(self._hover)
-        readings = QHBoxLayout()
-        readings.addWidget(self.cursor_reading, 1)
-        readings.addWidget(self.frame_reading)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addWidget(self.picture, 1)
-        layout.addLayout(readings)
-        layout.addWidget(self._histogram)
+        readings = fill(QHBoxLayout(), (self.cursor_reading, 1), self.frame_reading)
+        fill(QVBoxLayout(self), (self.picture, 1), readings, self._histogram, spacing=2)
 
     def set_scale(self, scale: tone.Scale) -> None:
         self._scale = scale

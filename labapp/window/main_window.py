@@ -17,13 +17,14 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.action_bar import ActionBar
-from labapp.window.actions import Actions
+from labapp.window.actions import make_actions
 from labapp.window.call_line import CallLine
 from labapp.window.connection import Connection
 from labapp.window.device_list import DeviceList
 from labapp.window.effects_panel import EffectsPanel
 from labapp.window.live_view import LiveView
 from labapp.window.message_line import MessageLine
+from labapp.window.parts import fill
 from labapp.window.pattern_panel import PatternPanel
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
@@ -48,7 +49,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("labapp")
         self.connection, self._remembered = connection, remembered
-        self.actions_ = Actions(self)
+        self.actions_ = make_actions(self)
         self.bar = ActionBar(self.actions_, self)
         self.setMenuWidget(self.bar)
         self.live_view = LiveView(self)
@@ -59,7 +60,9 @@ class MainWindow(QMainWindow):
         self.tabs.addTab(self.reconstruction, "Reconstruction")
         self.tabs.addTab(self.side_by_side, "Side by side")
         self.call = CallLine(self.actions_["pause"], self)
-        self.setCentralWidget(self._central())
+        central = QWidget(self)
+        fill(QVBoxLayout(central), self.call, (self.tabs, 1), spacing=4)
+        self.setCentralWidget(central)
         self.devices = DeviceList(self)
         self.settings = SettingsPanel(self)
         self.pattern = PatternPanel(self)
@@ -110,15 +113,6 @@ class MainWindow(QMainWindow):
             field.clearFocus()
         elif not event.isAutoRepeat():
             self.call.done_button.click()
-
-    def _central(self) -> QWidget:
-        central = QWidget(self)
-        layout = QVBoxLayout(central)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(4)
-        layout.addWidget(self.call)
-        layout.addWidget(self.tabs, 1)
-        return central
 
     def show_queue(self) -> None:
         """Bring the queue to the front of what it shares its place with."""

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 
-from labapp.window.label import label
+from labapp.window.parts import fill, label
 from labapp.window.theme import ALARM, ALARM_TEXT, FAINT, PANEL
 
 
@@ -27,14 +27,10 @@ class MessageLine(QWidget):
         self._hint = label(self, "click to acknowledge")
         self.restart = QPushButton("Restart engine", self)
         self.restart.clicked.connect(self.restart_asked)
-        self._error = False
         self._errors = 0
         self._said = ""
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(10, 2, 10, 2)
-        layout.addWidget(self._label, 1)
-        layout.addWidget(self._hint)
-        layout.addWidget(self.restart)
+        parts = (self._label, 1), self._hint, self.restart
+        fill(QHBoxLayout(self), *parts, margins=(10, 2, 10, 2))
         self.restart.hide()
         self._paint()
 
@@ -44,19 +40,18 @@ class MessageLine(QWidget):
 
     @property
     def is_error(self) -> bool:
-        return self._error
+        return self._errors > 0
 
     def say(self, text: str) -> None:
         """News; while an error stands, it waits behind it."""
         self._said = text
-        if not self._error:
+        if not self.is_error:
             self._label.setText(text)
 
     def complain(self, text: str, *, restart: bool = False) -> None:
         """An error, which stays until it is clicked."""
-        self._errors = self._errors + 1 if self._error else 1
+        self._errors += 1
         more = f"  (and {self._errors - 1} before it)" if self._errors > 1 else ""
-        self._error = True
         self._label.setText(text + more)
         self._label.setToolTip(text)
         if restart:
@@ -64,7 +59,7 @@ class MessageLine(QWidget):
         self._paint()
 
     def acknowledge(self) -> None:
-        self._error, self._errors = False, 0
+        self._errors = 0
         self._label.setText(self._said)
         self._label.setToolTip("")
         self._paint()
@@ -74,13 +69,13 @@ class MessageLine(QWidget):
         self.acknowledge()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        if self._error:
+        if self.is_error:
             self.acknowledge()
 
     def _paint(self) -> None:
-        colours = (ALARM, ALARM_TEXT) if self._error else (PANEL, FAINT)
-        self._hint.setVisible(self._error)
-        weight = "bold" if self._error else "normal"
+        colours = (ALARM, ALARM_TEXT) if self.is_error else (PANEL, FAINT)
+        self._hint.setVisible(self.is_error)
+        weight = "bold" if self.is_error else "normal"
         self.setStyleSheet(
             f"QWidget#messageLine {{ background: {colours[0]}; }}"
             f"QLabel {{ color: {colours[1]}; font-weight: {weight}; }}"

@@ -9,44 +9,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.runs.state import State
 from labapp.window.bracket import Bracket
-from labapp.window.run_state import RunState
 
 PatternTable = dict[str, Any]
 """A pattern as a plan file writes it: its kind, and the keys of that kind."""
 
 
-# From the window to the engine.
+class Command:
+    """What the window asks of the engine."""
 
 
 @dataclass(frozen=True)
-class SetLive:
+class SetLive(Command):
     """Take one picture after the other, or stop."""
 
     on: bool
 
 
 @dataclass(frozen=True)
-class Place:
+class Place(Command):
     target: str
 
 
 @dataclass(frozen=True)
-class Tune:
+class Tune(Command):
     """wavelength: metres."""
 
     wavelength: float
 
 
 @dataclass(frozen=True)
-class Expose:
+class Expose(Command):
     """exposure: seconds."""
 
     exposure: float
 
 
 @dataclass(frozen=True)
-class Preview:
+class Preview(Command):
     """Compute a pattern and the PSF that it gives at a wavelength in metres."""
 
     pattern: PatternTable
@@ -54,14 +55,14 @@ class Preview:
 
 
 @dataclass(frozen=True)
-class Show:
+class Show(Command):
     """Compute a pattern and put it on the SLM."""
 
     pattern: PatternTable
 
 
 @dataclass(frozen=True)
-class Acquire:
+class Acquire(Command):
     """Put a bracket of the star and of the photograph in line; its record goes to `folder`."""
 
     pattern: PatternTable
@@ -72,7 +73,7 @@ class Acquire:
 
 
 @dataclass(frozen=True)
-class RunPlan:
+class RunPlan(Command):
     """Put the run of a plan file in line; its record goes to `folder`."""
 
     plan: Path
@@ -80,52 +81,52 @@ class RunPlan:
 
 
 @dataclass(frozen=True)
-class ResumeRun:
+class ResumeRun(Command):
     """Put the frames that a record lacks in line."""
 
     path: Path
 
 
 @dataclass(frozen=True)
-class RemoveRuns:
+class RemoveRuns(Command):
     """Take runs that still wait out of the line."""
 
     numbers: tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class ClearRuns:
+class ClearRuns(Command):
     """Forget the runs that have ended; their files stay."""
 
 
 @dataclass(frozen=True)
-class GoOn:
+class GoOn(Command):
     """Begin the next run, though the last one didn't end well."""
 
 
 @dataclass(frozen=True)
-class PauseRun:
+class PauseRun(Command):
     """Let the run under way rest after its frame, or go on."""
 
     on: bool
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Command):
     """What a run asked for is done. number: of the prompt."""
 
     number: int
 
 
 @dataclass(frozen=True)
-class Reconnect:
+class Reconnect(Command):
     """Open a device that has failed again. device: the bench's name of it."""
 
     device: str
 
 
 @dataclass(frozen=True)
-class Reconstruct:
+class Reconstruct(Command):
     """Undo the blur of a record's photograph. budget: processor seconds; None: the usual."""
 
     path: Path
@@ -134,43 +135,20 @@ class Reconstruct:
 
 
 @dataclass(frozen=True)
-class SaveRestored:
+class SaveRestored(Command):
     """Write what was restored last to a file."""
 
     path: Path
 
 
 @dataclass(frozen=True)
-class Cancel:
+class Cancel(Command):
     """Stop the work that is under way; runs that wait go on waiting."""
 
 
 @dataclass(frozen=True)
-class FrameSeen:
+class FrameSeen(Command):
     """The window has taken a frame in and has room for the next."""
-
-
-Command = (
-    SetLive
-    | Place
-    | Tune
-    | Expose
-    | Preview
-    | Show
-    | Acquire
-    | RunPlan
-    | ResumeRun
-    | RemoveRuns
-    | ClearRuns
-    | GoOn
-    | PauseRun
-    | Answer
-    | Reconnect
-    | Reconstruct
-    | SaveRestored
-    | Cancel
-    | FrameSeen
-)
 
 
 # From the engine to the window.
@@ -316,7 +294,7 @@ class RunInfo:
     number: int
     title: str
     path: Path
-    state: RunState
+    state: State
     message: str
     stored: int
     planned: int
@@ -351,7 +329,7 @@ class QueueState:
     @property
     def waiting(self) -> int:
         """How many runs wait."""
-        return sum(run.state is RunState.WAITING for run in self.runs)
+        return sum(run.state is State.WAITING for run in self.runs)
 
     @property
     def busy(self) -> bool:
@@ -361,13 +339,12 @@ class QueueState:
 
 @dataclass(frozen=True)
 class RunEnded:
-    """How a run ended. path: None if nothing was written. expected, took: as in RunInfo."""
+    """How a run ended. path: None if nothing was written. took: as in RunInfo."""
 
     path: Path | None
-    state: RunState
+    state: State
     missing: int
     message: str
-    expected: float = 0.0
     took: float = 0.0
 
 
@@ -431,22 +408,3 @@ class OpeningFailed:
     """The bench didn't open, and the engine ends."""
 
     message: str
-
-
-Report = (
-    BenchOpened
-    | BenchState
-    | LiveFrame
-    | EffectsTold
-    | PatternPreview
-    | JobProgress
-    | CancelHeard
-    | QueueState
-    | RunEnded
-    | Reconnected
-    | Reconstructed
-    | PictureSaved
-    | JobEnded
-    | Failure
-    | OpeningFailed
-)

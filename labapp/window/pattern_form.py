@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import Signal
@@ -19,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.messages import PatternTable
+from labapp.window.parts import fill
 from labapp.window.pattern_kinds import KINDS, Field, Kind, Number, PictureFile
 
 _FILES = "Pictures and designs (*.png *.tif *.tiff *.bmp *.jpg *.h5)"
@@ -42,11 +44,7 @@ class PatternForm(QWidget):
         for kind in KINDS:
             self.kind.addItem(kind.title, kind.name)
             self._pages.addWidget(self._page(kind))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(4)
-        layout.addWidget(self.kind)
-        layout.addWidget(self._pages)
+        fill(QVBoxLayout(self), self.kind, self._pages, spacing=4)
         self.kind.currentIndexChanged.connect(self._pages.setCurrentIndex)
         self.kind.currentIndexChanged.connect(lambda _: self.changed.emit())
         # The first bracket of a newcomer shall code something.
@@ -103,7 +101,9 @@ class PatternForm(QWidget):
             line.editingFinished.connect(self.changed)
             if isinstance(field, PictureFile):
                 line.setPlaceholderText(field.hint)
-                form.addRow(self._with_browser(line, page))
+                browse = QPushButton("Browse …", page)
+                browse.clicked.connect(partial(self._choose_file, line))
+                form.addRow(fill(QHBoxLayout(), (line, 1), browse))
             else:
                 line.setText(field.first)
                 line.setMaxLength(field.longest)
@@ -118,15 +118,7 @@ class PatternForm(QWidget):
         box.valueChanged.connect(lambda _: self.changed.emit())
         return box
 
-    def _with_browser(self, line: QLineEdit, page: QWidget) -> QHBoxLayout:
-        browse = QPushButton("Browse …", page)
-        browse.clicked.connect(lambda: self._choose_file(line))
-        row = QHBoxLayout()
-        row.addWidget(line, 1)
-        row.addWidget(browse)
-        return row
-
-    def _choose_file(self, line: QLineEdit) -> None:
+    def _choose_file(self, line: QLineEdit, checked: bool) -> None:
         path, _ = QFileDialog.getOpenFileName(self, "Pattern", line.text(), _FILES)
         if path:
             line.setText(path)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from PySide6.QtCore import QSize, QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from labapp.window.label import label, mark
 from labapp.window.messages import PatternPreview, PatternTable
+from labapp.window.parts import OF_A_PANEL, fill, label, mark
 from labapp.window.pattern_form import PatternForm
 from labapp.window.thumbnail import Thumbnail
 
@@ -37,17 +36,9 @@ class PatternPanel(QWidget):
         self._pause.timeout.connect(self._ask)
         self.form.changed.connect(self.refresh)
         self.show_button.clicked.connect(lambda: self.show_asked.emit(self.table()))
-        below = QHBoxLayout()
-        below.addWidget(self.psf, 1)
-        below.addWidget(self.note, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 4, 8, 6)
-        layout.setSpacing(5)
-        layout.addWidget(self.form)
-        layout.addWidget(self.grey, 1)
-        layout.addLayout(below, 1)
-        layout.addWidget(self.show_button)
-        layout.addWidget(self.shown)
+        below = fill(QHBoxLayout(), (self.psf, 1), (self.note, 1))
+        parts = self.form, (self.grey, 1), (below, 1), self.show_button, self.shown
+        fill(QVBoxLayout(self), *parts, margins=OF_A_PANEL, spacing=5)
 
     def table(self) -> PatternTable:
         return self.form.table(self._wavelength_nm)
@@ -74,8 +65,7 @@ class PatternPanel(QWidget):
         self._chosen = preview.name
         self._compare()
         self.grey.show_grey(preview.grey)
-        decades = np.log10(np.maximum(preview.psf, 10.0**-_DECADES)) / _DECADES + 1
-        self.psf.show_grey(np.rint(decades * 255).astype(np.uint8))
+        self.psf.show_decades(preview.psf, _DECADES)
         side = preview.psf.shape[0]
         self.note.setText(
             f"Predicted PSF at {self._wavelength_nm:g} nm: {side} px wide, {_DECADES} decades. "

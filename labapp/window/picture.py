@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from labapp.window.parts import fill
 from labapp.window.theme import FIELD
 
 
@@ -30,9 +31,7 @@ class Picture(QWidget):
         self._item = pg.ImageItem(axisOrder="row-major")
         self.box.addItem(self._item)
         self._shape = (0, 0)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._view)
+        fill(QVBoxLayout(self), self._view)
         scene = self._view.scene()
         scene.sigMouseMoved.connect(self._hover)
         scene.sigMouseClicked.connect(self._click)

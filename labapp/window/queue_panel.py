@@ -7,16 +7,13 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QPushButton,
-    QSizePolicy,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-from labapp.window.label import label
+from labapp.runs.state import State
 from labapp.window.messages import QueueState, RunInfo
-from labapp.window.panel import Panel
-from labapp.window.run_state import RunState
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_table import RunTable
 
 
@@ -32,7 +29,6 @@ class QueuePanel(Panel):
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.buttons: dict[str, QToolButton] = {}
         self.table = RunTable(self)
         self.remove = QPushButton("Remove", self)
         self.remove.setToolTip("Take the selected runs that wait out of the line (Del)")
@@ -64,36 +60,21 @@ class QueuePanel(Panel):
     @property
     def unfinished(self) -> RunInfo | None:
         """The run that the person has selected, if it can be resumed."""
-        ended = (RunState.CANCELLED, RunState.FAILED)
+        ended = (State.CANCELLED, State.FAILED)
         return next((run for run in self.table.selected if run.state in ended), None)
 
     def _arrange(self, actions: list[QAction]) -> None:
-        above, below = QHBoxLayout(), QHBoxLayout()
-        for action in actions:
-            button = QToolButton(self)
-            button.setDefaultAction(action)
-            button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-            above.addWidget(button, 1)
-            self.buttons[action.objectName()] = button
-        below.addWidget(self.remove)
-        below.addWidget(self.clear)
-        below.addStretch(1)
-        held = QHBoxLayout(self.held)
-        held.setContentsMargins(8, 3, 4, 3)
-        held.addWidget(self.held_text, 1)
-        held.addWidget(self.go_on)
+        self.buttons = {one.objectName(): tool_button(self, one, wide=True) for one in actions}
+        above = fill(QHBoxLayout(), *((button, 1) for button in self.buttons.values()))
+        below = fill(QHBoxLayout(), self.remove, self.clear, 1)
+        fill(QHBoxLayout(self.held), (self.held_text, 1), self.go_on, margins=(8, 3, 4, 3))
         self.held.hide()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 4, 8, 6)
-        layout.setSpacing(5)
-        layout.addLayout(above)
-        layout.addWidget(self.table, 1)
-        layout.addWidget(self.held)
-        layout.addLayout(below)
+        parts = above, (self.table, 1), self.held, below
+        fill(QVBoxLayout(self), *parts, margins=OF_A_PANEL, spacing=5)
 
     def _waiting(self) -> tuple[int, ...]:
         selected = self.table.selected
-        return tuple(run.number for run in selected if run.state is RunState.WAITING)
+        return tuple(run.number for run in selected if run.state is State.WAITING)
 
     def _remove(self) -> None:
         if numbers := self._waiting():

@@ -9,14 +9,13 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QHBoxLayout,
     QPushButton,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from labapp.window.comparison import Comparison
-from labapp.window.label import label
 from labapp.window.messages import Reconstructed
+from labapp.window.parts import fill, label, tool_button
 from optics.deconvolution.names import AUTO, RESTORATIONS
 
 METHODS = {
@@ -48,8 +47,7 @@ class ReconstructionView(QWidget):
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
         self.budget.setToolTip("Processor seconds that it may take")
-        self.start = QToolButton(self)
-        self.start.setDefaultAction(reconstruct)
+        self.start = tool_button(self, reconstruct)
         self.before = QPushButton("Hold for before", self)
         self.before.setToolTip("While you hold it, the photograph before is all that is seen")
         self.save = QPushButton("Save …", self)
@@ -75,21 +73,10 @@ class ReconstructionView(QWidget):
             button.setEnabled(True)
 
     def _arrange(self) -> None:
-        bar = QHBoxLayout()
-        bar.setSpacing(6)
-        bar.addWidget(self.method)
-        bar.addWidget(label(self, "Time"))
-        bar.addWidget(self.budget)
-        bar.addWidget(self.start)
-        bar.addStretch(1)
-        bar.addWidget(self.before)
-        bar.addWidget(self.save)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 4, 0, 0)
-        layout.setSpacing(4)
-        layout.addLayout(bar)
-        layout.addWidget(self.picture, 1)
-        layout.addWidget(self.note)
+        choices = self.method, label(self, "Time"), self.budget, self.start
+        bar = fill(QHBoxLayout(), *choices, 1, self.before, self.save, spacing=6)
+        parts = bar, (self.picture, 1), self.note
+        fill(QVBoxLayout(self), *parts, margins=(0, 4, 0, 0), spacing=4)
         self.note.setTextFormat(Qt.TextFormat.PlainText)
 
 

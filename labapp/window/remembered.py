@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
-from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
 
 log = logging.getLogger(__name__)
 
@@ -28,9 +28,9 @@ class Remembered:
     def __init__(self, file: Path) -> None:
         self._settings = QSettings(str(file), QSettings.Format.IniFormat)
 
-    def text(self, key: str, otherwise: str = "") -> str:
+    def text(self, key: str) -> str:
         value = self._settings.value(key)
-        return value if isinstance(value, str) else otherwise
+        return value if isinstance(value, str) else ""
 
     def layout(self, key: str) -> QByteArray:
         value = self._settings.value(key)
@@ -71,8 +71,6 @@ def _set(field: QWidget, text: str) -> None:
         field.setValue(int(text))
     elif isinstance(field, QLineEdit):
         field.setText(text)
-    elif isinstance(field, QCheckBox):
-        field.setChecked(text == "true")
     elif isinstance(field, QComboBox) and field.findText(text) >= 0:
         field.setCurrentText(text)
 
@@ -82,6 +80,4 @@ def _get(field: QWidget) -> str:
         return str(field.value())
     if isinstance(field, QLineEdit):
         return field.text()
-    if isinstance(field, QCheckBox):
-        return "true" if field.isChecked() else "false"
     return field.currentText() if isinstance(field, QComboBox) else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from labapp.runs.state import State
 from labapp.window.device_list import TITLES
 from labapp.window.messages import (
     BenchOpened,
@@ -23,7 +24,6 @@ from labapp.window.messages import (
     Reconstructed,
     RunEnded,
 )
-from labapp.window.run_state import RunState
 from labapp.window.tone import Scale
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Reports:
         window.pattern.show_shown(report.pattern + (" ?" if "slm" in report.failed else ""))
         window.actions_["live"].setChecked(report.live)
         window.live_view.set_running(report.live)
-        self._session.bench_stands(report)
+        self._session.tell_wavelength()
 
     def _job_progress(self, report: JobProgress) -> None:
         if report.job == "reconstruction":
@@ -143,10 +143,10 @@ class Reports:
         window = self._window
         if report.path is not None:
             window.run.show_last_run(report.path)
-        if report.state is RunState.COMPLETE and report.path is not None:
+        if report.state is State.COMPLETE and report.path is not None:
             self._session.completed(report.path)
             window.message.say(f"The run is complete: {report.path}. Reconstruct it with F7.")
-        elif report.state is RunState.CANCELLED:
+        elif report.state is State.CANCELLED:
             window.message.say(f"The run was cancelled. {_rest(report)}")
         else:
             window.message.complain(f"The run failed: {report.message}. {_rest(report)}")

@@ -13,22 +13,19 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QProgressBar,
     QPushButton,
-    QSizePolicy,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-from labapp.window.bracket import Bracket
+from labapp.runs.state import State
+from labapp.window.bracket import DARKS, STARS, Bracket
 from labapp.window.bracket_row import BracketRow
-from labapp.window.label import label
 from labapp.window.messages import JobProgress, RunInfo
-from labapp.window.panel import Panel
-from labapp.window.run_state import RunState
+from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_times import RunTimes
 from labapp.window.spoken import spoken
 
-_DARKS, _STARS, _PATTERNS = 4, 2, 2
+_PATTERNS = 2
 
 
 def default_folder() -> Path:
@@ -72,7 +69,7 @@ class RunPanel(Panel):
     def show_run(self, run: RunInfo) -> None:
         """The run under way, or the one that ended last."""
         under_way = run.state.is_under_way
-        shown = under_way or run.state is RunState.COMPLETE
+        shown = under_way or run.state is State.COMPLETE
         self.bar.setValue(round(1000 * run.fraction) if shown else 0)
         self.message.setText(_describe(run) if under_way else run.state.value.lower())
         self.times.show_run(run)
@@ -101,33 +98,16 @@ class RunPanel(Panel):
             grid.addWidget(label(self, title, look="faint"), 0, column)
         self.star.place(grid, 1)
         self.photograph.place(grid, 3)
-        folder = QHBoxLayout()
-        folder.addWidget(label(self, "Folder"))
-        folder.addWidget(self.folder, 1)
-        folder.addWidget(self.browse)
-        buttons = QHBoxLayout()
-        for action in actions:
-            button = QToolButton(self)
-            button.setDefaultAction(action)
-            button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-            buttons.addWidget(button, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 4, 8, 6)
-        layout.setSpacing(5)
-        layout.addLayout(grid)
-        layout.addWidget(self.summary)
-        layout.addLayout(folder)
-        layout.addLayout(buttons)
-        layout.addWidget(self.bar)
-        layout.addWidget(self.message)
-        layout.addWidget(self.times)
-        layout.addWidget(self.last_run)
-        layout.addStretch(1)
+        folder = fill(QHBoxLayout(), label(self, "Folder"), (self.folder, 1), self.browse)
+        wide = ((tool_button(self, action, wide=True), 1) for action in actions)
+        asked = grid, self.summary, folder, fill(QHBoxLayout(), *wide)
+        told = self.bar, self.message, self.times, self.last_run, 1
+        fill(QVBoxLayout(self), *asked, *told, margins=OF_A_PANEL, spacing=5)
 
     def _sum_up(self) -> None:
         star, photograph = self.star.bracket, self.photograph.bracket
-        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * _DARKS
-        stars = star.count * _STARS * _PATTERNS
+        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARKS
+        stars = star.count * STARS * _PATTERNS
         photographs = photograph.count * _PATTERNS
         total = darks + stars + photographs
         size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""
@@ -144,6 +124,6 @@ class RunPanel(Panel):
 
 def _describe(run: RunInfo) -> str:
     """What the run does now."""
-    if run.state is RunState.PAUSED:
+    if run.state is State.PAUSED:
         return "paused"
     return f"pausing after this frame: {run.message}" if run.pausing else run.message

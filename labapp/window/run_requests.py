@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
+from labapp.window.actions import retitle
 from labapp.window.connection import Connection
 from labapp.window.messages import (
     Acquire,
@@ -46,7 +47,7 @@ class RunRequests(QObject):
         self._queue = queue
         run = queue.under_way
         pausing = run is not None and run.pausing
-        self._window.actions_.retitle("pause", "Resume" if pausing else "Pause")
+        retitle(self._window.actions_["pause"], "Resume" if pausing else "Pause")
 
     def _acquire(self) -> None:
         run = self._window.run

@@ -2,89 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QModelIndex,
-    QObject,
-    QPersistentModelIndex,
-    QRect,
-    QSize,
-    Qt,
-)
+from PySide6.QtCore import QModelIndex, QObject, QRect, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QHeaderView,
     QStyle,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QTableView,
     QWidget,
 )
 
-from labapp.window.label import label
+from labapp.runs.state import State
 from labapp.window.messages import RunInfo
-from labapp.window.run_state import RunState
+from labapp.window.parts import label
+from labapp.window.rows import LEFT, MARGIN, Index, RowsModel, RowsTable, paint_bar
 from labapp.window.spoken import spoken
-from labapp.window.theme import EDGE, FAINT, PANEL, RUN_STATES, TEXT
+from labapp.window.theme import FAINT, RUN_STATES, TEXT
 
-Index = QModelIndex | QPersistentModelIndex
-
-_NOWHERE = QModelIndex()
 _COLUMNS = ("Run", "State", "Frames")
 _WIDTHS = {1: 92, 2: 92}
-_MARGIN = 5
 _EMPTY = "Runs wait here in line: acquire (F6), run a plan (Ctrl+P), resume a run (Ctrl+R)."
 
 
-class RunModel(QAbstractTableModel):
+class RunModel(RowsModel):
     """The runs of the queue; rows that stay keep their selection."""
 
+    rows: Sequence[RunInfo]
+
     def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self.runs: list[RunInfo] = []
+        super().__init__(dict.fromkeys(_COLUMNS, ""), parent)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
         """New runs come at the end; any may have gone."""
         numbers = {run.number for run in runs}
-        for row in reversed(range(len(self.runs))):
-            if self.runs[row].number not in numbers:
+        kept = list(self.rows)
+        for row in reversed(range(len(kept))):
+            if kept[row].number not in numbers:
                 self.beginRemoveRows(QModelIndex(), row, row)
-                del self.runs[row]
+                del kept[row]
+                self.rows = kept
                 self.endRemoveRows()
-        if len(runs) > len(self.runs):
-            self.beginInsertRows(QModelIndex(), len(self.runs), len(runs) - 1)
-            self.runs += runs[len(self.runs) :]
+        if len(runs) > len(kept):
+            self.beginInsertRows(QModelIndex(), len(kept), len(runs) - 1)
+            self.rows = runs
             self.endInsertRows()
-        self.runs = list(runs)
-        if runs:
-            last = self.index(len(runs) - 1, len(_COLUMNS) - 1)
-            self.dataChanged.emit(self.index(0, 0), last)
-
-    def rowCount(self, parent: Index = _NOWHERE) -> int:
-        return 0 if parent.isValid() else len(self.runs)
-
-    def columnCount(self, parent: Index = _NOWHERE) -> int:
-        return 0 if parent.isValid() else len(_COLUMNS)
+        self.rows = runs
+        self.tell_all_changed()
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        run = self.runs[index.row()]
+        run = self.rows[index.row()]
         if role == Qt.ItemDataRole.ToolTipRole:
             return "\n".join(filter(None, (run.title, str(run.path), run.message)))
         if role == Qt.ItemDataRole.DisplayRole:
             return (run.title, run.state.value, f"{run.stored}/{run.planned}")[index.column()]
-        return None
-
-    def headerData(
-        self,
-        section: int,
-        orientation: Qt.Orientation,
-        role: int = Qt.ItemDataRole.DisplayRole,
-    ) -> Any:
-        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
-            return _COLUMNS[section]
         return None
 
 
@@ -99,11 +72,11 @@ class _Painter(QStyledItemDelegate):
         return QSize(0, 2 * option.fontMetrics.lineSpacing() + 6)
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        run = self._model.runs[index.row()]
+        run = self._model.rows[index.row()]
         whole: QRect = option.rect
         if option.state & QStyle.StateFlag.State_Selected:
             painter.fillRect(whole, QColor("#3a2f1c"))
-        place = whole.adjusted(_MARGIN, 2, -_MARGIN, -2)
+        place = whole.adjusted(MARGIN, 2, -MARGIN, -2)
         painter.save()
         colour = RUN_STATES[run.state]
         if index.column() == 0:
@@ -115,33 +88,20 @@ class _Painter(QStyledItemDelegate):
         painter.restore()
 
 
-class RunTable(QTableView):
+class RunTable(RowsTable):
     """Runs in the order in which they are taken."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.runs = RunModel(self)
-        self.setModel(self.runs)
-        self.setItemDelegate(_Painter(self.runs, self))
+        self.fill(self.runs, _Painter(self.runs, self), 0, _WIDTHS)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.verticalHeader().hide()
-        resize = QHeaderView.ResizeMode
         self.verticalHeader().setDefaultSectionSize(2 * self.fontMetrics().lineSpacing() + 6)
-        header = self.horizontalHeader()
-        header.setHighlightSections(False)
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        header.setSectionResizeMode(0, resize.Stretch)
-        for column, width in _WIDTHS.items():
-            header.setSectionResizeMode(column, resize.Fixed)
-            self.setColumnWidth(column, width)
         self._empty = label(self, _EMPTY, look="faint", wrap=True)
         self._empty.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
-        grown = len(runs) > len(self.runs.runs)
+        grown = len(runs) > len(self.runs.rows)
         self.runs.show_runs(runs)
         self._empty.setVisible(not runs)
         if grown:
@@ -150,13 +110,7 @@ class RunTable(QTableView):
     @property
     def selected(self) -> list[RunInfo]:
         rows = self.selectionModel().selectedRows()
-        return [self.runs.runs[index.row()] for index in rows]
-
-    def sizeHint(self) -> QSize:
-        return QSize(300, 160)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(260, 86)
+        return [self.runs.rows[index.row()] for index in rows]
 
     def resizeEvent(self, event: Any) -> None:
         super().resizeEvent(event)
@@ -164,11 +118,11 @@ class RunTable(QTableView):
 
 
 def _time(run: RunInfo) -> str:
-    if run.state is RunState.WAITING:
+    if run.state is State.WAITING:
         return f"takes {spoken(run.expected)}"
-    if run.state is RunState.PAUSED:
+    if run.state is State.PAUSED:
         return "waits for you"
-    if run.state is RunState.RUNNING:
+    if run.state is State.RUNNING:
         return "" if run.left is None else f"{spoken(run.left)} left"
     return f"took {spoken(run.elapsed)}" if run.elapsed else ""
 
@@ -192,18 +146,13 @@ def _two_lines(
         half = QRect(place.left(), place.top(), place.width(), place.height() // 2)
         if not top:
             half.moveBottom(place.bottom())
-        painter.drawText(half, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, shown)
+        painter.drawText(half, LEFT, shown)
 
 
 def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
     """Frames that are on the disk, of those that are planned."""
     bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
     bar.moveCenter(place.center())
-    painter.fillRect(bar, QColor(PANEL))
     share = run.stored / run.planned if run.planned else 0.0
-    full = QRect(bar.left(), bar.top(), round(bar.width() * share), bar.height())
-    painter.fillRect(full, colour.darker(220))
-    painter.setPen(QColor(EDGE))
-    painter.drawRect(bar.adjusted(0, 0, -1, -1))
-    painter.setPen(QColor(TEXT))
+    paint_bar(painter, bar, share, colour.darker(220))
     painter.drawText(bar, Qt.AlignmentFlag.AlignCenter, f"{run.stored}/{run.planned}")

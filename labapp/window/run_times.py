@@ -7,8 +7,8 @@ import time
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
+from labapp.runs.state import State
 from labapp.window.messages import RunInfo
-from labapp.window.run_state import RunState
 from labapp.window.spoken import spoken
 
 _SECOND = 1000
@@ -30,9 +30,9 @@ class RunTimes(QLabel):
         """Whether the bench has a clock of its own, which runs faster than the wall's."""
         self._unit = " of bench time" if on else ""
 
-    def show_run(self, run: RunInfo | None) -> None:
+    def show_run(self, run: RunInfo) -> None:
         self._run, self._heard = run, time.monotonic()
-        if run is not None and run.state.is_under_way:
+        if run.state.is_under_way:
             self._timer.start()
         else:
             self._timer.stop()
@@ -41,7 +41,6 @@ class RunTimes(QLabel):
     def _update(self) -> None:
         run = self._run
         if run is None:
-            self.setText("")
             return
         expected = f"Expected {spoken(run.expected)}"
         if not run.state.is_under_way:
@@ -51,6 +50,6 @@ class RunTimes(QLabel):
         since = time.monotonic() - self._heard
         parts = [f"{expected}{self._unit}", f"elapsed {spoken(run.elapsed + since)}"]
         if run.left is not None:
-            passed = since if run.state is RunState.RUNNING else 0.0
+            passed = since if run.state is State.RUNNING else 0.0
             parts.append(f"{spoken(max(0.0, run.left - passed))} left")
         self.setText("  ·  ".join(parts))

@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QFileDialog
 from labapp.window.connection import Connection
 from labapp.window.messages import (
     BenchOpened,
-    BenchState,
     Cancel,
     Expose,
     Place,
@@ -84,11 +83,8 @@ class Session(QObject):
     def show_queue(self, queue: QueueState) -> None:
         self.queue = queue
         self._runs.show_queue(queue)
-        self._tell_wavelength()
+        self.tell_wavelength()
         self._allow()
-
-    def bench_stands(self, state: BenchState) -> None:
-        self._tell_wavelength()
 
     def _engine_died(self, how: str) -> None:
         self._open = False
@@ -147,7 +143,7 @@ class Session(QObject):
         else:
             self._connection.send(Tune(wavelength))
 
-    def _tell_wavelength(self) -> None:
+    def tell_wavelength(self) -> None:
         """What was chosen for a bracket during a run holds for the live view after it, too."""
         if self._untold and not self.in_run and self._window.actions_["live"].isChecked():
             self._untold = False

@@ -5,8 +5,8 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QGridLayout, QLabel, QWidget
 
-from labapp.window.label import label, mark
 from labapp.window.messages import BenchOpened, BenchState
+from labapp.window.parts import OF_A_PANEL, label, mark
 
 _FIRST_TARGET = "photograph"
 
@@ -21,14 +21,21 @@ class SettingsPanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.target = QComboBox(self)
-        self.wavelength = _spin_box(self, " nm", 2, (200, 2000), 550, step=10)
-        self.exposure = _spin_box(self, " ms", 3, (0.001, 1e6), 400)
+        self.wavelength = QDoubleSpinBox(
+            self, suffix=" nm", decimals=2, minimum=200, maximum=2000, value=550, singleStep=10
+        )
+        self.exposure = QDoubleSpinBox(
+            self, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=400
+        )
+        for box in (self.wavelength, self.exposure):
+            # A half-typed number is no setting.
+            box.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.target_read = label(self, "–", look="readBack")
         self.wavelength_read = label(self, "–", look="readBack")
         self.exposure_read = label(self, "–", look="readBack")
         grid = QGridLayout(self)
-        grid.setContentsMargins(8, 4, 8, 6)
+        grid.setContentsMargins(*OF_A_PANEL)
         grid.setVerticalSpacing(4)
         grid.setColumnStretch(1, 1)
         grid.setColumnMinimumWidth(2, 96)
@@ -94,25 +101,6 @@ class SettingsPanel(QWidget):
     def forget(self) -> None:
         for read in (self.target_read, self.wavelength_read, self.exposure_read):
             _read(read, "–", False)
-
-
-def _spin_box(
-    parent: QWidget,
-    unit: str,
-    decimals: int,
-    limits: tuple[float, float],
-    value: float,
-    step: float = 1,
-) -> QDoubleSpinBox:
-    box = QDoubleSpinBox(parent)
-    box.setDecimals(decimals)
-    box.setRange(*limits)
-    box.setSuffix(unit)
-    box.setSingleStep(step)
-    box.setValue(value)
-    # A half-typed number is no setting.
-    box.setKeyboardTracking(False)
-    return box
 
 
 def _read(read: QLabel, text: str, differs: bool) -> None:

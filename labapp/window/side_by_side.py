@@ -8,8 +8,8 @@ from PySide6.QtCore import QSize
 from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
 from labapp.window import tone
-from labapp.window.label import label
 from labapp.window.messages import Reconstructed
+from labapp.window.parts import fill, label
 from labapp.window.picture import Picture
 from labapp.window.thumbnail import Thumbnail
 
@@ -63,7 +63,7 @@ class SideBySide(QWidget):
         self._show("earlier", dark)
         for name, one in zip(("after", "earlier"), reversed(self._kept), strict=False):
             self._show(name, one.after, one.scores and one.scores[1], one.method)
-        self.psf.show_grey(_logarithmic(result.psf))
+        self.psf.show_decades(result.psf, _DECADES)
         self.psf.show()
         self.pictures["coded"].fit()
         self.note.setText(
@@ -88,14 +88,5 @@ class SideBySide(QWidget):
 
 def _titled(title: QLabel, picture: Picture) -> QWidget:
     widget = QWidget()
-    layout = QVBoxLayout(widget)
-    layout.setContentsMargins(0, 2, 0, 0)
-    layout.setSpacing(2)
-    layout.addWidget(title)
-    layout.addWidget(picture, 1)
+    fill(QVBoxLayout(widget), title, (picture, 1), margins=(0, 2, 0, 0), spacing=2)
     return widget
-
-
-def _logarithmic(psf: NDArray[np.float32]) -> NDArray[np.uint8]:
-    share = np.maximum(psf / psf.max(), 10.0**-_DECADES)
-    return np.rint(255 * (np.log10(share) / _DECADES + 1)).astype(np.uint8)

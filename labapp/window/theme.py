@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
-from labapp.window.run_state import RunState
+from labapp.runs.state import State
 
 BACKGROUND = "#131416"
 PANEL = "#1b1d20"
@@ -26,12 +26,12 @@ CALL_TEXT = "#f4dca6"
 """Something waits for the person."""
 
 RUN_STATES = {
-    RunState.WAITING: FAINT,
-    RunState.RUNNING: "#7fa3c7",
-    RunState.PAUSED: SIMULATED,
-    RunState.COMPLETE: REAL,
-    RunState.CANCELLED: "#b58863",
-    RunState.FAILED: ERROR,
+    State.WAITING: FAINT,
+    State.RUNNING: "#7fa3c7",
+    State.PAUSED: SIMULATED,
+    State.COMPLETE: REAL,
+    State.CANCELLED: "#b58863",
+    State.FAILED: ERROR,
 }
 
 SATURATED = (255, 0, 0)

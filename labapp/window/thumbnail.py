@@ -32,6 +32,11 @@ class Thumbnail(QWidget):
         self._image = image.copy()
         self.update()
 
+    def show_decades(self, psf: NDArray[np.float32], decades: int) -> None:
+        """The logarithm of what is not negative, from its peak down."""
+        share = np.maximum(psf / psf.max(), 10.0**-decades)
+        self.show_grey(np.rint(255 * (np.log10(share) / decades + 1)).astype(np.uint8))
+
     def clear(self) -> None:
         self._image = None
         self.update()

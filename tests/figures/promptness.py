@@ -22,7 +22,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.writing import to_disk
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Progress
 from simulator.devices import SimulatedCamera
@@ -83,7 +83,7 @@ def cancel_seconds(folder: Path, setup: BenchSetup, number: int) -> float:
         time.sleep(0.2 + 0.05 * number)
         moments["asked"] = time.perf_counter()
         progress.cancel()
-        while not (_state(path) in ENDED and moments.get("safe")):
+        while not (_state(path).has_ended and moments.get("safe")):
             time.sleep(0.001)
         moments["ended"] = time.perf_counter()
 

@@ -13,7 +13,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition.checking import check, expect, prompts, prompts_by_frame
+from labapp.runs.acquisition.checking import check, expect, prompts_by_frame
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.state import State
@@ -142,7 +142,7 @@ def test_a_person_is_asked_once_for_each_change_of_target():
     )
     listed = shots(plan, WHEEL)
     near, far = (target["prompt"] for target in NEAR_AND_FAR.values())
-    assert prompts(listed, WHEEL) == [near, far, near]
+    assert list(prompts_by_frame(listed, WHEEL).values()) == [near, far, near]
     # Two frames near and two far; one far, without a word, a photograph, and one near.
     assert prompts_by_frame(listed, WHEEL) == {0: near, 2: far, 6: near}
 
@@ -150,7 +150,7 @@ def test_a_person_is_asked_once_for_each_change_of_target():
 def test_a_person_who_places_the_targets_is_asked_for_all_of_them():
     able = abilities(by_hand=True)
     plan = plan_of(block(targets=["near", "photograph"]), targets=NEAR_AND_FAR)
-    assert prompts(shots(plan, able), able) == [
+    assert list(prompts_by_frame(shots(plan, able), able).values()) == [
         "Move the star to 1 m.",
         "Place photograph, then press Enter.",
     ]
@@ -306,5 +306,5 @@ def test_hooks_after_one_that_fails_are_not_called(installed, monkeypatch):
     monkeypatch.setattr(Diary, "fails_at", "before_run")
     hooks = Hooks([("diary", Diary("diary")), ("other", Diary("other"))])
     with pytest.raises(HookError, match=r"^hook 'diary', before_run: OSError: no ink$"):
-        hooks.before_run([])
+        hooks.call("before_run", [])
     assert [name for name, *_ in Diary.entries] == ["diary"]

@@ -5,12 +5,12 @@ from threading import Thread
 
 import pytest
 
+from labapp.runs.state import State
 from labapp.window.engine import timing
 from labapp.window.engine.person import Person
 from labapp.window.engine.run import Run
 from labapp.window.engine.run_queue import RunQueue
 from labapp.window.engine.timing import Timing
-from labapp.window.run_state import RunState
 from optics.progress import Cancelled, Progress
 
 
@@ -35,12 +35,12 @@ def states(queue):
 def test_the_next_run_begins_after_a_complete_one(queue):
     run = queue.begin()
     assert states(queue) == ["RUNNING", "WAITING", "WAITING"]
-    queue.end(run, RunState.COMPLETE, "")
+    queue.end(run, State.COMPLETE, "")
     assert queue.begin().title == "two"
     assert states(queue) == ["COMPLETE", "RUNNING", "WAITING"]
 
 
-@pytest.mark.parametrize("state", [RunState.CANCELLED, RunState.FAILED])
+@pytest.mark.parametrize("state", [State.CANCELLED, State.FAILED])
 def test_after_a_bad_end_the_others_wait_until_somebody_says_so(queue, state):
     queue.end(queue.begin(), state, "why")
     assert queue.held.startswith("one ")
@@ -53,14 +53,14 @@ def test_after_a_bad_end_the_others_wait_until_somebody_says_so(queue, state):
 
 def test_the_last_run_holds_nobody(queue):
     queue.remove([2, 3])
-    queue.end(queue.begin(), RunState.FAILED, "why")
+    queue.end(queue.begin(), State.FAILED, "why")
     assert queue.held == ""
     queue.add(make_run("four"))
     assert queue.begin().title == "four"
 
 
 def test_only_runs_that_wait_are_removed_and_only_ended_ones_cleared(queue):
-    queue.end(queue.begin(), RunState.COMPLETE, "")
+    queue.end(queue.begin(), State.COMPLETE, "")
     queue.begin()
     queue.remove([1, 2, 3])
     assert states(queue) == ["COMPLETE", "RUNNING"]
@@ -69,7 +69,7 @@ def test_only_runs_that_wait_are_removed_and_only_ended_ones_cleared(queue):
 
 
 def test_who_takes_all_that_wait_out_ends_the_hold(queue):
-    queue.end(queue.begin(), RunState.CANCELLED, "")
+    queue.end(queue.begin(), State.CANCELLED, "")
     queue.remove([2, 3])
     assert queue.held == ""
 
@@ -96,7 +96,7 @@ def test_a_run_that_was_asked_for_before_a_bad_end_waits_with_the_others(queue):
     run = queue.begin()
     queue.expect()
     queue.cancel()
-    queue.end(run, RunState.CANCELLED, "")
+    queue.end(run, State.CANCELLED, "")
     assert queue.held == "one was cancelled"
     queue.add(make_run("four"))
     assert queue.begin() is None
@@ -108,7 +108,7 @@ def test_a_run_that_never_comes_holds_nobody(queue):
     queue.remove([2, 3])
     run = queue.begin()
     queue.expect()
-    queue.end(run, RunState.FAILED, "")
+    queue.end(run, State.FAILED, "")
     queue.dismiss()
     assert queue.held == ""
 
@@ -119,7 +119,7 @@ def test_cancel_reaches_a_run_that_is_still_being_made_ready():
     queue.expect()
     queue.add(make_run("one"))
     assert states(queue) == ["WAITING"]
-    queue.end(queue.begin(), RunState.COMPLETE, "")
+    queue.end(queue.begin(), State.COMPLETE, "")
     queue.expect()
     queue.expect()
     queue.cancel()
@@ -131,7 +131,7 @@ def test_cancel_reaches_a_run_that_is_still_being_made_ready():
 
 def test_a_file_is_taken_as_long_as_its_run_has_not_ended(queue):
     assert queue.has(Path("one.h5"))
-    queue.end(queue.begin(), RunState.CANCELLED, "")
+    queue.end(queue.begin(), State.CANCELLED, "")
     assert not queue.has(Path("one.h5"))
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,14 +14,15 @@ from PySide6.QtGui import QColor
 from labapp.common.errors import UserError
 from labapp.window import theme
 from labapp.window.app import main
-from labapp.window.startup import PROBE
 
 _HEAVY = ("torch", "scipy", "pydantic", "h5py", "matplotlib", "labapp.bench.opening", "optics.psf")
 
+_PROBE = Path(__file__).parents[1] / "figures" / "window_startup.py"
+
 _CHILD = f"""
-import sys
-from labapp.window.app import main
-main()
+import runpy, sys
+sys.argv = ["", "0"]
+runpy.run_path({str(_PROBE)!r}, run_name="__main__")
 print([name for name in {_HEAVY} if name in sys.modules])
 """
 
@@ -54,7 +56,7 @@ def test_the_window_process_loads_nothing_heavy(display, tmp_path):
     """The only window here on the bundled bench, which is a large one."""
     child = subprocess.run(
         [sys.executable, "-c", _CHILD],
-        env={**os.environ, PROBE: "0", "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        env={**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
         stdout=subprocess.PIPE,
         text=True,
         check=True,

@@ -10,7 +10,6 @@ from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.window import theme
 from labapp.window.messages import PatternPreview
-from labapp.window.run_state import RunState
 
 
 @pytest.fixture
@@ -49,14 +48,14 @@ def test_runs_are_taken_one_after_the_other(bench, person, queue, run_plan):
     run_plan("Second: 2 frames")
     person.waits(lambda: bench.states == ["PAUSED", "WAITING"])
     table = queue.table
-    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[RunState.WAITING]))
+    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[State.WAITING]))
     # The next run can be prepared, but the bench is taken.
     assert bench.window.actions_["acquire"].isEnabled()
     assert bench.window.pattern.form.isEnabled()
     assert not bench.window.settings.target.isEnabled()
     person.clicks(bench.window.call.done_button)
     person.waits(lambda: bench.states == ["COMPLETE", "COMPLETE"])
-    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[RunState.COMPLETE]))
+    person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[State.COMPLETE]))
     first, second = bench.runs
     assert first.path.name.endswith("_first-of-all.h5")
     assert second.path.name.endswith("_second-2-frames.h5")
@@ -112,7 +111,7 @@ def test_pause_holds_and_resume_goes_on(bench, person, queue, run_plan):
     person.waits(lambda: bench.states == ["PAUSED"])
     assert pause.text() == "Resume  F8"
     assert bench.window.call.text.startswith("PAUSED: paused by the user")
-    person.waits(lambda: has_colour(person, queue.table, 0, 1, theme.RUN_STATES[RunState.PAUSED]))
+    person.waits(lambda: has_colour(person, queue.table, 0, 1, theme.RUN_STATES[State.PAUSED]))
     missing = not_stored(bench)
     # Nothing is taken while the engine computes something else.
     bench.reports.clear()

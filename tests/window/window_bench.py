@@ -58,7 +58,7 @@ class Bench:
     @property
     def runs(self) -> list[RunInfo]:
         """As the table in the window has them."""
-        return self.window.queue.table.runs.runs
+        return list(self.window.queue.table.runs.rows)
 
     @property
     def states(self) -> list[str]:

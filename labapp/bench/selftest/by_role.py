@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Clock, Frame, Setting, Spectrum
-from labapp.bench.selftest.checks import Check, Wrong
+from labapp.bench.selftest.checks import Check, Wrong, who_is
 
 _LONGEST = 0.2
 """Seconds of the longest exposure that is tried."""
@@ -35,7 +35,7 @@ def checks_of(role: str, device: Any, clock: Clock) -> list[Check]:
     except Exception as error:
         own = [("what it can do", partial(_raise, error))]
     return [
-        ("identity", lambda: _identity(device)),
+        ("identity", lambda: who_is(device)),
         ("what it says of itself", lambda: _health(device)),
         *own,
         ("safe", lambda: _safe(device)),
@@ -44,12 +44,6 @@ def checks_of(role: str, device: Any, clock: Clock) -> list[Check]:
 
 def _raise(error: Exception) -> str:
     raise error
-
-
-def _identity(device: Any) -> str:
-    who = device.identity
-    simulated = ", SIMULATED" if who.simulated else ""
-    return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
 
 
 def _health(device: Any) -> str:

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.errors import DeviceError
 from labapp.common.errors import UserError
@@ -31,8 +32,21 @@ class Finding:
     seconds: float
 
 
-def broke(error: Exception) -> str:
-    """What to say of a driver that raises what no driver may."""
+def who_is(device: Any) -> str:
+    """A device's model and serial number, and whether it is simulated."""
+    who = device.identity
+    simulated = ", SIMULATED" if who.simulated else ""
+    return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
+
+
+def in_words(error: Exception, name: str) -> str:
+    """What to say of an error, also of a driver that raises what no driver may.
+
+    That goes to the log, too: a broken driver of somebody else's hides no other device.
+    """
+    if isinstance(error, DeviceError | UserError | Wrong):
+        return str(error)
+    log.info("%s", name, exc_info=error)
     return f"its driver broke: {type(error).__name__}: {error}"
 
 
@@ -50,12 +64,8 @@ def looked(name: str, check: Callable[[], str]) -> Finding:
     began = time.perf_counter()
     try:
         passed, detail = True, check()
-    except (DeviceError, Wrong) as error:
-        passed, detail = False, str(error)
     except (UserError, Cancelled):
         raise
     except Exception as error:
-        # A driver that breaks is what a report is for.
-        log.info("%s", name, exc_info=error)
-        passed, detail = False, broke(error)
+        passed, detail = False, in_words(error, name)
     return Finding(name, passed, detail, time.perf_counter() - began)

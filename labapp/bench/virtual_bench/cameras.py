@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-
 from drivers.aravis.link import PACKAGES
 from drivers.aravis.pixels import FORMATS
-from drivers.interfaces import Clock
-from labapp.bench.virtual_bench.instruments import Instrument, behind_packets
-from labapp.bench.virtual_bench.shared import SharedWorld
+from labapp.bench.virtual_bench.instruments import Instrument, Site, behind_packets
 from labapp.common.errors import UserError
 from optics.camera import Sensor
 from simulator.wire.fake_gige import FakeGigE, NoAravis
-
-CAMERAS = ("gige", "none")
 
 _ADDRESS = "127.0.0.1"
 
@@ -21,8 +15,8 @@ _COMPUTING_MS = 30_000.0
 """For which the driver waits for a picture: it must first be computed."""
 
 
-def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitStack) -> Instrument:
-    """Start it until the stack is left; UserError if there is no Aravis, or no place for it."""
+def serve_camera(sensor: Sensor, site: Site) -> Instrument:
+    """Start it until the site's stack is left; UserError if there is no Aravis or no place."""
     name = f"Mono{sensor.bits}"
     if name not in FORMATS:
         raise UserError(
@@ -31,16 +25,16 @@ def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitS
         )
     shortest, longest = sensor.exposure_range
     camera = FakeGigE(
-        shared.seen,
+        site.shared.seen,
         sensor.shape,
         name,
         fresh=True,
         exposure_us=(max(1, round(shortest * 1e6)), round(longest * 1e6)),
         address=_ADDRESS,
-        clock=clock,
+        clock=site.clock,
     )
     try:
-        stack.enter_context(camera)
+        site.stack.enter_context(camera)
     except NoAravis as error:
         raise UserError(
             "the camera needs Aravis and Python's gi. Install them: sudo apt-get install "
@@ -58,4 +52,4 @@ def serve_camera(sensor: Sensor, shared: SharedWorld, clock: Clock, stack: ExitS
         "frame_timeout_ms": _COMPUTING_MS,
         "electrons_per_number": sensor.gain,
     }
-    return behind_packets(options, camera, clock)
+    return behind_packets(options, camera, site.clock)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
-from drivers.interfaces import Clock, Surroundings
-from labapp.bench.virtual_bench.instruments import Instrument, on_a_wire
-from labapp.bench.virtual_bench.shared import SharedWorld
+from drivers.interfaces import Surroundings
+from labapp.bench.virtual_bench.instruments import Instrument, Site, on_a_line, on_a_wire
 from labapp.common.errors import UserError
 from labapp.files.bench_file import DeviceTable
 from simulator.devices import SimulatedFilter, SimulatedWheel
@@ -16,8 +13,6 @@ from simulator.machines.starlight_wheel import StarlightWheelMachine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 from simulator.machines.zwo_wheel import ZwoWheelMachine
-from simulator.wire.line import Line
-from simulator.wire.pty import ServedLine
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import UsbServer, option
 
@@ -30,23 +25,16 @@ _OF_A_FILTER = ("range_nm", "bandwidth_nm", "settling_ms", "shape", "leak", "lea
 _OF_A_WHEEL = ("slots_nm", "shape", "leak", "leak_range_nm")
 
 
-def serve_filter(
-    kind: str,
-    described: DeviceTable,
-    shared: SharedWorld,
-    clock: Clock,
-    folder: Path,
-    stack: ExitStack,
-) -> Instrument:
-    """Start it until the stack is left.
+def serve_filter(kind: str, described: DeviceTable, site: Site) -> Instrument:
+    """Start it until the site's stack is left.
 
     kind: one of FILTERS. described: the filter of the bench file, for its range, width, slots
     and shape where it tells them. UserError if it describes what this kind can't be.
     """
     try:
         if kind == "varispec":
-            return _varispec(described, shared, clock, folder, stack)
-        return _wheel(kind, described, shared, clock, folder, stack)
+            return _varispec(described, site)
+        return _wheel(kind, described, site)
     except (TypeError, ValueError) as error:
         raise UserError(
             f"the bench file's filter can't be a {kind}: {error}. Choose another --filter, or "
@@ -58,59 +46,45 @@ def _given(described: DeviceTable, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: described.options[name] for name in names if name in described.options}
 
 
-def _varispec(
-    described: DeviceTable, shared: SharedWorld, clock: Clock, folder: Path, stack: ExitStack
-) -> Instrument:
-    with shared.changing() as world:
-        light = SimulatedFilter(Surroundings(clock, world), **_given(described, _OF_A_FILTER))
+def _varispec(described: DeviceTable, site: Site) -> Instrument:
+    with site.shared.changing() as world:
+        light = SimulatedFilter(Surroundings(site.clock, world), **_given(described, _OF_A_FILTER))
     low, high = light.wavelength_range
 
     def tuned(wavelength: float) -> None:
-        with shared.changing() as world:
+        with site.shared.changing() as world:
             world.wavelength = wavelength
 
     machine = VariSpecMachine(range_nm=(round(low * 1e9, 3), round(high * 1e9, 3)), tuned=tuned)
-    line = Line(machine, baudrate=9600)
-    port = folder / "varispec"
-    stack.enter_context(ServedLine(line, port, clock))
-    options = {
-        "port": str(port),
-        "bandwidth_nm": round(light.bandwidth * 1e9, 6),
-        "settling_ms": round(light.settling * 1e3, 6),
-    }
-    return on_a_wire("varispec", options, line, machine.own_faults, clock)
+    return on_a_line(
+        site,
+        "varispec",
+        machine,
+        9600,
+        bandwidth_nm=round(light.bandwidth * 1e9, 6),
+        settling_ms=round(light.settling * 1e3, 6),
+    )
 
 
-def _wheel(
-    kind: str,
-    described: DeviceTable,
-    shared: SharedWorld,
-    clock: Clock,
-    folder: Path,
-    stack: ExitStack,
-) -> Instrument:
+def _wheel(kind: str, described: DeviceTable, site: Site) -> Instrument:
     given = {"slots_nm": _SLOTS} | _given(described, _OF_A_WHEEL)
-    with shared.changing() as world:
-        light = stack.enter_context(SimulatedWheel(Surroundings(clock, world), **given))
+    with site.shared.changing() as world:
+        light = site.stack.enter_context(SimulatedWheel(Surroundings(site.clock, world), **given))
     count = len(light.slots)
 
     def turned(slot: int) -> None:
-        with shared.changing():
+        with site.shared.changing():
             light.set_slot(slot)
 
     options: dict[str, Any] = {"slots_nm": [list(slot) for slot in given["slots_nm"]]}
     if kind == "thorlabs":
         machine = ThorlabsWheelMachine(count, turned=turned)
-        line, port = Line(machine, baudrate=115200), folder / "thorlabs-wheel"
-        stack.enter_context(ServedLine(line, port, clock))
-        options = {"port": str(port), **options}
-        return on_a_wire("thorlabs-wheel", options, line, machine.own_faults, clock)
+        return on_a_line(site, "thorlabs-wheel", machine, 115200, **options)
     make = StarlightWheelMachine if kind == "starlight" else ZwoWheelMachine
     usb = make(count, turned=turned)
-    bus = UsbBus(clock)
+    bus, path = UsbBus(site.clock), site.folder / "usb"
     plug = bus.plug_in(usb)
-    path = folder / "usb"
-    stack.callback(path.unlink, missing_ok=True)
-    stack.enter_context(UsbServer(bus, path))
+    site.stack.callback(path.unlink, missing_ok=True)
+    site.stack.enter_context(UsbServer(bus, path))
     options |= {"backend": option(path)}
-    return on_a_wire(f"{kind}-wheel", options, plug, usb.own_faults, clock)
+    return on_a_wire(f"{kind}-wheel", options, plug, usb.own_faults, site.clock)

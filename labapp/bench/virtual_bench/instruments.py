@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, cast
 
 from drivers.interfaces import Clock
+from labapp.bench.virtual_bench.shared import SharedWorld
+from simulator.machines.machine import Machine
 from simulator.wire.camera_faults import KINDS as CAMERA_KINDS
-from simulator.wire.camera_faults import CameraFault
+from simulator.wire.camera_faults import CameraFault, CameraFaultKind
 from simulator.wire.fake_gige import FakeGigE
 from simulator.wire.faults import WIRE_KINDS, WireFault
+from simulator.wire.line import Line
+from simulator.wire.pty import ServedLine
+from simulator.wire.usb_plug import Plug
 
 _PLUGGING = 1.0
 """Seconds in which a port comes or goes."""
 
 
-class Wire(Protocol):
-    """A line or a USB plug."""
+@dataclass(frozen=True)
+class Site:
+    """Where instruments are served: a world, a folder for their ports, and what ends them."""
 
-    def inject(self, fault: WireFault) -> None: ...
+    shared: SharedWorld
+    folder: Path
+    stack: ExitStack
 
-    def mend(self) -> None: ...
+    @property
+    def clock(self) -> Clock:
+        return self.shared.clock
 
 
 @dataclass(frozen=True)
@@ -37,8 +48,17 @@ class Instrument:
     mend: Callable[[], None] = field(default=lambda: None)
 
 
+def on_a_line(
+    site: Site, driver: str, machine: Machine, baudrate: int, **options: Any
+) -> Instrument:
+    """An instrument at a serial port of the driver's name."""
+    line, port = Line(machine, baudrate=baudrate), site.folder / driver
+    site.stack.enter_context(ServedLine(line, port, site.clock))
+    return on_a_wire(driver, {"port": str(port)} | options, line, machine.own_faults, site.clock)
+
+
 def on_a_wire(
-    driver: str, options: dict[str, Any], wire: Wire, own: tuple[str, ...], clock: Clock
+    driver: str, options: dict[str, Any], wire: Line | Plug, own: tuple[str, ...], clock: Clock
 ) -> Instrument:
     """An instrument behind a serial line or a USB plug. own: the machine's own faults."""
     port = Path(options["port"]) if "port" in options else None
@@ -64,9 +84,6 @@ def behind_packets(options: dict[str, Any], camera: FakeGigE, clock: Clock) -> I
     """The camera."""
 
     def fail(kind: str, seconds: float) -> None:
-        if kind not in CAMERA_KINDS:
-            raise ValueError(f"kind is {kind!r}; choose {', '.join(CAMERA_KINDS)}")
-        known = {one: one for one in CAMERA_KINDS}
-        camera.inject(CameraFault(known[kind], clock.now(), seconds))
+        camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))
 
     return Instrument("aravis-camera", options, CAMERA_KINDS, fail, camera.mend)

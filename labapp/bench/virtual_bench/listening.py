@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import select
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from labapp.bench.virtual_bench.talking import Talk
-from labapp.common.console import say
+from labapp.common.console import hearing_wishes_to_end, say
 
 _LOOK = 0.2
 """Seconds between looks at whether the end was asked for."""
@@ -28,13 +27,8 @@ def asked_to_end() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         asked = True
 
-    wishes = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, stop) for number in wishes}
-    try:
+    with hearing_wishes_to_end(stop):
         yield lambda: asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def listen(talk: Talk, ended: Callable[[], bool], *, until_eof: bool) -> None:

@@ -13,14 +13,12 @@ from drivers.errors import DeviceError
 from drivers.screen.choosing import Wanted, choose
 from drivers.x11 import ScreenReader, XConnection, XError
 from drivers.x11.outputs import Output, outputs
-from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.bench.virtual_bench.instruments import Instrument, Site
 from labapp.bench.virtual_bench.shared import SharedWorld
 from labapp.common.console import say
 from labapp.common.errors import UserError
 from optics.slm import Panel
 from simulator.screens import NoXServer, xvfb
-
-SLMS = ("screen", "none")
 
 
 class WatchedPanel:
@@ -82,32 +80,28 @@ class WatchedPanel:
         self._trouble = trouble
 
 
-def serve_panel(
-    panel: Panel, shared: SharedWorld, display: str, screen: str, stack: ExitStack
-) -> Instrument:
-    """Watch a screen until the stack is left: that of `display`, or of an Xvfb of our own.
+def serve_panel(panel: Panel, display: str, screen: str, site: Site) -> Instrument:
+    """Watch a screen until the site's stack is left: that of `display`, or of an Xvfb of our own.
 
     UserError if there is no such screen, or it is the operator's.
     """
     rows, columns = panel.shape
-    own = not display
-    if own:
-        display = _start_xvfb(rows, columns, stack)
+    display = display or _start_xvfb(rows, columns, site.stack)
     wanted = Wanted(screen, columns, rows, panel.frame_rate, allow_primary=True)
     try:
-        watched = WatchedPanel(shared, display, wanted)
+        watched = WatchedPanel(site.shared, display, wanted)
     except (XError, DeviceError) as error:
         raise UserError(
             f"{error}" if isinstance(error, DeviceError) else f"display {display!r}: {error}."
         ) from error
-    stack.callback(watched.close)
+    site.stack.callback(watched.close)
     found = watched.output
     if found.primary and found.refresh:
         raise UserError(
             f"screen {found.name!r} is the operator's own: patterns would cover it. Name another "
             "with --screen, or leave --display out for a screen that only programs see."
         )
-    shared.look = watched.look
+    site.shared.look = watched.look
     watched.look()
     return Instrument(
         "screen-slm",

@@ -10,21 +10,26 @@ from pathlib import Path
 from drivers.clock import RealClock
 from labapp.bench.opening import BenchFiles, BenchSetup, build_world, read_scene
 from labapp.bench.virtual_bench.bench_text import bench_text
-from labapp.bench.virtual_bench.cameras import CAMERAS, serve_camera
+from labapp.bench.virtual_bench.cameras import serve_camera
 from labapp.bench.virtual_bench.filters import FILTERS, serve_filter
-from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.bench.virtual_bench.instruments import Instrument, Site
 from labapp.bench.virtual_bench.listening import asked_to_end, listen
-from labapp.bench.virtual_bench.panels import SLMS, serve_panel
+from labapp.bench.virtual_bench.panels import serve_panel
 from labapp.bench.virtual_bench.shared import SharedWorld
-from labapp.bench.virtual_bench.spectroradiometers import (
-    SPECTRORADIOMETERS,
-    serve_spectroradiometer,
-)
+from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
 from labapp.bench.virtual_bench.talking import Talk
 from labapp.common.console import say
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench
 from labapp.files.writing import make_folder, require_writable, write_whole
+
+_KINDS = {
+    "filter": FILTERS,
+    "camera": ("gige",),
+    "slm": ("screen",),
+    "spectroradiometer": ("cs2000",),
+}
+"""What an instrument may be, if it is served at all."""
 
 
 @dataclass(frozen=True)
@@ -35,26 +40,21 @@ class Wished:
     """
 
     files: BenchFiles
-    filter: str = "varispec"
-    camera: str = "gige"
-    slm: str = "screen"
-    spectroradiometer: str = "cs2000"
-    display: str = ""
-    screen: str = ""
-    folder: Path | None = None
-    out: Path | None = None
-    force: bool = False
-    until_eof: bool = False
+    filter: str
+    camera: str
+    slm: str
+    spectroradiometer: str
+    display: str
+    screen: str
+    folder: Path | None
+    out: Path | None
+    force: bool
+    until_eof: bool
 
     def require_sound(self) -> None:
         """UserError names the first option that is wrong."""
-        choices = {
-            "filter": (self.filter, (*FILTERS, "none")),
-            "camera": (self.camera, CAMERAS),
-            "slm": (self.slm, SLMS),
-            "spectroradiometer": (self.spectroradiometer, SPECTRORADIOMETERS),
-        }
-        for name, (value, known) in choices.items():
+        for name, kinds in _KINDS.items():
+            value, known = getattr(self, name), (*kinds, "none")
             if value not in known:
                 raise UserError(f"--{name} is {value!r}. Choose one of {', '.join(known)}.")
         if self.screen and not self.display:
@@ -93,19 +93,16 @@ def _start(
     camera = setup.bench.uncalibrated().build_camera()
     world = build_world(camera, setup, clock)
     shared = SharedWorld(world, clock)
-    folder = _folder(wished.folder, stack)
+    site = Site(shared, _folder(wished.folder, stack), stack)
     served: dict[str, Instrument] = {}
     if wished.slm != "none":
-        panel = world.camera.panel
-        served["slm"] = serve_panel(panel, shared, wished.display, wished.screen, stack)
+        served["slm"] = serve_panel(world.camera.panel, wished.display, wished.screen, site)
     if wished.filter != "none":
-        described = setup.bench.devices.filter
-        served["filter"] = serve_filter(wished.filter, described, shared, clock, folder, stack)
+        served["filter"] = serve_filter(wished.filter, setup.bench.devices.filter, site)
     if wished.camera != "none":
-        sensor = world.camera.sensor
-        served["camera"] = serve_camera(sensor, shared, clock, stack)
+        served["camera"] = serve_camera(world.camera.sensor, site)
     if wished.spectroradiometer != "none":
-        served["spectroradiometer"] = serve_spectroradiometer(shared, clock, folder, stack)
+        served["spectroradiometer"] = serve_spectroradiometer(site)
     return shared, list(world.scene.targets), served
 
 

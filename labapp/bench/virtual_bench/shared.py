@@ -23,7 +23,7 @@ class SharedWorld:
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
-        self._world, self._clock = world, clock
+        self._world, self.clock = world, clock
         self._turn, self._exposing = threading.RLock(), threading.Lock()
         self._frames = 0
         self._see = seen_of(world)
@@ -53,7 +53,7 @@ class SharedWorld:
             self.look()
             with self._turn:
                 self._frames += 1
-                self._world.begin(0, 0, self._frames, index=self._frames, moment=self._clock.now())
+                self._world.begin(0, 0, self._frames, index=self._frames, moment=self.clock.now())
             return self._see(exposure, gain_db)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ def expect(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) -> Expe
         frames=len(listed),
         seconds=sum(shot.lasts for shot in listed),
         disk_bytes=_disk_bytes(listed, plan, abilities),
-        prompts=tuple(prompts(listed, abilities)),
+        prompts=tuple(prompts_by_frame(listed, abilities).values()),
     )
 
 
@@ -61,13 +61,9 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, abilities: Abilities) ->
     )
 
 
-def prompts(listed: Sequence[Shot], abilities: Abilities) -> list[str]:
-    """What a person will be asked, in order: once whenever another target is placed."""
-    return list(prompts_by_frame(listed, abilities).values())
-
-
 def prompts_by_frame(listed: Sequence[Shot], abilities: Abilities) -> dict[int, str]:
-    """What a person will be asked, by the index of the frame that waits for it."""
+    """What a person will be asked, by the index of the frame that waits for it, in order: once
+    whenever another target is placed."""
     asked = {}
     placed = ""
     for shot in listed:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.runs.bench import Bench
-from labapp.runs.steps import Shot
+
+if TYPE_CHECKING:
+    from labapp.bench.opening import Bench
 
 GROUP = "labapp.hooks"
 """An entry point here is a callable `make(plan, bench)`; what it gives back may have the
@@ -42,19 +42,8 @@ class Hooks:
                 ) from error
         return Hooks(hooks)
 
-    def before_run(self, listed: Sequence[Shot]) -> None:
-        self._call("before_run", listed)
-
-    def before_frame(self, shot: Shot) -> None:
-        self._call("before_frame", shot)
-
-    def after_frame(self, shot: Shot, frame: Frame) -> None:
-        self._call("after_frame", shot, frame)
-
-    def after_run(self, state: str) -> None:
-        self._call("after_run", state)
-
-    def _call(self, moment: str, *given: object) -> None:
+    def call(self, moment: str, *given: object) -> None:
+        """Call the method that is named after the moment, of those that have one."""
         for name, hook in self._hooks:
             method = getattr(hook, moment, None)
             if method is None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,15 @@ from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.keeping import Keeper
 from labapp.runs.acquisition.lookout import Lookout
 from labapp.runs.acquisition.taking import Ask, Taker
-from labapp.runs.bench import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
+
+if TYPE_CHECKING:
+    from labapp.bench.opening import Bench
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +102,7 @@ class RunUnderWay:
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
             for doubt in self._bench.doubts_at({shot.wavelength for shot in listed}):
                 log.warning("%s", doubt)
-            self._hooks.before_run(listed)
+            self._hooks.call("before_run", listed)
             with self._lookout, self._bench.heeding(self._is_unwanted):
                 for shot in listed:
                     self._take_one(shot, keeper, on_frame)
@@ -119,7 +122,7 @@ class RunUnderWay:
                 message = f"{message}; not left safe: {failure}".removeprefix("; ")
             self._say_last_words(state, message)
         try:
-            self._hooks.after_run(state.value)
+            self._hooks.call("after_run", state.value)
         except HookError as error:
             return State.FAILED, str(error)
         return state, message
@@ -130,12 +133,12 @@ class RunUnderWay:
         if self._progress.paused:
             self._pause("paused by the user", lambda: not self._progress.paused)
         keeper.wait_for_space()
-        self._hooks.before_frame(shot)
+        self._hooks.call("before_frame", shot)
         began, rested = self._bench.clock.now(), self._rested
         frame = self._persist(shot, keeper)
         self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.lasts
-        self._hooks.after_frame(shot, frame)
+        self._hooks.call("after_frame", shot, frame)
         if on_frame is not None:
             on_frame(shot, frame)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from labapp.common.errors import UserError
 from labapp.files.frame_list import read_frame_list
 from labapp.runs.record.reader import Record
-from optics.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -39,20 +37,3 @@ def choose(record: Record, choice: Choice) -> list[int]:
     if not keep.any():
         raise UserError(f"{record.path}: no frame is all that was asked for. Ask for less.")
     return np.flatnonzero(keep).tolist()
-
-
-def read_back(
-    record: Record, chosen: Sequence[int], progress: Progress
-) -> tuple[list[int], list[int], list[int]]:
-    """Frames that read back, frames that were never stored, and frames that are damaged."""
-    stored, sums = record.column("stored"), record.column("checksum")
-    found, not_stored, damaged = [], [], []
-    for done, index in enumerate(chosen):
-        progress.report(done / len(chosen), f"read frame {index} back")
-        if not stored[index]:
-            not_stored.append(index)
-        elif not record.reads_back(index, sums[index]):
-            damaged.append(index)
-        else:
-            found.append(index)
-    return found, not_stored, damaged

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.writing import require_free
-from labapp.runs.export.choosing import Choice, choose, read_back
-from labapp.runs.export.formats import KINDS, WRITERS
-from labapp.runs.export.naming import file_names
-from labapp.runs.export.rows import rows_of
-from labapp.runs.export.table import write_table
+from labapp.runs.export.choosing import Choice, choose
+from labapp.runs.export.naming import SINGLE, TABLE, file_names
+from labapp.runs.export.npy import write_npy
+from labapp.runs.export.ome_tiff import write_ome_tiff
+from labapp.runs.export.rows import heading, rows_of
+from labapp.runs.export.singles import write_pngs, write_tiffs
 from labapp.runs.export.whole import all_or_none
 from labapp.runs.export.work import Work
 from labapp.runs.record.reader import Record
 from optics.progress import Progress
+
+WRITERS: dict[str, Callable[[Work, Path], None]] = {
+    "tiff": write_tiffs,
+    "png": write_pngs,
+    "ome-tiff": write_ome_tiff,
+    "npy": write_npy,
+}
+"""By kind; each writes the work's files, but for the table of the frames, into a folder."""
+
+KINDS = tuple(WRITERS)
 
 _ALL = Choice()
 
@@ -57,7 +70,7 @@ def export(
         chosen = choose(record, choice)
         names = file_names(kind, chosen, rows_of(record, chosen), record.frames)
         require_free(folder, names, force=force)
-        found, not_stored, damaged = read_back(record, chosen, progress.part(0, _CHECKING))
+        found, not_stored, damaged = record.read_back(chosen, progress.part(0, _CHECKING))
         work = Work(record, kind, found, progress.part(_CHECKING, 1))
         if found:
             _write(work, folder)
@@ -68,4 +81,16 @@ def _write(work: Work, folder: Path) -> None:
     """The files of an export, all of them or none."""
     with all_or_none(folder, work.names) as draft:
         WRITERS[work.kind](work, draft)
-        write_table(work, draft)
+        _write_table(work, draft)
+
+
+def _write_table(work: Work, draft: Path) -> None:
+    """A line a frame: its file, its place in it, all columns, and what was simulated."""
+    simulated = " ".join(work.record.simulated)
+    with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        headings = [heading(name) for name in work.rows[0]]
+        writer.writerow(["file", "place", *headings, "simulated"])
+        for place, row in enumerate(work.rows):
+            at = (work.names[place], 0) if work.kind in SINGLE else (work.names[0], place)
+            writer.writerow([*at, *row.values(), simulated])

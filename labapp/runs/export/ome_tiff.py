@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from labapp.runs.export.ome import ome_xml
-from labapp.runs.export.tiff import tags
+from labapp.runs.export.singles import tags
 from labapp.runs.export.work import Work
 
 _TIFF_LIMIT = 2**32 - 2**25

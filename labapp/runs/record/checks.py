@@ -27,7 +27,7 @@ from labapp.runs.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
 from labapp.runs.record import layout
 from labapp.runs.record.finding import Finding, Result, Verification
 from labapp.runs.record.reader import Record, digest
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from optics.progress import Cancelled, Progress
 
 _OVERLAP = 1e-6
@@ -148,14 +148,8 @@ class _Checks:
     def _checksums(self) -> Said:
         """Whether every stored frame reads back as it was."""
         stored = self._stored()
-        sums = self._record.column("checksum")
-        damaged = []
-        for done, index in enumerate(stored):
-            self.progress.report(done / len(stored), f"read frame {index} back")
-            if not self._record.reads_back(index, sums[index]):
-                damaged.append(index)
-        self._found.damaged = damaged
-        if damaged:
+        _, _, self._found.damaged = self._record.read_back(stored, self.progress)
+        if damaged := self._found.damaged:
             return "WRONG", f"{len(damaged)} frames don't read back: {frame_list(damaged)}"
         return "ok", f"{len(stored)} stored frames read back as they were"
 
@@ -221,7 +215,7 @@ class _Checks:
         found.state = state = record.state
         if state is State.COMPLETE and found.not_stored:
             return "WRONG", f"COMPLETE, and yet {len(found.not_stored)} frames are missing"
-        if state in ENDED:
+        if state.has_ended:
             ended = datetime.fromisoformat(record.end_time)
             detail = f"{state}, ended {ended:%Y-%m-%d %H:%M}"
             if state is State.COMPLETE:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -20,7 +20,8 @@ from labapp.files.finding import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.record import layout, process
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
+from optics.progress import Progress
 
 if TYPE_CHECKING:
     # Loaded where somebody asks for them: they know all devices, lenses and scenes.
@@ -73,16 +74,15 @@ class Record:
     def state(self) -> State:
         """As written; INTERRUPTED if it was running and its writer is gone."""
         with self._reading("entry/state"):
-            written = State(self._read("entry/state")[0].decode())
+            written = State(self._only("state"))
         with self._reading("entry/writer"):
-            gone = written not in ENDED and not process.is_alive(self.writer)
+            gone = not written.has_ended and not process.is_alive(self.writer)
         return State.INTERRUPTED if gone else written
 
     @property
     def writer(self) -> str:
         """Who wrote last: host, process, start of the process, as JSON."""
-        with self._reading("entry/writer"):
-            return self._read("entry/writer")[0].decode()
+        return self._only("writer")
 
     @property
     def message(self) -> str:
@@ -137,8 +137,7 @@ class Record:
 
     @property
     def end_time(self) -> str:
-        with self._reading("entry/end_time"):
-            return self._read("entry/end_time")[0].decode()
+        return self._only("end_time")
 
     @property
     def seed(self) -> int:
@@ -220,15 +219,26 @@ class Record:
 
     def missing(self) -> list[int]:
         """Indices of planned frames that aren't stored, or don't read back as they were."""
-        stored, sums = self.column("stored"), self.column("checksum")
-        return [
-            index
-            for index in range(self.frames)
-            if not stored[index] or not self.reads_back(index, sums[index])
-        ]
+        _, not_stored, damaged = self.read_back(range(self.frames), Progress())
+        return sorted(not_stored + damaged)
 
-    def reads_back(self, index: int, known: int) -> bool:
-        """Whether a frame is in the file, with the checksum that it was stored with."""
+    def read_back(
+        self, chosen: Sequence[int], progress: Progress
+    ) -> tuple[list[int], list[int], list[int]]:
+        """Frames that read back, frames that were never stored, and frames that are damaged."""
+        stored, sums = self.column("stored"), self.column("checksum")
+        found, not_stored, damaged = [], [], []
+        for done, index in enumerate(chosen):
+            progress.report(done / len(chosen), f"read frame {index} back")
+            if not stored[index]:
+                not_stored.append(index)
+            elif self._has_checksum(index, sums[index]):
+                found.append(index)
+            else:
+                damaged.append(index)
+        return found, not_stored, damaged
+
+    def _has_checksum(self, index: int, known: int) -> bool:
         try:
             return checksum(self.image(index)) == known
         except UserError:
@@ -268,6 +278,11 @@ class Record:
         """The values of a dataset by its path, or some rows of it."""
         with self._reading(name):
             return self._file[name][rows]
+
+    def _only(self, name: str) -> str:
+        """The text of a dataset of the entry with one row."""
+        with self._reading(f"entry/{name}"):
+            return self._read(f"entry/{name}")[0].decode()
 
     def _texts(self, name: str) -> list[str]:
         with self._reading(name):

@@ -18,7 +18,7 @@ from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
 from labapp.runs.record import layout, process
 from labapp.runs.record.making import now
-from labapp.runs.state import ENDED, State
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
 _ENTRY_FIELDS = ("state", "message", "end_time", "writer", "log")
@@ -115,11 +115,10 @@ class RecordWriter:
 
     def read_back(self, index: int) -> bool:
         """Whether a stored frame is in the file as it was given."""
-        place = self._places["images"]
-        data = os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
-        if len(data) < place.row_bytes:
+        data, known = self._read("images", index), self._read("checksum", index)
+        if len(data) < self._places["images"].row_bytes:
             return False
-        return checksum(np.frombuffer(data, place.dtype)) == self._get("checksum", index)
+        return checksum(np.frombuffer(data, np.uint16)) == np.frombuffer(known, np.uint32)[0]
 
     def log(self, time_: float, text: str) -> None:
         """Add a line to the log; when the log is full, its last line is overwritten."""
@@ -130,7 +129,7 @@ class RecordWriter:
     def set_state(self, state: State, message: str = "") -> None:
         """Write how the run stands, and why; a state that ends it comes with the time."""
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
-        self._put("end_time", 0, now().encode() if state in ENDED else b"")
+        self._put("end_time", 0, now().encode() if state.has_ended else b"")
         self._put("state", 0, state.value.encode())
 
     def _open(self) -> None:
@@ -149,10 +148,10 @@ class RecordWriter:
         place = self._places[name]
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
-    def _get(self, name: str, row: int) -> Any:
+    def _read(self, name: str, row: int) -> bytes:
+        """A row as it is in the file; less where the file ends before."""
         place = self._places[name]
-        data = os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
-        return np.frombuffer(data, place.dtype)[0]
+        return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
 
     def _write(self, name: str, row: int, data: memoryview) -> None:
         place = self._places[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivers.interfaces import Frame
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from labapp.window.engine.benchtop import Benchtop
 from labapp.window.engine.channel import Channel
@@ -11,7 +12,6 @@ from labapp.window.engine.pace import Pace
 from labapp.window.engine.person import Person
 from labapp.window.engine.run import Run
 from labapp.window.messages import LiveFrame, RunEnded
-from labapp.window.run_state import RunState
 from optics.progress import Cancelled, Progress
 
 
@@ -37,21 +37,15 @@ class Acquisition:
             self._person.ask(text, progress)
             run.go_on()
 
-        self._top.require_alive()
+        self._top.devices.require_alive()
         try:
             outcome = run.take(progress=run.progress, on_frame=on_frame, ask=ask)
         except Cancelled:
-            return RunEnded(None, RunState.CANCELLED, 0, "cancelled before the first frame")
+            return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
         if outcome.trouble is not None:
-            self._top.blame(outcome.trouble)
-        return RunEnded(
-            outcome.path,
-            RunState(outcome.state.value),
-            len(outcome.missing),
-            outcome.message,
-            outcome.expected,
-            outcome.took,
-        )
+            self._top.devices.blame(outcome.trouble)
+        missing, why = len(outcome.missing), outcome.message
+        return RunEnded(outcome.path, outcome.state, missing, why, outcome.took)
 
     def _tell(self) -> None:
         self._channel.send(self._top.state(live=False, running=True))

@@ -15,7 +15,7 @@ from labapp.window.engine.channel import Channel
 from labapp.window.engine.designer import Designer
 from labapp.window.engine.failures import failure
 from labapp.window.engine.jobs import Jobs
-from labapp.window.engine.plan import pattern_name, read_pattern
+from labapp.window.engine.plan import read_pattern
 from labapp.window.messages import (
     PictureSaved,
     Preview,
@@ -61,7 +61,7 @@ class Background:
         self._start("preview", work)
 
     def show(self, command: Show) -> None:
-        name = pattern_name(read_pattern(command.pattern))
+        name = read_pattern(command.pattern).label
 
         def work(progress: Progress) -> None:
             self._channel.post(Computed(name, self._designer.grey(command.pattern, progress)))

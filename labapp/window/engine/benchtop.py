@@ -36,7 +36,7 @@ class Benchtop:
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        self._devices = Devices(bench)
+        self.devices = Devices(bench)
         self._opened = _opened(bench)
         self._wanted = Wanted()
         self._ready = bench.clock.now()
@@ -44,16 +44,16 @@ class Benchtop:
         try:
             self._set_exposure(self._exposure)
         except DeviceError as error:
-            self.blame(error)
+            self.devices.blame(error)
 
     def place(self, target: str) -> None:
         self._wanted = replace(self._wanted, target=target)
-        self._devices.require_alive("targets")
+        self.devices.require_alive("targets")
         self._stands("targets", self._bench.targets.place(target))
 
     def tune(self, wavelength: float) -> None:
         self._wanted = replace(self._wanted, wavelength=wavelength)
-        self._devices.require_alive("filter")
+        self.devices.require_alive("filter")
         self._stands("filter", self._bench.filter.set_wavelength(wavelength))
 
     def expose(self, exposure: float) -> None:
@@ -62,7 +62,7 @@ class Benchtop:
 
     def show(self, name: str, grey: NDArray[np.uint8]) -> None:
         self._wanted = replace(self._wanted, pattern=name, grey=grey)
-        self._devices.require_alive("slm")
+        self.devices.require_alive("slm")
         self._stands("slm", self._bench.slm.show(name, grey))
 
     def restore(self) -> None:
@@ -80,10 +80,10 @@ class Benchtop:
     def frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
         """One picture, begun after every setting stands, with the settings it was taken with."""
         bench = self._bench
-        self.require_alive()
+        self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
         frame = bench.camera.capture(cancelled)
-        self._devices.absolve("camera")
+        self.devices.absolve("camera")
         return LiveFrame(
             image=frame.image,
             target=bench.targets.placed,
@@ -96,41 +96,33 @@ class Benchtop:
     def saw(self, frame: Frame) -> None:
         """A run took a frame, for which every device worked, and with it set the camera."""
         self._exposure = frame.exposure
-        self._devices.absolve()
-
-    def require_alive(self) -> None:
-        """DeviceError if a device is dead, and says what to do."""
-        self._devices.require_alive()
-
-    def blame(self, error: DeviceError) -> str:
-        """The bench's name of the device that failed, which is marked until it works again."""
-        return self._devices.blame(error)
+        self.devices.absolve()
 
     def reconnect(self, role: str) -> None:
         """Open a device that failed again. DeviceError if that fails, too."""
-        self._devices.reopen(role)
+        self.devices.reopen(role)
         if role == "camera":
             self._set_exposure(self._exposure)
 
     def state(self, live: bool, running: bool, *, anew: bool = True) -> BenchState:
         """anew: whether the devices are asked; what they said last if not."""
-        infos = self._devices.infos(self._exposure, live=live, running=running, anew=anew)
-        readings = self._devices.last
+        infos = self.devices.infos(self._exposure, live=live, running=running, anew=anew)
+        said = self.devices.last
         return BenchState(
             devices=infos,
-            target=readings.target,
-            pattern=readings.pattern,
-            wavelength=readings.wavelength,
+            target=said["targets"],
+            pattern=said["slm"],
+            wavelength=said["filter"],
             exposure=self._exposure,
             live=live,
         )
 
     def opened(self) -> BenchOpened:
-        infos = self._devices.infos(self._exposure, live=False, running=False)
+        infos = self.devices.infos(self._exposure, live=False, running=False)
         return replace(self._opened, devices=infos)
 
     def _set_exposure(self, exposure: float) -> None:
-        self._devices.require_alive("camera")
+        self.devices.require_alive("camera")
         setting = self._bench.camera.set_exposure(exposure)
         self._exposure = setting.actual
         self._stands("camera", setting)
@@ -138,7 +130,7 @@ class Benchtop:
     def _stands(self, role: str, setting: Setting[Any]) -> None:
         """A device did as it was told; no picture is begun before its setting stands."""
         self._ready = max(self._ready, setting.ready_at)
-        self._devices.absolve(role)
+        self.devices.absolve(role)
 
 
 def _opened(bench: Bench) -> BenchOpened:

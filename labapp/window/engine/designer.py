@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from labapp.light.predicted import predicted_psf
 from labapp.patterns.grey_levels import compute_pattern
-from labapp.window.engine.plan import pattern_name, read_pattern
+from labapp.window.engine.plan import read_pattern
 from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera
 from optics.progress import Progress
@@ -60,7 +60,7 @@ class Designer:
         peak = float(psf.max())
         rows = round(_THUMBNAIL * grey.shape[0] / grey.shape[1])
         small = cv2.resize(grey, (_THUMBNAIL, rows), interpolation=cv2.INTER_NEAREST)
-        name = pattern_name(read_pattern(table))
+        name = read_pattern(table).label
         return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:

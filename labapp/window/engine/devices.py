@@ -3,47 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
 from labapp.window.messages import DeviceInfo
 
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Readings:
-    """What the devices say that they are set to."""
-
-    pattern: str
-    wavelength: float
-    target: str
+_QUESTIONS: dict[str, Callable[[Bench], Any]] = {
+    "slm": lambda bench: bench.slm.shown,
+    "filter": lambda bench: bench.filter.wavelength,
+    "targets": lambda bench: bench.targets.placed,
+}
+"""What the devices are asked for: how they are set."""
 
 
 class Devices:
     """Nothing here fails because a device does: it is shown as failed, with its last value.
 
-    What never changes is asked once, for a dead device answers no question. last: what
-    read() gave last.
+    What never changes is asked once, for a dead device answers no question. last: what the
+    devices said that they are set to, by their names, when they were asked last.
     """
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
         self._identities = {name: device.identity for name, device in bench.devices.items()}
         self._failed: dict[str, str] = {}
-        self.last = Readings(bench.slm.shown, bench.filter.wavelength, bench.targets.placed)
-
-    def read(self) -> Readings:
-        """What the devices say now; for one that doesn't answer, what it said last."""
-        bench, last = self._bench, self.last
-        self.last = Readings(
-            self._ask("slm", lambda: bench.slm.shown, last.pattern),
-            self._ask("filter", lambda: bench.filter.wavelength, last.wavelength),
-            self._ask("targets", lambda: bench.targets.placed, last.target),
-        )
-        return self.last
+        self.last = {role: question(bench) for role, question in _QUESTIONS.items()}
 
     def require_alive(self, *roles: str) -> None:
         """DeviceError if one of the devices, or of all if none is named, is dead."""
@@ -74,13 +59,10 @@ class Devices:
         self, exposure: float, *, live: bool, running: bool, anew: bool = True
     ) -> tuple[DeviceInfo, ...]:
         """exposure: seconds, as the camera was set. anew: whether the devices are asked."""
-        readings = self.read() if anew else self.last
-        values = {
-            "slm": readings.pattern,
-            "filter": f"{readings.wavelength * 1e9:.2f} nm",
-            "camera": f"{exposure * 1e3:.3f} ms",
-            "targets": readings.target,
-        }
+        if anew:
+            self.last = {role: self._ask(role) for role in _QUESTIONS}
+        nm, ms = self.last["filter"] * 1e9, exposure * 1e3
+        values = self.last | {"filter": f"{nm:.2f} nm", "camera": f"{ms:.3f} ms"}
         busy = "in a run" if running else "ready"
         states = {"camera": "in a run" if running else "live" if live else "stopped"}
 
@@ -92,21 +74,19 @@ class Devices:
 
         return tuple(info(name) for name in self._identities)
 
-    def _ask(self, role: str, question: Callable[[], T], otherwise: T) -> T:
-        if self._dead(role) or self._gone(role):
-            return otherwise
-        try:
-            return question()
-        except DeviceError as error:
-            self.blame(error)
-            return otherwise
+    def _ask(self, role: str) -> Any:
+        """What a device says now; of one that doesn't answer, what it said last."""
+        if not (self._dead(role) or self._gone(role)):
+            try:
+                return _QUESTIONS[role](self._bench)
+            except DeviceError as error:
+                self.blame(error)
+        return self.last[role]
 
     def _gone(self, role: str) -> str:
         """Why a device counts as unplugged; empty while it is there, or if nobody knows."""
-        watched = self._bench.watched.get(role)
-        return (watched.gone() or "") if watched is not None else ""
+        return self._bench.watched[role].gone() or ""
 
     def _dead(self, role: str) -> str:
         """Why a device is given up; empty while it isn't."""
-        watched = self._bench.watched.get(role)
-        return watched.dead if watched is not None else ""
+        return self._bench.watched[role].dead

@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 def failure(error: Exception, top: Benchtop) -> Failure:
     """An error in words; one that nobody foresaw also goes to the log, in full."""
     if isinstance(error, DeviceError):
-        return Failure(str(error), top.blame(error))
+        return Failure(str(error), top.devices.blame(error))
     if isinstance(error, OSError) and error.filename is not None:
         remedy = "Choose another place, or check the path."
         return Failure(f"{error.filename}: {error.strerror}. {remedy}")

@@ -7,6 +7,7 @@ from typing import Any
 
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
+from labapp.runs.state import State
 from labapp.window.engine.acquisition import Acquisition
 from labapp.window.engine.background import Background, Computed
 from labapp.window.engine.benchtop import Benchtop
@@ -43,7 +44,6 @@ from labapp.window.messages import (
     Show,
     Tune,
 )
-from labapp.window.run_state import RunState
 
 _PATIENCE = 0.1
 """Seconds to wait for a command when there is no picture to take."""
@@ -196,11 +196,11 @@ class Engine:
             ended = self._acquisition.take(run)
         except Exception as error:
             said = failure(error, self._top)
-            self._queue.end(run, RunState.FAILED, said.message)
+            self._queue.end(run, State.FAILED, said.message)
             self._channel.send(said)
             # The run couldn't begin, so nothing was moved.
             return isinstance(error, UserError | OSError)
         self._queue.end(run, ended.state, ended.message, ended.took)
         self._channel.send(ended)
         # After anything but success the bench stays safe until somebody says otherwise.
-        return ended.path is None or ended.state is RunState.COMPLETE
+        return ended.path is None or ended.state is State.COMPLETE

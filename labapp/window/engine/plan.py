@@ -11,10 +11,8 @@ from labapp.files.grey_table import ConstantPattern
 from labapp.files.pattern_table import Still
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import explain, validate
+from labapp.window.bracket import DARKS, STARS
 from labapp.window.messages import Acquire, PatternTable
-
-_DARKS, _STARS = 4, 2
-"""Frames of each exposure: the noise of the darks goes into every picture."""
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
 
@@ -29,11 +27,6 @@ def read_pattern(table: PatternTable) -> Still:
         raise UserError(explain(error, "pattern")) from error
 
 
-def pattern_name(pattern: Still) -> str:
-    """What a pattern is called on the screen and in records: what it is, and its sizes."""
-    return pattern.label
-
-
 def bracket_plan(request: Acquire) -> PlanFile:
     """Darks of every exposure, then star and photograph with the neutral and the pattern.
 
@@ -42,7 +35,7 @@ def bracket_plan(request: Acquire) -> PlanFile:
     pattern = read_pattern(request.pattern)
     if isinstance(pattern, ConstantPattern):
         raise UserError("A constant grey codes nothing. Choose another pattern, then acquire.")
-    coded = pattern_name(pattern)
+    coded = pattern.label
     patterns = {"neutral": _NEUTRAL, coded: request.pattern}
     wavelengths = [round(request.wavelength * 1e9, 3)]
     exposures = {"star": request.star.exposures_ms, "photograph": request.photograph.exposures_ms}
@@ -64,8 +57,8 @@ def bracket_plan(request: Acquire) -> PlanFile:
         "seed": 1,
         "patterns": patterns,
         "acquire": [
-            block("dark", ["neutral"], every, _DARKS) | {"role": "dark"},
-            block("star", list(patterns), exposures["star"], _STARS),
+            block("dark", ["neutral"], every, DARKS) | {"role": "dark"},
+            block("star", list(patterns), exposures["star"], STARS),
             block("photograph", list(patterns), exposures["photograph"], 1),
         ],
         "reconstruct": {"coded": coded},

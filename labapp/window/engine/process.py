@@ -11,7 +11,7 @@ from labapp.window.engine.channel import Channel
 from labapp.window.messages import OpeningFailed
 
 
-def run_engine(line: Line, *files: Path | None) -> None:
+def run_engine(line: Line, files: dict[str, Path | None]) -> None:
     """Open the bench, scene, image and faults of these files, and obey until the window is gone."""
     keep_freed_memory()
     channel = Channel(line)
@@ -21,7 +21,7 @@ def run_engine(line: Line, *files: Path | None) -> None:
     from labapp.window.engine.loop import Engine
 
     try:
-        with open_bench(BenchFiles.default(*files)) as opened:
+        with open_bench(BenchFiles.default(**files)) as opened:
             Engine(opened, channel).run()
     except (DeviceError, UserError, ValueError) as error:
         channel.send(OpeningFailed(str(error)))

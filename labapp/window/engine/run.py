@@ -7,10 +7,10 @@ from pathlib import Path
 
 from drivers.interfaces import Frame
 from labapp.runs.acquisition.runner import Outcome
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from labapp.window.engine.timing import Timing
 from labapp.window.messages import RunInfo
-from labapp.window.run_state import RunState
 from optics.progress import Progress
 
 Take = Callable[..., Outcome]
@@ -36,7 +36,7 @@ class Run:
     ) -> None:
         self.title, self.path, self.take = title, path, take
         self.number = 0
-        self.state = RunState.WAITING
+        self.state = State.WAITING
         self.progress = Progress(self._hear)
         self.changed: Callable[[], None] = lambda: None
         self.rested: Callable[[], None] = lambda: None
@@ -47,36 +47,36 @@ class Run:
         self._message, self._fraction, self._took = "", 0.0, 0.0
 
     def begin(self) -> None:
-        self.state, self._message = RunState.RUNNING, "starting the run …"
+        self.state, self._message = State.RUNNING, "starting the run …"
         self._timing.begin()
 
     def rest(self, message: str) -> None:
-        self.state, self._message = RunState.PAUSED, message
+        self.state, self._message = State.PAUSED, message
         self._timing.rest()
         self.changed()
         self.rested()
 
     def go_on(self) -> None:
-        self.state, self._message = RunState.RUNNING, "goes on …"
+        self.state, self._message = State.RUNNING, "goes on …"
         self.changed()
 
     def pause(self, on: bool) -> None:
         """Let the run rest after its frame, or go on; from any thread."""
-        if not on and self.progress.paused and self.state is RunState.PAUSED:
+        if not on and self.progress.paused and self.state is State.PAUSED:
             self.go_on()
         (self.progress.pause if on else self.progress.resume)()
         self.changed()
 
     def stored(self, shot: Shot, frame: Frame) -> None:
         """A frame is on the disk."""
-        self.state = RunState.RUNNING
+        self.state = State.RUNNING
         self._stored += 1
         self._timing.frame(shot.lasts)
         self.changed()
 
-    def end(self, state: RunState, message: str, took: float = 0.0) -> None:
+    def end(self, state: State, message: str, took: float = 0.0) -> None:
         self.state, self._message, self._took = state, message, took
-        self._fraction = 1.0 if state is RunState.COMPLETE else self._fraction
+        self._fraction = 1.0 if state is State.COMPLETE else self._fraction
         self._timing.end()
 
     @property
@@ -103,7 +103,7 @@ class Run:
         if message.startswith(_PAUSED):
             self.rest(message.removeprefix(_PAUSED))
         else:
-            self.state, self._message = RunState.RUNNING, message
+            self.state, self._message = State.RUNNING, message
             self.changed()
         if (unplugged := message.startswith(_UNPLUGGED)) != self._unplugged:
             self._unplugged = unplugged

@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from labapp.runs.state import State
 from labapp.window.engine.run import Run
 from labapp.window.messages import RunInfo
-from labapp.window.run_state import RunState
 
-_NOT_WELL = {RunState.CANCELLED: "was cancelled", RunState.FAILED: "failed"}
+_NOT_WELL = {State.CANCELLED: "was cancelled", State.FAILED: "failed"}
 
 
 class RunQueue:
@@ -77,7 +77,7 @@ class RunQueue:
         self._changed()
         return run
 
-    def end(self, run: Run, state: RunState, message: str, took: float = 0.0) -> None:
+    def end(self, run: Run, state: State, message: str, took: float = 0.0) -> None:
         with self._lock:
             run.end(state, message, took)
             self._hold_after(run)
@@ -103,7 +103,7 @@ class RunQueue:
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Take runs that wait out of the line; others stay."""
-        self._keep(lambda run: run.number not in numbers or run.state is not RunState.WAITING)
+        self._keep(lambda run: run.number not in numbers or run.state is not State.WAITING)
 
     def clear(self) -> None:
         """Forget the runs that have ended."""
@@ -127,7 +127,7 @@ class RunQueue:
         return unwanted
 
     def _refuse(self, run: Run) -> None:
-        run.end(RunState.CANCELLED, "cancelled before it began")
+        run.end(State.CANCELLED, "cancelled before it began")
         self._hold_after(run)
 
     def _let_go(self) -> None:
@@ -142,7 +142,7 @@ class RunQueue:
         return next((run for run in self._runs if run.state.is_under_way), None)
 
     def _next(self) -> Run | None:
-        return next((run for run in self._runs if run.state is RunState.WAITING), None)
+        return next((run for run in self._runs if run.state is State.WAITING), None)
 
     def _hold_after(self, run: Run) -> None:
         if run.state in _NOT_WELL and self._anybody_waits():

@@ -1,4 +1,4 @@
-"""The command that runs acquisition plans."""
+"""Commands that take runs: of plans, and what a record lacks."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.groups import given, having
 from labapp.cli.options import (
+    BenchOption,
+    FaultsOption,
     ImageOption,
+    JsonOption,
+    RecordArgument,
     RunOptions,
+    SpeedOption,
+    YesOption,
 )
 
 
@@ -25,8 +31,7 @@ def run(
         ),
     ],
     out: Annotated[
-        Path,
-        typer.Option("--out", metavar="RUN.h5", help="Record to write; of several plans a folder."),
+        Path, typer.Option(metavar="RUN.h5", help="Record to write; of several plans a folder.")
     ],
     image: ImageOption = None,
 ) -> None:
@@ -46,3 +51,22 @@ def run(
     from labapp.runs.running import run_files
 
     run_files(asked, records, options.files(image), options.manner)
+
+
+@app.command()
+def resume(
+    record: RecordArgument,
+    bench: BenchOption = None,
+    faults: FaultsOption = None,
+    speed: SpeedOption = float("inf"),
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Take the frames that a record lacks: after a crash, a failure or Ctrl-C.
+
+    Plan, patterns, seed and bench are the record's own, so that it ends as if nothing had
+    happened. Frames that don't read back as they were stored are taken again.
+    """
+    from labapp.runs.running import Manner, resume_file
+
+    resume_file(record, bench, faults, Manner(False, yes, speed, json))

@@ -1,4 +1,4 @@
-"""A TIFF file a frame."""
+"""A picture file a frame: TIFF and PNG."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import labapp
+from labapp.files.writing import encoded
 from labapp.runs.export.work import Work
 from labapp.runs.record import layout
 
@@ -19,6 +20,11 @@ def write_tiffs(work: Work, draft: Path) -> None:
     for name, row, image in zip(work.names, work.rows, work.images(), strict=False):
         description = json.dumps(row | {"units": layout.UNITS, "simulated": simulated})
         tifffile.imwrite(draft / name, image, **tags(work, description))
+
+
+def write_pngs(work: Work, draft: Path) -> None:
+    for name, image in zip(work.names, work.images(), strict=False):
+        (draft / name).write_bytes(encoded(Path(name), image))
 
 
 def tags(work: Work, description: str) -> dict[str, Any]:

@@ -1,14 +1,14 @@
-"""`python -m labapp.window.startup`: how long the window takes to appear, and its memory.
+"""`python window_startup.py BEGAN`: how long the window takes to appear, and its memory.
 
-Prints one JSON line. A child opens the window as `labapp gui` would, says when it was
-first painted and when the first live picture was, and closes.
+BEGAN: the monotonic time at which this process was started. It opens the window as `labapp gui`
+would, notes when it was first painted and when the first live picture was, prints one JSON line,
+and closes.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,15 +16,10 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, QObject, QTimer
 from PySide6.QtWidgets import QMainWindow
 
-from labapp.window.connection import Connection
+from labapp.window.app import open_window
 from labapp.window.messages import LiveFrame
 
-PROBE = "LABAPP_WINDOW_PROBE"
-"""Environment variable: the monotonic time at which the child was started."""
-
-_COMMAND = "import sys; from labapp.window.app import main; sys.exit(main())"
 _FRAMES = 60
-_LIMIT = 120
 
 
 class _Watcher(QObject):
@@ -62,24 +57,12 @@ class _Watcher(QObject):
         self._window.close()
 
 
-def watch(window: QMainWindow, connection: Connection) -> None:
-    """Report on a window that was started for it, and close it."""
-    watcher = _Watcher(window, float(os.environ[PROBE]))
+def report_on_window(began: float) -> None:
+    """Open a window, report on it, and return when it is closed."""
+    application, window, connection = open_window()
+    watcher = _Watcher(window, began)
     connection.received.connect(watcher.hear)
-
-
-def measure() -> dict[str, float]:
-    """Seconds from before the child's start to the first paint; resident megabytes, live."""
-    environment = {**os.environ, PROBE: str(time.monotonic())}
-    child = subprocess.run(
-        [sys.executable, "-c", _COMMAND],
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-        timeout=_LIMIT,
-        check=True,
-    )
-    return json.loads(child.stdout.strip().splitlines()[-1])
+    application.exec()
 
 
 def _resident_bytes() -> int:
@@ -88,4 +71,4 @@ def _resident_bytes() -> int:
 
 
 if __name__ == "__main__":
-    print(json.dumps(measure()))
+    report_on_window(float(sys.argv[1]))
