@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
+from labapp.runs.bench import Bench
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from drivers.interfaces import Frame
+from labapp.runs.bench import Bench
 from labapp.runs.steps import Shot
-
-if TYPE_CHECKING:
-    # Who checks a record needs no bench.
-    from labapp.bench.opening import Bench
 
 EXPOSURE_STEP = (20e-6, 0.02)
 """Seconds, and share, by which an exposure may miss what was asked: cameras count in lines."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +11,10 @@ from numpy.typing import NDArray
 from labapp.files.plan_file import PlanFile
 from labapp.runs.abilities import Abilities
 from labapp.runs.acquisition.effects import effect_plans
+from labapp.runs.bench import Bench
 from labapp.runs.record.making import Contents
 from labapp.runs.record.reader import digest
 from labapp.runs.steps import Shot
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
 
 
 def contents_of(

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.runs.bench import Bench
 from labapp.runs.steps import Shot
 
 if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
     from simulator.planning import Decision, EffectPlan
     from simulator.world import World
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
+from labapp.runs.bench import Bench
 
 GROUP = "labapp.hooks"
 """An entry point here is a callable `make(plan, bench)`; what it gives back may have the

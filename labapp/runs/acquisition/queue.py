@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
@@ -14,11 +13,9 @@ from labapp.runs.abilities import Abilities
 from labapp.runs.acquisition.checking import checked_shots, expect
 from labapp.runs.acquisition.runner import Outcome, run_plan
 from labapp.runs.acquisition.taking import Ask
+from labapp.runs.bench import Bench
 from labapp.runs.state import State
 from optics.progress import Progress
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
 
 
 @dataclass(frozen=True)

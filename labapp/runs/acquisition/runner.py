@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
@@ -18,13 +17,11 @@ from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.keeping import require_space
 from labapp.runs.acquisition.taking import Ask
 from labapp.runs.acquisition.under_way import OnFrame, Outcome, RunUnderWay
+from labapp.runs.bench import Bench
 from labapp.runs.record.making import make
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import Shot
 from optics.progress import Progress
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
 
 __all__ = ["OnFrame", "Outcome", "resume_run", "run_plan"]
 

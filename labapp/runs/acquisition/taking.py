@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,10 @@ from drivers.interfaces import Frame, Setting
 from labapp.files.plan_file import Retry
 from labapp.runs.accepting import Stood, require_honest
 from labapp.runs.acquisition.checking import prompt
+from labapp.runs.bench import Bench
 from labapp.runs.record.writer import CorruptFrame
 from labapp.runs.steps import Shot
 from optics.progress import Progress
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +20,13 @@ from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.keeping import Keeper
 from labapp.runs.acquisition.lookout import Lookout
 from labapp.runs.acquisition.taking import Ask, Taker
+from labapp.runs.bench import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
-
-if TYPE_CHECKING:
-    from labapp.bench.opening import Bench
 
 log = logging.getLogger(__name__)
 
