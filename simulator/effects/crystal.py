@@ -12,6 +12,7 @@ import torch
 from optics.slm.dynamics import first_start, relaxed
 from optics.slm.gap import gap_light
 from simulator.effects.blurs import BlurStage, spread_otherwise
+from simulator.effects.on_pixels import flickers
 from simulator.effects.panel_effects import blurred
 from simulator.effects.wavefronts import MARGIN, sampled
 from simulator.planning import Bound
@@ -89,8 +90,7 @@ def _change(s: Situation) -> float:
 
 def _any_time(s: Situation) -> bool:
     """Whether rows or a lamp may weigh any part of a frame as they like."""
-    lamp = s.target.lamp
-    return s.camera.sensor.shutter == "rolling" or not (lamp is None or lamp.constant)
+    return s.camera.sensor.shutter == "rolling" or flickers(s)
 
 
 def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:

@@ -31,9 +31,6 @@ class PanelDispersion(BlurStage):
     physics = "a pattern's phase falls with the wavelength, as the crystal's path hardly changes"
     source = "Li and Wu 2004, doi 10.1063/1.1635971"
 
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
-
     def left_out(self, s: Situation) -> Bound:
         change = MARGIN * kept(s, self.name, lambda: _changes(s))
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"

@@ -9,7 +9,7 @@ import numpy as np
 
 from optics.light.waveform import Waveform
 from optics.sensor.shutter import row_starts, skew
-from simulator.effects.on_pixels import through_sensor
+from simulator.effects.on_pixels import flickers, through_sensor
 from simulator.planning import Bound, Stage
 
 if TYPE_CHECKING:
@@ -26,8 +26,7 @@ class LampFlicker(Stage):
     source = "Waveform.mean(), exact integrals over each row's exposure; IEEE Std 1789"
 
     def caused(self, s: Situation) -> bool:
-        lamp = s.target.lamp
-        return lamp is not None and not lamp.constant and not s.picture.dark
+        return flickers(s) and not s.picture.dark
 
     def missed(self, s: Situation) -> float:
         return self._rows(s)

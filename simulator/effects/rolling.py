@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optics.sensor.shutter import row_starts
-from simulator.effects.on_pixels import light, pixels, through_sensor
-from simulator.planning import Bound, Stage
+from simulator.effects.on_pixels import PixelStage, flickers, light, through_sensor
+from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
 
 
-class RollingShutter(Stage):
+class RollingShutter(PixelStage):
     name = "rolling shutter"
     entry = "rolling"
     physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
@@ -32,9 +31,6 @@ class RollingShutter(Stage):
             s, self._share(s) * light(s), "proved: light of the times that a row doesn't share"
         )
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return float(pixels(s)) if levels[self.name] else 0.0
-
     def why(self, s: Situation) -> str:
         late = s.lasts - s.exposure
         return (
@@ -43,8 +39,7 @@ class RollingShutter(Stage):
         )
 
     def _changing(self, s: Situation) -> bool:
-        lamp = s.target.lamp
-        return bool(s.target.moves or s.shown.moves or not (lamp is None or lamp.constant))
+        return s.target.moves or s.shown.moves or flickers(s)
 
     def _share(self, s: Situation) -> float:
         """Of the light, what is another in some row than in the first, at most."""

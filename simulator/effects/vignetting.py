@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from simulator.effects.blurs import BlurStage, hiding
-from simulator.effects.costs import VIGNETTING, added
+from simulator.effects.costs import VIGNETTING
 from simulator.effects.limits import unequal
 from simulator.effects.on_pixels import in_proportion, light
 from simulator.planning import Bound
@@ -21,15 +20,9 @@ class Vignetting(BlurStage):
     physics = "off the axis the lens looks smaller, is farther away, and its stop cuts more"
     source = "cos⁴ law; Born and Wolf 4.8.3"
 
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
-
     def left_out(self, s: Situation) -> Bound:
         how = "proved: Young; the largest loss anywhere in the frame and its margin"
         return in_proportion(s, hiding(s) * unequal(s) * light(s), how)
-
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
         return f"{unequal(s):.2g} of the light is lost, or gained, where it differs most"

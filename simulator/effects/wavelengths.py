@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blurs import NOTHING, hiding, relative
-from simulator.effects.costs import BAND, WAVELENGTHS, added
+from simulator.effects.blurs import Blurring, hiding
+from simulator.effects.costs import BAND, WAVELENGTHS
 from simulator.effects.keeping import kept
 from simulator.effects.limits import lit_otherwise
 from simulator.effects.on_pixels import in_proportion, light, seconds
 from simulator.effects.spectra import measure
 from simulator.formation.windows import span
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 from simulator.probing.some_frequencies import SomeFrequencies
 
 if TYPE_CHECKING:
-    from simulator.recipe import Recipe
     from simulator.situation import Situation
 
 Array = NDArray[np.float64]
@@ -35,11 +33,12 @@ _UNEVEN = 12.0
 far from an image is both dim and the first to be wrong."""
 
 
-class Bandwidth(Effect):
+class Bandwidth(Blurring):
     """A PSF grows with the wavelength, and a pattern's phase falls with it."""
 
     name = BAND
     kind = "axis"
+    entry, values = "wavelengths", WAVELENGTHS
     physics = "each wavelength of the band has a PSF of its own, wider and less turned"
     source = "Golub and Welsch 1969; Goodman, Introduction to Fourier Optics 6.1"
     levels = tuple(str(n) for n in WAVELENGTHS)
@@ -50,25 +49,14 @@ class Bandwidth(Effect):
     def finest(self, s: Situation) -> int:
         return len(_changes(s)) - 1
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.3 * relative(s, self.bound(s, level))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return NOTHING
+    def coarser(self, s: Situation, level: int) -> Bound:
         change = _changes(s)[level]
         how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
         return in_proportion(s, hiding(s) * change, how, _UNEVEN)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
-
     def why(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9
         return f"a band of {width:.3g} nm around {s.wavelength * 1e9:.4g} nm scales the PSF"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(wavelengths=WAVELENGTHS[level])
 
 
 def _changes(s: Situation) -> tuple[float, ...]:
