@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -81,7 +81,7 @@ class ScreenSLM:
         self._model = screen or "SLM on a screen"
         self._options = {
             "model": self._model,
-            "wanted": asdict(wanted),
+            "wanted": wanted,
             "display": display,
             "allow_ramp": allow_ramp,
         }
@@ -90,7 +90,7 @@ class ScreenSLM:
         self._window: Hosted | None = None
         self._lookout = Lookout(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
-        self._frame_time = 1 / refresh_hz
+        self.frame_time = 1 / refresh_hz
         self._entered = self._killed = False
 
     def __enter__(self) -> Self:
@@ -107,10 +107,6 @@ class ScreenSLM:
     @property
     def identity(self) -> Identity:
         return self._identity
-
-    @property
-    def frame_time(self) -> float:
-        return self._frame_time
 
     @property
     def shown(self) -> str:
@@ -176,7 +172,7 @@ class ScreenSLM:
             self._drop()
             reply = f"this is {found.model} {found.serial}, and it was {self._identity.serial}"
             raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
-        self._identity, self._frame_time = found, window.frame_time
+        self._identity, self.frame_time = found, window.frame_time
         self._model = found.model
         return window
 

@@ -58,16 +58,11 @@ class SimulatedFilter(Simulated):
             raise ValueError(f"range_nm is {range_nm}; give a lowest and a higher wavelength")
         require_positive("bandwidth_nm", bandwidth_nm, "nm")
         require_duration("settling_ms", settling_ms)
-        self._range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
+        low, high = self.wavelength_range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
         # A band that can be at the shortest wavelength can be at all others.
-        band = _band(self._range[0], bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
-        low, high = self._range
+        band = _band(low, bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
         self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
-
-    @property
-    def wavelength_range(self) -> tuple[float, float]:
-        return self._range
 
     @property
     def bandwidth(self) -> float:
@@ -78,7 +73,7 @@ class SimulatedFilter(Simulated):
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        low, high = self._range
+        low, high = self.wavelength_range
         self._luck.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
             raise self._refuse(
@@ -92,7 +87,7 @@ class SimulatedFilter(Simulated):
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        self.set_wavelength(self._range[0])
+        self.set_wavelength(self.wavelength_range[0])
 
 
 class SimulatedWheel(Slotted, Simulated):

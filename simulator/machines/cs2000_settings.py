@@ -20,8 +20,10 @@ _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 class Settings:
     """model, serial, firmware: as of CS2000Machine. optics: whose dial it tells.
 
-    remote: the mode that RMTS has set. old: whether it has the first firmware, which knows
-    less. speed: SPMS's mode, integration and filter. sync: SCMS's mode and frequency.
+    remote: the mode that RMTS has set, 0 while its keys work, 1 and 2 while it obeys the wire.
+    written_to_flash: settings that have gone into its flash memory, which wears. old: whether it
+    has the first firmware, which knows less. speed: SPMS's mode, integration and filter. sync:
+    SCMS's mode and frequency.
     """
 
     def __init__(self, model: str, serial: str, firmware: str, optics: Optics) -> None:

@@ -74,16 +74,10 @@ class EffectPlan:
         )
 
     def __getitem__(self, effect: str) -> Decision:
-        for decision in self.decisions:
-            if decision.effect == effect:
-                return decision
-        raise KeyError(effect)
-
-    def is_on(self, effect: str) -> bool:
-        """Whether it takes part; one that nothing causes doesn't."""
-        return self._levels.get(effect, 0) > 0
+        return {one.effect: one for one in self.decisions}[effect]
 
     def level(self, effect: str) -> int:
+        """0 for one that is off, or that nothing causes."""
         return self._levels.get(effect, 0)
 
     @property
@@ -134,14 +128,19 @@ def planned(
     Raises ValueError for a tol that is negative or not finite, a forced effect that doesn't
     exist, a level that it hasn't, or one that is on and requires one that is off.
     """
-    if not 0 <= tol < math.inf:
-        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
+    require_tolerance(tol)
     fixed = {
         name: forced_level(effects, situation, name, wanted)
         for name, wanted in (forced or {}).items()
     }
     ladder = Ladder(effects, situation, floor, fixed)
     return EffectPlan(ladder, situation, tol, ladder.levels(EFFECTS_SHARE * tol), ladder.fixed)
+
+
+def require_tolerance(tol: float) -> None:
+    """Raise ValueError for one that is negative or not finite."""
+    if not 0 <= tol < math.inf:
+        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
 def _decision(
