@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +14,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import Hosted
 from drivers.interfaces import Identity, Setting, Surroundings
+from drivers.options import require_within
 from drivers.screen.choosing import Wanted
 from drivers.screen.lookout import Lookout
 from drivers.screen.player import Presentations
@@ -69,8 +69,8 @@ class ScreenSLM:
         for name, size in (("width", width), ("height", height)):
             if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= 32767:
                 raise ValueError(f"{name} is {size!r}; give pixels, from 1 to 32767")
-        _require_number("refresh_hz", refresh_hz, 1, 1000)
-        _require_number("settling_ms", settling_ms, 0, 1e6)
+        require_within("refresh_hz", refresh_hz, 1, 1000)
+        require_within("settling_ms", settling_ms, 0, 1e6)
         if display is not None and (not isinstance(display, str) or ":" not in display):
             raise ValueError(f"display is {display!r}; write it as in DISPLAY, such as ':0'")
         for name, word in (("allow_primary", allow_primary), ("allow_ramp", allow_ramp)):
@@ -213,9 +213,3 @@ class ScreenSLM:
             reply = f"{grey.nbytes >> 20} MiB are more than {_MOST >> 20}"
             raise DeviceError(self._model, command, reply, "Show fewer frames")
         return np.ascontiguousarray(grey)
-
-
-def _require_number(name: str, value: float, least: float, most: float) -> None:
-    number = not isinstance(value, bool) and isinstance(value, (int, float))
-    if not number or not (math.isfinite(value) and least <= value <= most):
-        raise ValueError(f"{name} is {value!r}; it must be from {least:g} to {most:g}")

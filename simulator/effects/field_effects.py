@@ -1,17 +1,19 @@
-"""The PSF changes over the field where the panel stands apart from the lens."""
+"""What differs over the field: the panel that a place is seen through, and its brightness."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from simulator.effects.blurs import Blurring, spread_otherwise
-from simulator.effects.costs import PLACE, PLACES
-from simulator.effects.limits import lit_otherwise
+from simulator.effects.blurs import Blurring, BlurStage, hiding, spread_otherwise
+from simulator.effects.costs import PLACE, PLACES, VIGNETTING
+from simulator.effects.limits import lit_otherwise, unequal
+from simulator.effects.on_pixels import in_proportion, light
 from simulator.planning import Bound
 
 if TYPE_CHECKING:
     from simulator.situation import Situation
+
 
 _FALLS = (1.0, 0.5, 0.15)
 """Audited: of the largest change, what so many Chebyshev nodes leave."""
@@ -38,3 +40,17 @@ class FieldPosition(Blurring):
 
     def why(self, s: Situation) -> str:
         return f"from the axis to a corner {lit_otherwise(s):.2g} of the lit panel changes"
+
+
+class Vignetting(BlurStage):
+    name = VIGNETTING
+    entry = "vignetting"
+    physics = "off the axis the lens looks smaller, is farther away, and its stop cuts more"
+    source = "cos⁴ law; Born and Wolf 4.8.3"
+
+    def left_out(self, s: Situation) -> Bound:
+        how = "proved: Young; the largest loss anywhere in the frame and its margin"
+        return in_proportion(s, hiding(s) * unequal(s) * light(s), how)
+
+    def why(self, s: Situation) -> str:
+        return f"{unequal(s):.2g} of the light is lost, or gained, where it differs most"
