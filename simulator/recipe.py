@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from optics.camera import Panel
 from optics.sensor import Shot, Stages
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 SMALLEST_WINDOW = 64
 """Sensor pixels across the smallest PSF that is rendered."""

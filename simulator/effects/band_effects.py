@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,7 @@ from simulator.effects.spectra import leaking, measure
 from simulator.formation.windows import span
 from simulator.planning import Bound
 from simulator.probing.some_frequencies import SomeFrequencies
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
-
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 

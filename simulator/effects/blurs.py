@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from simulator.effects.costs import added
 from simulator.effects.limits import hides, uneven
 from simulator.effects.on_pixels import in_proportion, light, seconds, sharp, through_sensor, whole
 from simulator.planning import Bound, Effect, Stage
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 def hiding(s: Situation) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
 from simulator.effects.keeping import once
@@ -13,9 +12,7 @@ from simulator.effects.limits import all_even, orders_near
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 from simulator.recipe import SMALLEST_WINDOW
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 WAVELENGTHS = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
 LEAK = (0, 4, 8, 16)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -16,10 +15,8 @@ from simulator.effects.on_pixels import flickers
 from simulator.effects.panel_effects import blurred
 from simulator.effects.wavefronts import MARGIN, sampled
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 CRYSTAL = "liquid-crystal response"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +16,7 @@ from simulator.effects.on_pixels import seconds, through_sensor
 from simulator.formation.nodes import depth_nodes
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class DepthLayers(Effect):

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from simulator.effects.blurs import Blurring, BlurStage, hiding, spread_otherwise
 from simulator.effects.costs import PLACE, PLACES, VIGNETTING
 from simulator.effects.limits import lit_otherwise, unequal
 from simulator.effects.on_pixels import in_proportion, light
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
-
+from simulator.situation import Situation
 
 _FALLS = (1.0, 0.5, 0.15)
 """Audited: of the largest change, what so many Chebyshev nodes leave."""

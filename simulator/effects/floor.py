@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -19,9 +19,7 @@ from simulator.effects.spectra import measure
 from simulator.planning.bound import Floor
 from simulator.probing.picture import MARGIN
 from simulator.probing.radial import RadialProfile
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 T = TypeVar("T")
 

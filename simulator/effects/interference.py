@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.costs import BEATS
 from simulator.effects.wavefronts import sampled
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class Interference(BlurStage):

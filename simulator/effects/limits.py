@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -23,9 +22,7 @@ from simulator.effects.keeping import once
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import span
 from simulator.scene.drawable import Even
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,7 @@ from simulator.formation.windows import picture_shape
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MOST = 1.2173
 """Of 1 - sinc, anywhere."""

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from optics.sensor.table import pieces
 from simulator.effects.keeping import once
 from simulator.effects.limits import contrast, densest, energy, known, straight
 from simulator.planning import Bound, Stage
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 _GAIN = 1.1
 """Audited: light that orders, or an uneven lamp, may add to a pixel's."""

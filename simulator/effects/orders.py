@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simulator.effects.blurs import Blurring, spread_otherwise
 from simulator.effects.costs import GRID, ORDERS
 from simulator.effects.limits import orders_near
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MARGIN = 1.5
 

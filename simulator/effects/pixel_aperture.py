@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simulator.effects.on_pixels import PixelStage, in_proportion, seconds
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MOST = 1.2173
 """Of |1 - sinc a sinc b|, anywhere."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from optics.edge import as_number
 from simulator.effects.blurs import Blurring, hiding
@@ -13,9 +12,7 @@ from simulator.effects.on_pixels import light, sharp, through_sensor, whole
 from simulator.effects.spectra import leaking
 from simulator.formation.windows import span
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MARGIN = 1.5
 """Audited: with some of the panel's effects off, or all on, more light may go far."""

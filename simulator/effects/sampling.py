@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,7 @@ from simulator.effects.costs import SAMPLES, SAMPLING, WINDOWS
 from simulator.effects.limits import contrast, hides
 from simulator.planning import Bound
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _FINEST = 4
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from optics.sensor import uneven
 from simulator.effects.on_pixels import (
@@ -24,9 +23,7 @@ from simulator.effects.on_pixels import (
     through_sensor,
 )
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class DarkCurrent(PixelStage):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
+from optics.camera import Sensor
 from optics.sensor.chain import FEW
 from simulator.effects.on_pixels import (
     FURTHEST,
@@ -19,10 +19,7 @@ from simulator.effects.on_pixels import (
     root_pixels,
 )
 from simulator.planning import Bound, Effect
-
-if TYPE_CHECKING:
-    from optics.camera import Sensor
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _DRAWING = (0.0, 20.0, 24.0, 180.0)
 """Operations of a pixel by level: a normal number takes as long as 20 of a transform's, one of

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +10,7 @@ from optics.light.waveform import Waveform
 from optics.sensor.shutter import row_starts, skew
 from simulator.effects.on_pixels import PixelStage, flickers, light, through_sensor
 from simulator.planning import Bound, Stage
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
-
+from simulator.situation import Situation
 
 _INSTANTS = 4096
 """Parts of an exposure, whose means are exact, for the mean deviation within it."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,7 @@ from optics.sensor import Mosaic
 from simulator.probing.rates import collected
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 

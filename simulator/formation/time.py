@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 from optics.sensor.shutter import row_starts
 from simulator.recipe import Recipe
 from simulator.shown import Mixture, Procession, Span
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 K = TypeVar("K")

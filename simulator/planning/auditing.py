@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import torch
 
@@ -14,9 +14,7 @@ from simulator.planning.bound import Bound, ratio
 from simulator.planning.effect import Effect
 from simulator.planning.plan import EffectPlan, recipe_of
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Rendered = tuple[torch.Tensor, torch.Tensor]
 Levels = Mapping[str, int]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from simulator.planning.bound import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 
 class Effect(ABC):

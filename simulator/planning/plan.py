@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simulator.planning.bound import Bound, Floor
 from simulator.planning.effect import Effect
 from simulator.planning.forcing import forced_level
 from simulator.planning.ladder import Ladder
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 EFFECTS_SHARE = 0.9
 """Of a tolerance, what effects may be left out for; the rest is for sampling and arithmetic."""
