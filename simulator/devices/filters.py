@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, Self, get_args
 
-from drivers.interfaces import Setting, Slot, Surroundings
-from drivers.wheel import Slotted
+from drivers.interfaces import Setting, Surroundings
+from drivers.wheel import Slotted, slots_from
 from optics.edge import require_positive
 from optics.light.bands import Band
 from simulator.devices.simulated import Simulated, require_duration
@@ -111,16 +111,8 @@ class SimulatedWheel(Slotted, Simulated):
         leak_range_nm: Range = VISIBLE,
     ) -> None:
         super().__init__(surroundings)
-        if not slots_nm:
-            raise ValueError("slots_nm is empty; a wheel has one slot at least")
-        for centre, width in slots_nm:
-            require_positive("slots_nm's centre", centre, "nm")
-            require_positive("slots_nm's width", width, "nm")
         require_duration("step_ms", step_ms)
-        self._slots = tuple(
-            Slot(f"{centre:g} nm", round(centre * 1e3) * 1e-12, width * 1e-9)
-            for centre, width in slots_nm
-        )
+        self._slots = slots_from(slots_nm)
         self._bands = [
             _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm)
             for slot in self._slots

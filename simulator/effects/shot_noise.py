@@ -72,7 +72,8 @@ class ShotNoise(Effect):
         if near_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + FURTHEST * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
-        spread = math.sqrt(_l1(s))
+        # Of all pixels' electrons at most (Cauchy-Schwarz).
+        spread = math.sqrt(held(s) * root)
         normal = self._normal(s)
         return Bound(
             max(step * root + kinked, normal.mean),
@@ -117,8 +118,3 @@ def _sigma(variance: float, sensor: Sensor) -> float:
     """What a change of a variance is of the standard deviation, where it is least: a step of the
     converter may hide all of it."""
     return math.sqrt(variance) if sensor.gain**2 > FEW else variance / math.sqrt(FEW)
-
-
-def _l1(s: Situation) -> float:
-    """Sum of all pixels' electrons at most (Cauchy-Schwarz)."""
-    return held(s) * root_pixels(s)

@@ -81,7 +81,8 @@ class RollingShutter(PixelStage):
     source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"
 
     def caused(self, s: Situation) -> bool:
-        return s.camera.sensor.shutter == "rolling" and self._changing(s) and not s.picture.dark
+        changing = s.target.moves or s.shown.moves or flickers(s)
+        return s.camera.sensor.shutter == "rolling" and changing and not s.picture.dark
 
     def missed(self, s: Situation) -> float:
         return self._share(s)
@@ -98,16 +99,11 @@ class RollingShutter(PixelStage):
             f"{s.exposure * 1e3:.3g} ms"
         )
 
-    def _changing(self, s: Situation) -> bool:
-        return s.target.moves or s.shown.moves or flickers(s)
-
     def _share(self, s: Situation) -> float:
         """Of the light, what is another in some row than in the first, at most."""
         begins = row_starts(s.camera.sensor, s.moment).numpy()
         if s.target.moves or s.shown.moves:
             # Both windows have light of their own, of the time by which they are apart.
             return float(2 * min(s.lasts / s.exposure - 1, 1.0))
-        lamp = s.target.lamp
-        assert lamp is not None
-        seen = lamp.mean(begins, begins + s.exposure)
+        seen = _lamp(s).mean(begins, begins + s.exposure)
         return float(np.abs(seen - seen[0]).max())

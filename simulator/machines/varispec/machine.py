@@ -127,7 +127,8 @@ class VariSpecMachine(Suffering):
                 if t < self._done_at:
                     break
                 finish, self._finish = self._finish, None
-                replies += [Reply(t, self._framed(line)) for line in self._try(finish, t)]
+                lines = (line.encode("ascii") for line in self._try(finish, t))
+                replies += [Reply(t, line + self.terminator) for line in lines]
             elif self._queue:
                 self._try(lambda t: self._start(self._queue.popleft(), t), t)
                 if self._finish is not None:
@@ -148,9 +149,6 @@ class VariSpecMachine(Suffering):
         finally:
             if "uninitialised" in self._faults:
                 self.state.initialised = initialised
-
-    def _framed(self, line: str) -> bytes:
-        return line.encode("ascii") + self.terminator
 
     def _begin(self, t: float, seconds: float, finish: Callable[[float], list[str]]) -> None:
         self._finish, self._done_at = finish, t + seconds
