@@ -300,7 +300,7 @@ def test_killed_a_measurement_ends(plugged):
         ({"integration_ms": 10}, "integration_ms is 10 and mode 'normal'"),
         ({"mode": "manual", "integration_ms": 4.9}, "integration_ms is 4.9; it must be"),
         ({"mode": "manual", "integration_ms": math.nan}, "integration_ms is nan"),
-        ({"mode": "manual", "integration_ms": "7"}, "integration_ms is 7"),
+        ({"mode": "manual", "integration_ms": "7"}, "integration_ms is '7'"),
         ({"mode": "multi"}, "integration_s is None and mode 'multi'"),
         ({"mode": "multi", "integration_s": 17}, "integration_s is 17"),
         ({"mode": "multi", "integration_s": 1.5}, "integration_s is 1.5"),
