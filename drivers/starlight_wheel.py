@@ -81,9 +81,6 @@ class StarlightWheel(UsbWheel):
         # It turns to its first slot when it gets power, and when it has counted.
         self._settle(command, 0)
 
-    def _where(self, command: str) -> int:
-        return self._settle(command, 0)
-
     def _go(self, command: str, number: int) -> None:
         self._ask(command, (number, 0))
         self._settle(command, number)

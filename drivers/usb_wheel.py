@@ -42,6 +42,13 @@ class UsbWheel(Wheel):
         """Why it counts as unplugged, empty while it is there; see Device."""
         return self._link.gone()
 
+    def _where(self, command: str) -> int:
+        return self._settle(command, 0)
+
+    def _settle(self, command: str, wanted: int) -> int:
+        """The slot, once the wheel stands there, or anywhere for 0, as it says repeatedly."""
+        raise NotImplementedError
+
     def _close(self) -> None:
         self._link.close()
 

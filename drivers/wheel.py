@@ -9,6 +9,7 @@ from typing import Self
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Setting, Slot, Surroundings
+from drivers.options import is_number, require_within
 
 PICOMETRE = 1e-12
 """How near a wavelength must be to a slot's centre to mean it."""
@@ -39,12 +40,8 @@ def slots_from(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -
     )
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _is_length(value: object) -> bool:
-    return _is_number(value) and 0 < value < math.inf  # type: ignore[operator]
+    return is_number(value) and value > 0
 
 
 def _are_names(names: Sequence[str], count: int) -> bool:
@@ -191,10 +188,9 @@ class Wheel(Slotted):
         self._slots = slots_from(slots_nm, names)
         if not _are_slots(avoid, len(self._slots)):
             raise ValueError(f"avoid is {avoid!r}; give numbers from 1 to {len(self._slots)}")
-        if not _is_number(step_ms) or not 0 < step_ms <= 60_000:
+        if not is_number(step_ms) or not 0 < step_ms <= 60_000:
             raise ValueError(f"step_ms is {step_ms!r}; it must be more than 0 and up to 60000")
-        if not _is_number(settling_ms) or not 0 <= settling_ms <= 60_000:
-            raise ValueError(f"settling_ms is {settling_ms!r}; it must be from 0 to 60000")
+        require_within("settling_ms", settling_ms, 0, 60_000)
         self._avoid = frozenset(avoid)
         self._step = step_ms * 1e-3
         self._given, self._late = math.inf, math.inf

@@ -100,9 +100,6 @@ class ZwoWheel(UsbWheel):
         self._who("open")
         self._settle("open", 0)
 
-    def _where(self, command: str) -> int:
-        return self._settle(command, 0)
-
     def _go(self, command: str, number: int) -> None:
         self._send(command, _GO + bytes([number]))
         self._settle(command, number)

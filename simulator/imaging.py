@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import os
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +19,7 @@ from simulator.formation import expected
 from simulator.ledger import Ledger
 from simulator.planning import EffectPlan
 from simulator.planning.forcing import forced_level, settled
-from simulator.planning.plan import planned
+from simulator.planning.plan import planned, require_tolerance
 from simulator.probing.pattern import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -62,7 +61,7 @@ class Imaging:
         forced: Mapping[str, str | bool] | None = None,
         memory: int = MEMORY,
     ) -> None:
-        _require_tolerance(tol)
+        require_tolerance(tol)
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
@@ -70,7 +69,7 @@ class Imaging:
 
     def at(self, tol: float) -> Imaging:
         """The same to another tolerance, with nothing forced; the two share what is kept."""
-        _require_tolerance(tol)
+        require_tolerance(tol)
         other = copy.copy(self)
         other.tol, other.forced = tol, {}
         return other
@@ -143,11 +142,6 @@ class Imaging:
             return Stream(electrons, s.exposure, s.camera.sensor, recipe)
 
         return self._streams.get((causes(s), tuple(plan.levels.items())), compute)
-
-
-def _require_tolerance(tol: float) -> None:
-    if not 0 <= tol < math.inf:
-        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
 def causes(s: Situation) -> Hashable:

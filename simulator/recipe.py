@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from optics.camera import Panel
 from optics.sensor import Shot, Stages
+from simulator.situation import Situation
 
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+SMALLEST_WINDOW = 64
+"""Sensor pixels across the smallest PSF that is rendered."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Recipe:
     def barest(s: Situation) -> Recipe:
         """An ideal panel and lens at one wavelength, place and time, and a sensor that counts
         electrons."""
-        return Recipe(s.ideal_panel, s.smallest_window, s.coarsest_sampling)
+        return Recipe(s.ideal_panel, SMALLEST_WINDOW, s.coarsest_sampling)
 
     @property
     def stages(self) -> Stages:

@@ -99,11 +99,6 @@ class Situation:
         return ideal(self.camera.panel)
 
     @property
-    def smallest_window(self) -> int:
-        """Sensor pixels across the smallest PSF that is rendered."""
-        return 64
-
-    @property
     def coarsest_sampling(self) -> int:
         """Samples of the light in a pixel along each axis, that resolve the finest fringe of the
         shortest wavelength."""

@@ -82,27 +82,24 @@ class Link:
     def ask(self, name: str, *given: Any, within: float) -> Any:
         """What the library answers. Refused if it says no; Gone, and killed, if nothing comes."""
         with self._turn:
-            return self._ask(name, *given, within=within)
-
-    def _ask(self, name: str, *given: Any, within: float) -> Any:
-        if not self._open:
-            raise Gone(self.model, name, "its process is closed", "Take it again")
-        # Numpy's numbers are floats, too, but the other Python may not know them.
-        plain = [float(one) if isinstance(one, float) else one for one in given]
-        self._process.tell(Request(name, plain))
-        try:
-            return self._process.next(within).result()
-        except Ended as ended:
-            raise self._death(name, str(ended)) from ended
-        except ConnectionError as lost:
-            raise self._death(name, str(lost)) from lost
-        except (ImportError, ValueError) as missing:
-            self.kill()
-            reply = f"Aravis isn't there: {missing}"
-            raise DeviceError(self.model, "open", reply, _INSTALL) from missing
-        except RuntimeError as refusal:
-            remedy = "Look at the camera's settings, its network and its cable"
-            raise Refused(self.model, name.replace("_", " "), str(refusal), remedy) from refusal
+            if not self._open:
+                raise Gone(self.model, name, "its process is closed", "Take it again")
+            # Numpy's numbers are floats, too, but the other Python may not know them.
+            plain = [float(one) if isinstance(one, float) else one for one in given]
+            self._process.tell(Request(name, plain))
+            try:
+                return self._process.next(within).result()
+            except Ended as ended:
+                raise self._death(name, str(ended)) from ended
+            except ConnectionError as lost:
+                raise self._death(name, str(lost)) from lost
+            except (ImportError, ValueError) as missing:
+                self.kill()
+                reply = f"Aravis isn't there: {missing}"
+                raise DeviceError(self.model, "open", reply, _INSTALL) from missing
+            except RuntimeError as refusal:
+                remedy = "Look at the camera's settings, its network and its cable"
+                raise Refused(self.model, name.replace("_", " "), str(refusal), remedy) from refusal
 
     def _death(self, name: str, reply: str) -> Gone:
         self.kill()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from drivers.aravis.pixels import FORMATS
+from drivers.options import is_number
 
 Trigger = Literal["software", "hardware", "free"]
 
@@ -36,7 +36,7 @@ class Options:
         names = ", ".join(FORMATS)
         known = not self.pixel_format or self.pixel_format in FORMATS
         _require(known, "pixel_format", self.pixel_format, f"one of {names}, or empty")
-        _require(_finite(self.gain_db), "gain_db", self.gain_db, "a number of decibels")
+        _require(is_number(self.gain_db), "gain_db", self.gain_db, "a number of decibels")
         whole = _counts(self.roi, 0) and len(self.roi) in (0, 4)
         if whole and len(self.roi) == 4:
             whole = self.roi[2] > 0 and self.roi[3] > 0
@@ -45,7 +45,7 @@ class Options:
         _require(fits, "binning", self.binning, "[across, down], 1 at least")
         kinds = get_args(Trigger)
         _require(self.trigger in kinds, "trigger", self.trigger, f"one of {', '.join(kinds)}")
-        rate = _finite(self.frame_rate) and self.frame_rate >= 0
+        rate = is_number(self.frame_rate) and self.frame_rate >= 0
         _require(rate, "frame_rate", self.frame_rate, "frames a second, or 0 for the camera's own")
         packet = _counts([self.packet_size], 0) and (
             self.packet_size == 0 or 576 <= self.packet_size <= 65000
@@ -56,12 +56,7 @@ class Options:
         _require(latency, "latency_frames", self.latency_frames, "a number of frames")
         for name in ("frame_timeout_ms", "trigger_wait_s", "electrons_per_number"):
             value = getattr(self, name)
-            _require(_finite(value) and value > 0, name, value, "positive and finite")
-
-
-def _finite(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value)  # type: ignore[arg-type]
+            _require(is_number(value) and value > 0, name, value, "positive and finite")
 
 
 def _counts(values: Sequence[int], least: int) -> bool:

@@ -121,15 +121,14 @@ class Taking:
 
     def take(self, cancelled: Callable[[], bool]) -> Taken:
         """A frame whose exposure begins after this is called; DeviceError if there is none."""
-        late = time.monotonic() + self.exposure + self.frame_time + self.patience
-        return self._take(cancelled, late, time.monotonic())
+        return self._take(cancelled, time.monotonic())
 
     def following(self, cancelled: Callable[[], bool]) -> Taken:
         """The next frame of a free-running camera whose exposure began after the last change."""
-        late = time.monotonic() + self.exposure + self.frame_time + self.patience
-        return self._take(cancelled, late, self._changed)
+        return self._take(cancelled, self._changed)
 
-    def _take(self, cancelled: Callable[[], bool], late: float, since: float) -> Taken:
+    def _take(self, cancelled: Callable[[], bool], since: float) -> Taken:
+        late = time.monotonic() + self.exposure + self.frame_time + self.patience
         tries = 0
         while True:
             self.got_on(self.exposure + self.readout)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.options import is_number, require_within
+
 _BAUDRATES = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _MODES = {"normal": 0, "fast": 1, "multi": 2, "manual": 3, "multi fast": 4}
 NDS = {"off": 0, "on": 1, "auto": 2}
@@ -66,10 +68,6 @@ def chosen(
     )
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
     if not isinstance(value, str) or value not in known:
         raise ValueError(f"{name} is {value!r}; choose {', '.join(known)}")
@@ -87,8 +85,7 @@ def _speed(mode: str, integration_ms: float | None, integration_s: int | None) -
             f"integration_s is {integration_s} and mode {mode!r}; only the multi modes have it"
         )
     if integration_ms is not None:
-        if not _is_number(integration_ms) or not 5 <= integration_ms <= 120_000:
-            raise ValueError(f"integration_ms is {integration_ms}; it must be from 5 to 120000")
+        require_within("integration_ms", integration_ms, 5, 120_000)
         return f"{_MODES[mode]},{round(integration_ms * 1000)}"
     if integration_s is not None:
         if type(integration_s) is not int or integration_s not in range(1, 17):
@@ -99,7 +96,7 @@ def _speed(mode: str, integration_ms: float | None, integration_s: int | None) -
 
 def _sync(sync_hz: float, external: bool) -> str:
     """What SCMS is told."""
-    if not _is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
+    if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(
             f"sync_hz is {sync_hz} and external_sync {external}; "
             "give 20 to 200 without external_sync, or 0"

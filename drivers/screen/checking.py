@@ -50,14 +50,7 @@ def _cause(seen: NDArray[np.uint8], grey: NDArray[np.uint8], wrong: NDArray[np.b
 
 def _is_mapped(seen: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool:
     """Whether all pixels of one grey level became one colour, for more levels than one."""
-    levels = grey.ravel()
-    if levels.min() == levels.max():
-        return False
-    for colour in range(3):
-        values = seen[..., colour].ravel()
-        lowest, highest = np.full(256, 255, np.uint8), np.zeros(256, np.uint8)
-        np.minimum.at(lowest, levels, values)
-        np.maximum.at(highest, levels, values)
-        if (highest > lowest).any():
-            return False
-    return True
+    levels = grey.ravel().astype(np.intp)
+    count = np.count_nonzero(np.bincount(levels))
+    pairs = (256 * levels + seen[..., colour].ravel() for colour in range(3))
+    return bool(count > 1) and all(np.count_nonzero(np.bincount(pair)) == count for pair in pairs)

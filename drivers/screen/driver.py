@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -15,6 +14,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import Hosted
 from drivers.interfaces import Identity, Setting, Surroundings
+from drivers.options import require_within
 from drivers.screen.choosing import Wanted
 from drivers.screen.lookout import Lookout
 from drivers.screen.player import Presentations
@@ -69,8 +69,8 @@ class ScreenSLM:
         for name, size in (("width", width), ("height", height)):
             if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= 32767:
                 raise ValueError(f"{name} is {size!r}; give pixels, from 1 to 32767")
-        _require_number("refresh_hz", refresh_hz, 1, 1000)
-        _require_number("settling_ms", settling_ms, 0, 1e6)
+        require_within("refresh_hz", refresh_hz, 1, 1000)
+        require_within("settling_ms", settling_ms, 0, 1e6)
         if display is not None and (not isinstance(display, str) or ":" not in display):
             raise ValueError(f"display is {display!r}; write it as in DISPLAY, such as ':0'")
         for name, word in (("allow_primary", allow_primary), ("allow_ramp", allow_ramp)):
@@ -81,7 +81,7 @@ class ScreenSLM:
         self._model = screen or "SLM on a screen"
         self._options = {
             "model": self._model,
-            "wanted": asdict(wanted),
+            "wanted": wanted,
             "display": display,
             "allow_ramp": allow_ramp,
         }
@@ -90,7 +90,7 @@ class ScreenSLM:
         self._window: Hosted | None = None
         self._lookout = Lookout(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
-        self._frame_time = 1 / refresh_hz
+        self.frame_time = 1 / refresh_hz
         self._entered = self._killed = False
 
     def __enter__(self) -> Self:
@@ -107,10 +107,6 @@ class ScreenSLM:
     @property
     def identity(self) -> Identity:
         return self._identity
-
-    @property
-    def frame_time(self) -> float:
-        return self._frame_time
 
     @property
     def shown(self) -> str:
@@ -176,7 +172,7 @@ class ScreenSLM:
             self._drop()
             reply = f"this is {found.model} {found.serial}, and it was {self._identity.serial}"
             raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
-        self._identity, self._frame_time = found, window.frame_time
+        self._identity, self.frame_time = found, window.frame_time
         self._model = found.model
         return window
 
@@ -217,9 +213,3 @@ class ScreenSLM:
             reply = f"{grey.nbytes >> 20} MiB are more than {_MOST >> 20}"
             raise DeviceError(self._model, command, reply, "Show fewer frames")
         return np.ascontiguousarray(grey)
-
-
-def _require_number(name: str, value: float, least: float, most: float) -> None:
-    number = not isinstance(value, bool) and isinstance(value, (int, float))
-    if not number or not (math.isfinite(value) and least <= value <= most):
-        raise ValueError(f"{name} is {value!r}; it must be from {least:g} to {most:g}")

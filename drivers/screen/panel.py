@@ -10,7 +10,7 @@ import contextlib
 import os
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +40,11 @@ class Panel:
         self,
         surroundings: Surroundings,
         model: str,
-        wanted: dict[str, Any],
+        wanted: Wanted,
         display: str | None,
         allow_ramp: bool,
     ) -> None:
-        self._model, self._wanted = model, Wanted(**wanted)
+        self._model, self._wanted = model, wanted
         self._display, self._allow_ramp = display, allow_ramp
         self._stage: Stage | None = None
         self._video: Video | None = None

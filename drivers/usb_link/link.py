@@ -6,14 +6,12 @@ import contextlib
 import errno
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any
 
 from drivers.errors import DeviceError
 from drivers.usb_link.backend import load_backend, require_backend_name
 from drivers.usb_link.explaining import CABLE, explained
 from drivers.usb_link.telling import SAYING, Told, string_of, words_for
-
-T = TypeVar("T")
 
 
 class UsbLink:
@@ -126,15 +124,9 @@ class UsbLink:
         seconds: float | None = None,
     ) -> None:
         """A control transfer to the device; DeviceError unless it takes all of it."""
-
-        def transfer(device: Any, timeout: int) -> int:
-            given = (request_type, request, value, self._interface, data, timeout)
-            return int(device.ctrl_transfer(*given))
-
-        taken = self._transfer(command, transfer, seconds)
-        if taken != len(data):
-            self.doubtful = True
-            raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
+        given = (request_type, request, value, self._interface, data)
+        taken = self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
+        self._require_all(command, int(taken), data)
 
     def control_in(
         self,
@@ -146,30 +138,27 @@ class UsbLink:
         seconds: float | None = None,
     ) -> bytes:
         """A control transfer from the device: up to `length` bytes."""
-
-        def transfer(device: Any, timeout: int) -> bytes:
-            given = (request_type, request, value, self._interface, length, timeout)
-            return bytes(device.ctrl_transfer(*given))
-
-        return self._transfer(command, transfer, seconds)
+        given = (request_type, request, value, self._interface, length)
+        return bytes(
+            self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
+        )
 
     def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
         """Up to `length` bytes from a bulk or interrupt endpoint; a halted one is cleared."""
-        return self._transfer(
-            command,
-            lambda device, timeout: bytes(device.read(endpoint, length, timeout)),
-            seconds,
-            endpoint,
+        return bytes(
+            self._transfer(
+                command, lambda one, ms: one.read(endpoint, length, ms), seconds, endpoint
+            )
         )
 
     def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
         """All of the bytes to a bulk or interrupt endpoint."""
         taken = self._transfer(
-            command,
-            lambda device, timeout: int(device.write(endpoint, data, timeout)),
-            seconds,
-            endpoint,
+            command, lambda one, ms: one.write(endpoint, data, ms), seconds, endpoint
         )
+        self._require_all(command, int(taken), data)
+
+    def _require_all(self, command: str, taken: int, data: bytes) -> None:
         if taken != len(data):
             self.doubtful = True
             raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
@@ -199,10 +188,11 @@ class UsbLink:
     def _transfer(
         self,
         command: str,
-        transfer: Callable[[Any, int], T],
+        transfer: Callable[[Any, int], Any],
         seconds: float | None,
         endpoint: int = 0,
-    ) -> T:
+    ) -> Any:
+        """transfer: of a device of pyusb's, with a time-out in milliseconds."""
         self.open(command)
         seconds = self.patience if seconds is None else min(max(seconds, 0.0), self.patience)
         with self._explaining(command, seconds, endpoint):
@@ -326,13 +316,10 @@ class UsbLink:
             if code == errno.EPIPE and endpoint and self._device is not None:
                 with contextlib.suppress(Exception):
                     self._device.clear_halt(endpoint)
-            explained = self._explained(command, error, seconds)
             if code not in (errno.ETIMEDOUT, errno.EPIPE):
                 self.close()
-            raise explained from error
-
-    def _explained(self, command: str, error: Exception, seconds: float) -> DeviceError:
-        return self._error(command, *explained(error, seconds, self._vendor, self._product))
+            words = explained(error, seconds, self._vendor, self._product)
+            raise self._error(command, *words) from error
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self._model, command, reply, remedy)

@@ -55,7 +55,8 @@ class Stream:
         self._jobs: SimpleQueue[tuple[Callable[[Any], Any], Future[Any]]] = SimpleQueue()
         self._changed = threading.Condition()
         self._shot: Shot | None = None
-        self._ended = ""
+        self.ended = ""
+        """Why it has ended; empty while it goes on."""
         self._stopping = False
         self._wanted = 0
         self.frames = 0
@@ -63,22 +64,12 @@ class Stream:
         """Frames that are missing, as the times of the others tell."""
         self._times: deque[tuple[int, float]] = deque(maxlen=_MANY)
         self._last = 0.0
-        self._period = 0.0
-        self._began = time.monotonic()
+        self.period = 0.0
+        """Seconds from frame to frame, as they come; 0 before there are two."""
         self.last_at = time.monotonic()
         """When the last frame came, by time.monotonic()."""
         self._thread = threading.Thread(target=self._run, name="UVC stream", daemon=True)
         self._thread.start()
-
-    @property
-    def ended(self) -> str:
-        """Why it has ended; empty while it goes on."""
-        return self._ended
-
-    @property
-    def period(self) -> float:
-        """Seconds from frame to frame, as they come; 0 before there are two."""
-        return self._period
 
     def since(self, time_: float, number: int) -> int:
         """How many frames have times after `time_`, up to the one of that number."""
@@ -99,7 +90,7 @@ class Stream:
         done: Future[T] = Future()
         self._jobs.put((work, done))
         late = time.monotonic() + seconds
-        while not self._ended:
+        while not self.ended:
             try:
                 return done.result(timeout=min(0.05, max(late - time.monotonic(), 0.001)))
             except TookTooLong:
@@ -107,7 +98,7 @@ class Stream:
                     raise Stopped(f"it doesn't answer within {seconds:.2g} s") from None
         if done.done():
             return done.result()
-        raise Stopped(self._ended)
+        raise Stopped(self.ended)
 
     def next_shot(self, after: int, seconds: float) -> Shot | None:
         """The first frame of a number greater than `after` that comes; None if none does.
@@ -117,13 +108,13 @@ class Stream:
         with self._changed:
             self._wanted += 1
             try:
-                self._changed.wait_for(lambda: self._has(after) or self._ended, seconds)
+                self._changed.wait_for(lambda: self._has(after) or self.ended, seconds)
             finally:
                 self._wanted -= 1
             if self._has(after):
                 return self._shot
-            if self._ended:
-                raise Stopped(self._ended)
+            if self.ended:
+                raise Stopped(self.ended)
             return None
 
     def _has(self, after: int) -> bool:
@@ -151,7 +142,7 @@ class Stream:
             if capture is not None:
                 capture.release()
         with self._changed:
-            self._ended = why
+            self.ended = why
             self._changed.notify_all()
 
     def _do_jobs(self, capture: Any) -> None:
@@ -191,8 +182,8 @@ class Stream:
         gap, self._last = at - self._last, at
         if self.frames < 2:
             return
-        if self._period and gap > 1.5 * self._period:
-            self.gaps += round(gap / self._period) - 1
+        if self.period and gap > 1.5 * self.period:
+            self.gaps += round(gap / self.period) - 1
         # Slowly upwards, for a gap is no period; a shorter one is believed sooner.
-        share = 0.05 if gap > self._period else 0.3
-        self._period = gap if not self._period else self._period + share * (gap - self._period)
+        share = 0.05 if gap > self.period else 0.3
+        self.period = gap if not self.period else self.period + share * (gap - self.period)

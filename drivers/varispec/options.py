@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.options import require_within
 from drivers.varispec.protocol import PALETTE
 
 RECALIBRATE = ("if needed", "correct", "always")
@@ -32,14 +33,14 @@ class Options:
         if not isinstance(self.port, str) or not self.port.strip():
             raise ValueError(f'port is {self.port!r}; name a port, "/dev/ttyUSB0" for example')
         _require_one_of("baudrate", self.baudrate, _BAUD_RATES)
-        _require_within("settling_ms", self.settling_ms, 0, 10_000)
-        _require_within("bandwidth_nm", self.bandwidth_nm, 0.01, 200)
+        require_within("settling_ms", self.settling_ms, 0, 10_000)
+        require_within("bandwidth_nm", self.bandwidth_nm, 0.01, 200)
         _require_one_of("recalibrate", self.recalibrate, RECALIBRATE)
         _require_one_of("exercise", self.exercise, (False, True))
         if len(self.palette_nm) > PALETTE:
             raise ValueError(f"palette_nm has {len(self.palette_nm)} elements; 128 are most")
         for wavelength in self.palette_nm:
-            _require_within("palette_nm's element", wavelength, 100, 9999)
+            require_within("palette_nm's element", wavelength, 100, 9999)
         if not isinstance(self.serial, str) or not re.fullmatch(r"[0-9]{0,5}", self.serial):
             raise ValueError(f'serial is {self.serial!r}; give its five digits, as "50527"')
         _require_one_of("terminator", self.terminator, ("\r", "\n"))
@@ -55,9 +56,3 @@ def as_tuple(name: str, given: Any) -> tuple[Any, ...]:
 def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
     if not isinstance(value, type(choices[0])) or value not in choices:
         raise ValueError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}")
-
-
-def _require_within(name: str, value: Any, low: float, high: float) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not low <= value <= high:
-        raise ValueError(f"{name} is {value!r}; it must be a number from {low:g} to {high:g}")

@@ -30,7 +30,7 @@ class ScreenReader:
         self._damage, self._before = 0, False
         try:
             setup = self._x.setup
-            self._region = region or self._whole()
+            self._region = region or (0, 0, *self._size())
             if setup.masks != _RGB or not setup.little_endian or setup.bits[setup.depth] != 32:
                 raise XError(
                     f"{display} isn't a screen of 8 bits a colour (depth {setup.depth}, "
@@ -93,9 +93,6 @@ class ScreenReader:
             self._x.order("DAMAGE", 3, "III", self._damage, 0, 0)
         before, self._before = self._before, True
         return bool(told) or not before
-
-    def _whole(self) -> tuple[int, int, int, int]:
-        return (0, 0, *self._size())
 
     def _size(self) -> tuple[int, int]:
         """Columns and rows: they may have changed since the server greeted us."""

@@ -34,7 +34,7 @@ class SimulatedCamera(Simulated):
             require_positive("reply_s", reply_s, "s")
         self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
         self.alive_at = 0.0
-        self._readout = readout_ms * 1e-3
+        self.frame_time = readout_ms * 1e-3
         self._exposure = 0.01
         self._number = 0
         self._queue: list[Frame] = []
@@ -51,10 +51,6 @@ class SimulatedCamera(Simulated):
     @property
     def exposure_range(self) -> tuple[float, float]:
         return self._world.camera.sensor.exposure_range
-
-    @property
-    def frame_time(self) -> float:
-        return self._readout
 
     def set_exposure(self, exposure: float) -> Setting[float]:
         low, high = self.exposure_range
@@ -105,7 +101,7 @@ class SimulatedCamera(Simulated):
         self._luck.require_alive("capture")
         image = stream.frame(self._world.chance())
         self._clock.wait_until(
-            began + seconds + self._readout, lambda: cancelled() or self._luck.killed
+            began + seconds + self.frame_time, lambda: cancelled() or self._luck.killed
         )
         self._luck.require_alive("capture")
         self._number += 1

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, Self, get_args
 
-from drivers.interfaces import Setting, Slot, Surroundings
-from drivers.wheel import Slotted
+from drivers.interfaces import Setting, Surroundings
+from drivers.wheel import Slotted, slots_from
 from optics.edge import require_positive
 from optics.light.bands import Band
 from simulator.devices.simulated import Simulated, require_duration
@@ -58,16 +58,11 @@ class SimulatedFilter(Simulated):
             raise ValueError(f"range_nm is {range_nm}; give a lowest and a higher wavelength")
         require_positive("bandwidth_nm", bandwidth_nm, "nm")
         require_duration("settling_ms", settling_ms)
-        self._range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
+        low, high = self.wavelength_range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
         # A band that can be at the shortest wavelength can be at all others.
-        band = _band(self._range[0], bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
-        low, high = self._range
+        band = _band(low, bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
         self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
-
-    @property
-    def wavelength_range(self) -> tuple[float, float]:
-        return self._range
 
     @property
     def bandwidth(self) -> float:
@@ -78,7 +73,7 @@ class SimulatedFilter(Simulated):
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        low, high = self._range
+        low, high = self.wavelength_range
         self._luck.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
             raise self._refuse(
@@ -92,7 +87,7 @@ class SimulatedFilter(Simulated):
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        self.set_wavelength(self._range[0])
+        self.set_wavelength(self.wavelength_range[0])
 
 
 class SimulatedWheel(Slotted, Simulated):
@@ -116,16 +111,8 @@ class SimulatedWheel(Slotted, Simulated):
         leak_range_nm: Range = VISIBLE,
     ) -> None:
         super().__init__(surroundings)
-        if not slots_nm:
-            raise ValueError("slots_nm is empty; a wheel has one slot at least")
-        for centre, width in slots_nm:
-            require_positive("slots_nm's centre", centre, "nm")
-            require_positive("slots_nm's width", width, "nm")
         require_duration("step_ms", step_ms)
-        self._slots = tuple(
-            Slot(f"{centre:g} nm", round(centre * 1e3) * 1e-12, width * 1e-9)
-            for centre, width in slots_nm
-        )
+        self._slots = slots_from(slots_nm)
         self._bands = [
             _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm)
             for slot in self._slots

@@ -26,8 +26,8 @@ class SimulatedSLM(Simulated):
         super().__init__(surroundings)
         rate = self._world.camera.panel.frame_rate if frame_rate_hz is None else frame_rate_hz
         require_positive("frame_rate_hz", rate, "Hz")
-        self._frame_time = 1 / rate
-        self._shown = "neutral"
+        self.frame_time = 1 / rate
+        self.shown = "neutral"
 
     def __enter__(self) -> Self:
         super().__enter__()
@@ -38,14 +38,6 @@ class SimulatedSLM(Simulated):
     @property
     def shape(self) -> tuple[int, int]:
         return self._world.camera.panel.shape
-
-    @property
-    def shown(self) -> str:
-        return self._shown
-
-    @property
-    def frame_time(self) -> float:
-        return self._frame_time
 
     @property
     def settling(self) -> float:  # type: ignore[override]
@@ -70,6 +62,6 @@ class SimulatedSLM(Simulated):
                 require_grey(self._world.camera.panel, grey)
         except (TypeError, ValueError) as error:
             raise self._refuse(command, str(error), "Compute it again") from error
-        self._world.play(frames, self._frame_time)
-        self._shown = identifier
+        self._world.play(frames, self.frame_time)
+        self.shown = identifier
         return Setting(identifier, identifier, self._clock.now() + self.settling)

@@ -8,27 +8,20 @@ each other, what shines and what hides it are both blurred: the change counts tw
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from simulator.effects.limits import uneven
+from simulator.effects.costs import added
+from simulator.effects.limits import hides, uneven
 from simulator.effects.on_pixels import in_proportion, light, seconds, sharp, through_sensor, whole
-from simulator.planning import Bound, Stage
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
-
-Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-NOTHING = Bound()
+from simulator.planning import Bound, Effect, Stage
+from simulator.probing.radial import Gain
+from simulator.situation import Situation
 
 
 def hiding(s: Situation) -> float:
     """How often a change counts."""
-    return 2.0 if any(layer.cover is not None for layer in s.target.layers) else 1.0
+    return 2.0 if hides(s) else 1.0
 
 
 def spread_otherwise(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
@@ -56,10 +49,25 @@ def relative(s: Situation, bound: Bound) -> float:
     return bound.mean / whole_light if whole_light else 0.0
 
 
-class BlurStage(Stage):
-    """A stage that changes how points spread. likely: about how much of its bound is true."""
+class Blurring(Effect):
+    """An effect that changes how points spread. likely: about how much of its bound is true."""
 
-    likely: ClassVar[float] = 0.5
+    likely: ClassVar[float] = 0.3
+
+    def caused(self, s: Situation) -> bool:
+        return not s.picture.dark
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return self.likely * relative(s, self.bound(s, level))
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return added(s, levels, self.name)
+
+
+class BlurStage(Stage, Blurring):
+    """One of these that is on or off."""
+
+    likely = 0.5
 
     def missed(self, s: Situation) -> float:
         return self.likely * relative(s, self.left_out(s))

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from optics.slm.flicker import flicker_nodes
 from simulator.effects.keeping import once
 from simulator.effects.limits import all_even, orders_near
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.recipe import SMALLEST_WINDOW
+from simulator.situation import Situation
 
 WAVELENGTHS = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
 LEAK = (0, 4, 8, 16)
@@ -22,7 +20,7 @@ DEPTHS = (1, 2, 3, 5, 9, 17, 33)
 PLACES = (1, 3, 5, 9)
 ORDERS = (0, 1, 2)
 SAMPLES = (1, 2, 3, 4, 6, 8)
-WINDOWS = (64, 128, 256, 512, 1024, 2048, 4096)
+WINDOWS = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
 
 BAND, BESIDE, PLACE, GRID = "filter bandwidth", "out-of-band leak", "field position", "panel orders"
 WAVES, REACH, SAMPLING, DISPERSION = (
@@ -70,7 +68,7 @@ def operations(s: Situation, levels: Mapping[str, int]) -> float:
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
     levels = dict(zip(_LOOKED, found, strict=True))
     counts = _counted(s, levels)
-    reach, orders = window(s, levels.get(REACH, 0)), ORDERS[levels.get(GRID, 0)] * counts.wave
+    reach, orders = WINDOWS[levels.get(REACH, 0)], ORDERS[levels.get(GRID, 0)] * counts.wave
     down, across = (n * counts.samples for n in psf_window(s, reach))
     one = psf_operations if counts.wave else ray_operations
     rows, columns = (n * counts.samples for n in picture_shape(s, reach, orders))
@@ -123,11 +121,6 @@ def _ripples(s: Situation, levels: Mapping[str, int]) -> int:
         return 1
     reach = max(float(phase.abs().max()) for phase in s.pattern.phases)
     return len(flicker_nodes(s.camera.panel.flicker, reach, s.numerics))
-
-
-def window(s: Situation, level: int) -> int:
-    """Sensor pixels across a PSF at a level of its reach."""
-    return max(WINDOWS[level], s.smallest_window)
 
 
 def smallest_above(values: tuple[int, ...], least: float) -> int:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import torch
 
 from optics.slm.dynamics import first_start, relaxed
 from optics.slm.gap import gap_light
 from simulator.effects.blurs import BlurStage, spread_otherwise
+from simulator.effects.on_pixels import flickers
 from simulator.effects.panel_effects import blurred
 from simulator.effects.wavefronts import MARGIN, sampled
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 CRYSTAL = "liquid-crystal response"
 
@@ -89,8 +87,7 @@ def _change(s: Situation) -> float:
 
 def _any_time(s: Situation) -> bool:
     """Whether rows or a lamp may weigh any part of a frame as they like."""
-    lamp = s.target.lamp
-    return s.camera.sensor.shutter == "rolling" or not (lamp is None or lamp.constant)
+    return s.camera.sensor.shutter == "rolling" or flickers(s)
 
 
 def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:

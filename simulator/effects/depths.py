@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +16,13 @@ from simulator.effects.on_pixels import seconds, through_sensor
 from simulator.formation.nodes import depth_nodes
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class DepthLayers(Effect):
     name = "depth layers"
     kind = "axis"
+    entry, values = "depths", DEPTHS
     physics = "what isn't in focus is blurred by its distance from the plane that is"
     source = "defocus as a phase over the pupil; Hopkins 1955, doi 10.1098/rspa.1955.0158"
     levels = tuple(str(n) for n in DEPTHS)
@@ -41,9 +38,7 @@ class DepthLayers(Effect):
         whole = s.picture.l2
         return 0.5 * self._change(s, level) / whole if whole and level < self.finest(s) else 0.0
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return Bound()
+    def coarser(self, s: Situation, level: int) -> Bound:
         change = self._change(s, level) + self._change(s, self.finest(s))
         how = "proved: phases of two points of the pupil differ by 2π k ρ at most"
         return through_sensor(s, change * seconds(s), how)
@@ -57,9 +52,6 @@ class DepthLayers(Effect):
         near, far = min(s.picture.distances), max(s.picture.distances)
         blur = 2 * _displacement(s.camera, near, far) / s.camera.sensor.pitch
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(depths=DEPTHS[level])
 
     def _change(self, s: Situation, level: int) -> float:
         distances = s.picture.distances

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.blurs import BlurStage, filtered
-from simulator.effects.costs import WAVES, added
+from simulator.effects.costs import WAVES
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MARGIN = 1.5
 
@@ -28,9 +24,6 @@ class Diffraction(BlurStage):
     source = "Goodman, Introduction to Fourier Optics 6.4"
     levels = ("rays", "waves")
 
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
-
     def left_out(self, s: Situation) -> Bound:
         turn = s.pattern.mean_turn + s.camera.sensor.pitch
         waves = s.pattern.transfer
@@ -42,9 +35,6 @@ class Diffraction(BlurStage):
 
         how = f"audited ×{_MARGIN:g}: |1 - H| of the waves, and of the rays by how far they turn"
         return filtered(s, gain, how)
-
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
         spot = s.wavelength * s.camera.lens.image_distance / s.camera.lens.stop_diameter

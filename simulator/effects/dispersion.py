@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import torch
@@ -18,9 +18,7 @@ from simulator.effects.wavefronts import MARGIN, of_phase, sampled
 from simulator.formation.nodes import interpolating
 from simulator.panel import modulator_at
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _NODES = 7
 
@@ -30,9 +28,6 @@ class PanelDispersion(BlurStage):
     entry = "dispersion"
     physics = "a pattern's phase falls with the wavelength, as the crystal's path hardly changes"
     source = "Li and Wu 2004, doi 10.1063/1.1635971"
-
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
 
     def left_out(self, s: Situation) -> Bound:
         change = MARGIN * kept(s, self.name, lambda: _changes(s))

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
 from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
-from optics.plane import Plane, centred_crop
+from optics.plane import centred_crop
 from optics.sensor.shutter import row_starts
 from simulator.effects.keeping import kept
+from simulator.effects.limits import hides, vignettes
 from simulator.effects.spectra import measure
-from simulator.formation.vignetting import vignetting
 from simulator.planning.bound import Floor
 from simulator.probing.picture import MARGIN
 from simulator.probing.radial import RadialProfile
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 T = TypeVar("T")
 
@@ -71,15 +68,8 @@ def _lit(s: Situation) -> tuple[float, float]:
 def _attenuation(s: Situation) -> float:
     """The least of vignetting in the frame, and of what a mosaic's channels see of the light that
     the best one sees."""
-    rows, columns = s.camera.sensor.shape
-    pitch = s.camera.sensor.pitch
-    # Corners and some places between them.
-    frame = Plane((9, 9), (rows * pitch / 8, columns * pitch / 8))
-    camera = s.camera
-    if not s.mount.aligned:
-        camera = replace(camera, lens=s.mount.lens(camera.lens))
-    maps = [vignetting(camera, s.mount, frame, d) for d in set(s.picture.distances)]
-    return float(torch.stack(maps).min()) * _channels(s) * min(s.pattern.power, 1.0)
+    least = vignettes(s, s.camera.sensor.shape, set(s.picture.distances)).min()
+    return float(least) * _channels(s) * min(s.pattern.power, 1.0)
 
 
 def _channels(s: Situation) -> float:
@@ -162,7 +152,7 @@ def _lit_part(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 def _surrounded(s: Situation) -> float:
     """Norm, electrons per second, if every pixel had the least light of those around it."""
-    if any(layer.cover is not None for layer in s.target.layers):
+    if hides(s):
         return 0.0
     best = 0.0
     for share in _SHARES:
@@ -184,7 +174,7 @@ def _least(s: Situation, edge: int) -> float:
 
 def _by_frequency(s: Situation) -> float:
     """Norm, electrons per second, that the transfer function surely leaves of the picture."""
-    if s.target.moves or any(layer.cover is not None for layer in s.target.layers):
+    if s.target.moves or hides(s):
         return 0.0
     transfer, best = s.pattern.transfer, 0.0
     for share in _SHARES[2:]:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
-
 from simulator.effects.blurs import BlurStage, spread_otherwise
-from simulator.effects.costs import BEATS, added
+from simulator.effects.costs import BEATS
 from simulator.effects.wavefronts import sampled
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class Interference(BlurStage):
@@ -29,9 +24,6 @@ class Interference(BlurStage):
         # Gap light and an uneven beam may make either of the two brighter than 1.
         how = "proved: Cauchy-Schwarz on two waves, each of all the light"
         return spread_otherwise(s, _strength(s) * _brightest(s), how)
-
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
         return f"the two beat by {_strength(s):.2g} of the light at most"

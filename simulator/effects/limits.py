@@ -7,8 +7,8 @@ Waves are what is meant: that the rays of the same wavefront are told apart coun
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -22,9 +22,7 @@ from simulator.effects.keeping import once
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import span
 from simulator.scene.drawable import Even
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
@@ -41,8 +39,12 @@ _OCTAVE = 1.1
 
 def known(s: Situation) -> bool:
     """Whether all light has PSFs that are like those which are looked at: of one distance."""
-    hides = any(layer.cover is not None for layer in s.target.layers)
-    return len(set(s.picture.distances)) == 1 and not hides
+    return len(set(s.picture.distances)) == 1 and not hides(s)
+
+
+def hides(s: Situation) -> bool:
+    """Whether anything stands before something else."""
+    return any(layer.cover is not None for layer in s.target.layers)
 
 
 @once
@@ -50,12 +52,7 @@ def densest(s: Situation) -> float:
     """Share of a point's light on a pixel, at most. 1 where the PSF isn't known."""
     if not known(s):
         return 1.0
-    density = s.pattern.peak * _brighter(s)
-    if s.camera.separation:
-        # Other places light other parts of the panel: amplitudes add.
-        lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.lever)) ** 2
-        density = (math.sqrt(density) + lit_otherwise(s) * math.sqrt(lit)) ** 2
-    return min(density * s.camera.sensor.pitch**2, 1.0)
+    return _on_pixel(s, s.pattern.peak)
 
 
 @once
@@ -64,12 +61,17 @@ def energy(s: Situation, beyond: float = 0.0) -> float:
     falls beyond a square of so many metres to each side, if that is given."""
     if not known(s):
         return 1.0
-    found = s.pattern.energy_beyond(beyond) if beyond else s.pattern.energy
-    found *= _brighter(s)
+    return _on_pixel(s, s.pattern.energy_beyond(beyond) if beyond else s.pattern.energy)
+
+
+def _on_pixel(s: Situation, density: float) -> float:
+    """Of a pixel's area, for a density in the middle of band and field, 1/m²."""
+    density *= _brighter(s)
     if s.camera.separation:
+        # Other places light other parts of the panel: amplitudes add.
         lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.lever)) ** 2
-        found = (math.sqrt(found) + lit_otherwise(s) * math.sqrt(lit)) ** 2
-    return min(found * s.camera.sensor.pitch**2, 1.0)
+        density = (math.sqrt(density) + lit_otherwise(s) * math.sqrt(lit)) ** 2
+    return min(density * s.camera.sensor.pitch**2, 1.0)
 
 
 def straight(s: Situation) -> float:
@@ -119,22 +121,25 @@ def lit_otherwise(s: Situation) -> float:
 def unequal(s: Situation) -> float:
     """Share of a point's light that is lost or gained off the axis, on a few places of the frame
     and its margin, corners among them."""
-    rows, columns = s.picture.plane.shape
+    distances = {min(s.picture.distances), max(s.picture.distances)}
+    return float((vignettes(s, s.picture.plane.shape, distances) - 1).abs().max())
+
+
+def vignettes(s: Situation, shape: Sequence[int], distances: Collection[float]) -> torch.Tensor:
+    """Share of the light that each distance's places keep: 9 x 9 of them over so many pixels,
+    from corner to corner."""
     camera = s.camera
     if not s.mount.aligned:
         camera = replace(camera, lens=s.mount.lens(camera.lens))
-    pitch = camera.sensor.pitch
-    plane = Plane((9, 9), (rows * pitch / 8, columns * pitch / 8))
-    distances = sorted(set(s.picture.distances))
-    maps = [vignetting(camera, s.mount, plane, d) for d in {distances[0], distances[-1]}]
-    return float((torch.stack(maps) - 1).abs().max())
+    rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
+    plane = Plane((9, 9), (rows, columns))
+    return torch.stack([vignetting(camera, s.mount, plane, d) for d in distances])
 
 
 def all_even(s: Situation) -> bool:
     """Whether all light is endless and even, and nothing stands before it."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
-    hides = any(layer.cover is not None for layer in s.target.layers)
-    return bool(parts) and all(isinstance(one, Even) for one in parts) and not hides
+    return bool(parts) and all(isinstance(one, Even) for one in parts) and not hides(s)
 
 
 def uneven(s: Situation) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +12,7 @@ from optics.sensor import Mosaic
 from simulator.effects.on_pixels import in_proportion, light, pixels
 from simulator.planning import Bound, Stage
 from simulator.probing.rates import electron_rates
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _BENT = 1.001
 """Above what |a - b| of two broken lines is, drawn between the nodes of both."""

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.sensor.shutter import skew
-from simulator.effects.costs import REACH, window
-from simulator.effects.on_pixels import seconds, through_sensor
+from simulator.effects.costs import REACH, WINDOWS
+from simulator.effects.on_pixels import flickers, ripple, seconds, through_sensor
 from simulator.formation.windows import picture_shape
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _MOST = 1.2173
 """Of 1 - sinc, anywhere."""
@@ -28,6 +24,7 @@ _MOST = 1.2173
 class Motion(Effect):
     name = "motion"
     kind = "axis"
+    entry, values = "motion", (1, 2, 4, 8, 16, 32)
     physics = "what moves during the exposure is smeared along its path"
     source = "the transfer function of a uniform motion, sinc(k v T); Goodman, Introduction to "\
         "Fourier Optics"  # fmt: skip
@@ -37,16 +34,15 @@ class Motion(Effect):
         return s.target.moves and not s.picture.dark and any(self._paths(s))
 
     def finest(self, s: Situation) -> int:
-        # An even path in steady light is exact as it is.
-        return len(self.levels) - 1 if _changing(s) or skew(s.camera.sensor) else 1
+        # An even path in steady light, by a panel that stays as it is, is exact.
+        changing = s.shown.moves or flickers(s) or skew(s.camera.sensor)
+        return len(self.levels) - 1 if changing else 1
 
     def estimate(self, s: Situation, level: int) -> float:
         whole = s.picture.l2
         return self._change(s, level) / whole if whole and level < self.finest(s) else 0.0
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return Bound()
+    def coarser(self, s: Situation, level: int) -> Bound:
         change = self._change(s, level) + self._change(s, self.finest(s))
         how = "proved: phases of light along the path, (π k v T)²/6 at most"
         return through_sensor(s, change * seconds(s), how)
@@ -60,9 +56,6 @@ class Motion(Effect):
     def why(self, s: Situation) -> str:
         pixels = max(self._paths(s)) / s.camera.sensor.pitch
         return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(motion=2**level)
 
     def _paths(self, s: Situation) -> list[float]:
         """Metres on the sensor during the exposure, of each layer."""
@@ -85,11 +78,9 @@ class Motion(Effect):
         twice its ripple at most, or a PSF's, up to 2. Rows that are exposed in turn see
         parts of parts: then each light's own phase counts, as much longer as the frame takes.
         """
-        lamp = s.target.lamp
-        ripple = 0.0 if lamp is None else lamp.ripple
         part = path / 2**level if level else path
-        uneven = 2.0 * (1 + ripple) if s.shown.moves else 2 * ripple
-        late = math.sqrt(s.lasts / s.exposure) * (1 + ripple) if skew(s.camera.sensor) else 0.0
+        uneven = 2.0 * (1 + ripple(s)) if s.shown.moves else 2 * ripple(s)
+        late = math.sqrt(s.lasts / s.exposure) * (1 + ripple(s)) if skew(s.camera.sensor) else 0.0
         away = part if level else path * s.lasts / s.exposure
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -105,12 +96,6 @@ class Motion(Effect):
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
     """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
-    shape = picture_shape(s, window(s, levels.get(REACH, 0)), 0)
+    shape = picture_shape(s, WINDOWS[levels.get(REACH, 0)], 0)
     rows, columns = (n * s.coarsest_sampling for n in shape)
     return transform_operations(rows, columns)
-
-
-def _changing(s: Situation) -> bool:
-    """Whether the panel or the lamp is not the same during the exposure."""
-    lamp = s.target.lamp
-    return s.shown.moves or not (lamp is None or lamp.constant)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import torch
 from scipy.ndimage import maximum_filter1d
@@ -13,9 +12,7 @@ from simulator.effects.costs import BAND, BESIDE, LEAK, PLACE, PLACES, WAVELENGT
 from simulator.effects.moving import transform
 from simulator.effects.on_pixels import seconds, through_sensor
 from simulator.planning import Bound, Stage
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _SHARES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Of a PSF's light, that may fall beyond the reach within which it is looked at."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,11 +15,9 @@ from optics.sensor import Stages
 from optics.sensor.table import pieces
 from simulator.effects.keeping import once
 from simulator.effects.limits import contrast, densest, energy, known, straight
-from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.planning import Bound, Stage
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 _GAIN = 1.1
 """Audited: light that orders, or an uneven lamp, may add to a pixel's."""
@@ -34,6 +33,15 @@ FURTHEST = 4.5
 """Standard deviations of the response and offset of pixels, at most."""
 
 
+class PixelStage(Stage):
+    """A stage that is done to each pixel by itself, in so many operations."""
+
+    operations: ClassVar[float] = 1.0
+
+    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return self.operations * pixels(s) if levels[self.name] else 0.0
+
+
 def pixels(s: Situation) -> int:
     rows, columns = s.camera.sensor.shape
     return rows * columns
@@ -43,10 +51,19 @@ def root_pixels(s: Situation) -> float:
     return math.sqrt(pixels(s))
 
 
+def flickers(s: Situation) -> bool:
+    """Whether the lamp's light isn't steady."""
+    return s.target.lamp is not None and not s.target.lamp.constant
+
+
+def ripple(s: Situation) -> float:
+    """The most that the lamp's light differs from its mean, relative to that."""
+    return s.target.lamp.ripple if s.target.lamp is not None else 0.0
+
+
 def seconds(s: Situation) -> float:
     """Of the lamp's mean light, at most, that a pixel sees."""
-    lamp = s.target.lamp
-    return s.exposure * (1 + (lamp.ripple if lamp is not None else 0.0))
+    return s.exposure * (1 + ripple(s))
 
 
 def sharp(s: Situation) -> float:

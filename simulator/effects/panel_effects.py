@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import scipy.special
 import torch
@@ -19,10 +19,8 @@ from optics.slm.reflection import front_share, unturned_share
 from simulator.effects.blurs import BlurStage, spread_otherwise
 from simulator.effects.wavefronts import apart, margin, of_phase, sampled, steady, told
 from simulator.planning import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 _BLOCK = 64
 _BLOCKS = 4

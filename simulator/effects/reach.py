@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from optics.edge import as_number
-from simulator.effects.blurs import NOTHING, hiding
-from simulator.effects.costs import REACH, WINDOWS, added, smallest_above, window
+from simulator.effects.blurs import Blurring, hiding
+from simulator.effects.costs import REACH, WINDOWS, smallest_above
 from simulator.effects.limits import energy, uneven
 from simulator.effects.on_pixels import light, sharp, through_sensor, whole
 from simulator.effects.spectra import leaking
 from simulator.formation.windows import span
-from simulator.planning import Bound, Effect
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.planning import Bound
+from simulator.situation import Situation
 
 _MARGIN = 1.5
 """Audited: with some of the panel's effects off, or all on, more light may go far."""
@@ -26,15 +21,13 @@ _FADING = 6.0
 """Sensor pixels beyond a period, over which the next order comes in."""
 
 
-class Reach(Effect):
+class Reach(Blurring):
     name = REACH
     kind = "stage"
+    entry, values = "window", WINDOWS
     physics = "a PSF's skirts reach far, and hold little light at a time"
     source = "far field of the shown pattern"
     levels = tuple(f"{n} px" for n in WINDOWS)
-
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
 
     def finest(self, s: Situation) -> int:
         """All of the panel's middle order, at the longest wavelength, that can fall on a pixel."""
@@ -46,9 +39,7 @@ class Reach(Effect):
     def estimate(self, s: Situation, level: int) -> float:
         return 0.0 if level >= self.finest(s) else 0.5 * _beyond(s, level)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return NOTHING
+    def coarser(self, s: Situation, level: int) -> Bound:
         how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
         missing = sum(
             share * math.sqrt(energy(s, _half(s, level, longest))) for share, longest in _waves(s)
@@ -56,15 +47,9 @@ class Reach(Effect):
         change = min(_MARGIN * _beyond(s, level) * sharp(s), missing, light(s))
         return through_sensor(s, hiding(s) * uneven(s) * change, how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
-
     def why(self, s: Situation) -> str:
         half = WINDOWS[0] / 2
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(window=max(recipe.window, WINDOWS[level]))
 
 
 def _waves(s: Situation) -> list[tuple[float, float]]:
@@ -77,7 +62,7 @@ def _waves(s: Situation) -> list[tuple[float, float]]:
 def _half(s: Situation, level: int, longest: float) -> float:
     """Metres from a point's image to the sides of the window, as if light of a wavelength were of
     the middle one."""
-    half = (window(s, level) / 2 - 1) * s.camera.sensor.pitch
+    half = (WINDOWS[level] / 2 - 1) * s.camera.sensor.pitch
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
     return half * s.wavelength / longest / (math.sqrt(2) if turned else 1.0)
 

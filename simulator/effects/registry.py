@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from simulator.effects.clipping import Clipping
+from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crystal import CrystalResponse
-from simulator.effects.dark_current import DarkCurrent
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion
-from simulator.effects.fixed_pattern import FixedPattern
+from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.interference import Interference
-from simulator.effects.lamp import LampFlicker
-from simulator.effects.leak import Leak
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
@@ -28,15 +25,17 @@ from simulator.effects.panel_effects import (
     UnmodulatedLight,
 )
 from simulator.effects.pixel_aperture import PixelAperture
-from simulator.effects.places import FieldPosition
-from simulator.effects.quantisation import Quantisation
 from simulator.effects.reach import Reach
-from simulator.effects.read_noise import ReadNoise
-from simulator.effects.rolling import RollingShutter
 from simulator.effects.sampling import Sampling
+from simulator.effects.sensor_effects import (
+    Clipping,
+    DarkCurrent,
+    FixedPattern,
+    Quantisation,
+    ReadNoise,
+)
 from simulator.effects.shot_noise import ShotNoise
-from simulator.effects.vignetting import Vignetting
-from simulator.effects.wavelengths import Bandwidth
+from simulator.effects.time_effects import LampFlicker, RollingShutter
 from simulator.planning import Effect
 
 EFFECTS: tuple[Effect, ...] = (

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blurs import NOTHING, Gain, filtered, relative
-from simulator.effects.costs import SAMPLES, SAMPLING, added, window
-from simulator.effects.limits import contrast
-from simulator.planning import Bound, Effect
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.effects.blurs import Blurring, filtered
+from simulator.effects.costs import SAMPLES, SAMPLING, WINDOWS
+from simulator.effects.limits import contrast, hides
+from simulator.planning import Bound
+from simulator.probing.radial import Gain
+from simulator.situation import Situation
 
 _FINEST = 4
 
@@ -31,49 +27,37 @@ _MOST = 2**27
 """Samples of a picture that are drawn at most."""
 
 
-class Sampling(Effect):
+class Sampling(Blurring):
     """Of pictures, before they are blurred: the light itself has always as many samples as
     resolve its finest fringe."""
 
     name = SAMPLING
     kind = "stage"
+    entry, values = "drawn", SAMPLES
+    likely = 0.5
     physics = "detail of the object that is finer than the samples looks like coarser detail"
     source = "Shannon; Gaskill, Linear Systems"
     levels = tuple(str(n) for n in SAMPLES)
 
-    def caused(self, s: Situation) -> bool:
-        return not s.picture.dark
-
     def finest(self, s: Situation) -> int:
         if _exact(s):
             return 0
-        pixels = math.prod(n + window(s, 0) for n in s.camera.sensor.shape)
+        pixels = math.prod(n + WINDOWS[0] for n in s.camera.sensor.shape)
         most = [
             level for level, n in enumerate(SAMPLES) if n <= _FINEST and n * n * pixels <= _MOST
         ]
         return max(most)
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return relative(s, self.bound(s, level)) / _MARGIN
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return NOTHING
+    def coarser(self, s: Situation, level: int) -> Bound:
         samples = max(SAMPLES[level], s.coarsest_sampling)
         how = f"audited ×{_MARGIN:g}: what a picture's edges fold back, as blurred"
         return filtered(s, _folding(s, samples), how)
-
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
 
     def why(self, s: Situation) -> str:
         if _exact(s):
             return "the picture's spectrum is known by a formula, whatever the samples"
         falls = "sharp edges" if _falls(s) == 1 else "no edge sharper than its own pixels"
         return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(drawn=SAMPLES[level])
 
 
 def _folding(s: Situation, samples: int) -> Gain:
@@ -113,6 +97,5 @@ def _falls(s: Situation) -> int:
 
 def _exact(s: Situation) -> bool:
     """Whether the spectra of all pictures are known, whatever the samples."""
-    covers = [layer.cover for layer in s.target.layers]
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
-    return all(one.exact for one in parts) and not any(covers)
+    return all(one.exact for one in parts) and not hides(s)

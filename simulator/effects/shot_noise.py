@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
+from optics.camera import Sensor
 from optics.sensor.chain import FEW
 from simulator.effects.on_pixels import (
     FURTHEST,
@@ -19,17 +19,11 @@ from simulator.effects.on_pixels import (
     root_pixels,
 )
 from simulator.planning import Bound, Effect
-
-if TYPE_CHECKING:
-    from optics.camera import Sensor
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _DRAWING = (0.0, 20.0, 24.0, 180.0)
 """Operations of a pixel by level: a normal number takes as long as 20 of a transform's, one of
 Poisson's distribution as 180."""
-
-_SHOTS = ("none", "Gaussian", "skewed", "Poisson")
 
 _DISTANCE = 0.068
 """Of the normal and Poisson's cumulative distributions, times sqrt(electrons): 1/(6 sqrt(2π)) of
@@ -42,6 +36,7 @@ _BENT = 3e-4
 class ShotNoise(Effect):
     name = "shot noise"
     kind = "stage"
+    entry, values = "shot", ("none", "Gaussian", "skewed", "Poisson")
     physics = "photons arrive by chance: their number's variance is its mean"
     source = "Poisson; EMVA 1288 release 4, section 2.2; Edgeworth's series for the normal one"
     each_frame = True
@@ -53,9 +48,9 @@ class ShotNoise(Effect):
     def estimate(self, s: Situation, level: int) -> float:
         return self.bound(s, level).shape
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level == 3 or (level and brightest(s) < FEW):
-            return Bound(how="proved: nothing changes")
+    def coarser(self, s: Situation, level: int) -> Bound:
+        if level and brightest(s) < FEW:
+            return Bound()
         return (self._none, self._normal, self._skewed)[level](s)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
@@ -69,9 +64,6 @@ class ShotNoise(Effect):
             f"the darkest may hold {least:.2g}, {few}"
         )
 
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(shot=_SHOTS[level])
-
     def _none(self, s: Situation) -> Bound:
         """A variance of the electrons' number, up to a rounding step, and as a knee bends it."""
         sensor, root = s.camera.sensor, root_pixels(s)
@@ -80,7 +72,8 @@ class ShotNoise(Effect):
         if near_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + FURTHEST * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
-        spread = math.sqrt(_l1(s))
+        # Of all pixels' electrons at most (Cauchy-Schwarz).
+        spread = math.sqrt(held(s) * root)
         normal = self._normal(s)
         return Bound(
             max(step * root + kinked, normal.mean),
@@ -125,8 +118,3 @@ def _sigma(variance: float, sensor: Sensor) -> float:
     """What a change of a variance is of the standard deviation, where it is least: a step of the
     converter may hide all of it."""
     return math.sqrt(variance) if sensor.gain**2 > FEW else variance / math.sqrt(FEW)
-
-
-def _l1(s: Situation) -> float:
-    """Sum of all pixels' electrons at most (Cauchy-Schwarz)."""
-    return held(s) * root_pixels(s)

@@ -172,7 +172,5 @@ def folded(spectrum: torch.Tensor, shape: tuple[int, int], factor: int) -> torch
 
 
 def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
-    total = float(weights[0]) * parts[0]
-    for part, weight in zip(parts[1:], weights[1:], strict=True):
-        total = total + float(weight) * part
-    return total
+    first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
+    return sum(others, first)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -26,9 +25,7 @@ from simulator.motion import Exposures, exposures
 from simulator.panel import modulator_at
 from simulator.recipe import Recipe
 from simulator.shown import Mixture, Procession
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _FADING = 4.0
 """Sensor pixels over which one order of the panel's pixels fades into the next."""

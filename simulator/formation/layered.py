@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import torch
 
-from simulator.formation.compositing import over
 from simulator.formation.gathering import Gathering
 from simulator.formation.objects import Objects
 from simulator.formation.spreading import Spreading
@@ -108,45 +109,50 @@ def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor])
     return total
 
 
-class Adding:
-    """Every layer's light, as if all were transparent."""
+@dataclass(frozen=True)
+class Layered(ABC):
+    """All layers of a target, by all ways on which their light comes."""
 
-    def __init__(self, gathering: Gathering, spreading: Spreading, ways: Sequence[Way]) -> None:
-        self._gathering, self._spreading, self._ways = gathering, spreading, ways
+    gathering: Gathering
+    spreading: Spreading
+    ways: Sequence[Way]
 
+    @abstractmethod
     def spectra(self, cell: Cell, count: int) -> list[torch.Tensor]:
         """Of the light on samples, one for each channel."""
-        total = self._gathering.dark(self._spreading.channels)
-        for number in range(len(self._spreading.layers)):
-            for way in self._ways:
+
+
+class Adding(Layered):
+    """Every layer's light, as if all were transparent."""
+
+    def spectra(self, cell: Cell, count: int) -> list[torch.Tensor]:
+        total = self.gathering.dark(self.spreading.channels)
+        for number in range(len(self.spreading.layers)):
+            for way in self.ways:
                 for channel, light in enumerate(way.all(number, cell, count)):
                     total[channel] += light
         return total
 
 
-class Hiding:
+class Hiding(Layered):
     """From the farthest layer to the nearest, each before what lies behind.
 
     That is a product of blurred pictures, and so is formed wavelength by wavelength.
     """
 
-    def __init__(self, gathering: Gathering, spreading: Spreading, ways: Sequence[Way]) -> None:
-        self._gathering, self._spreading, self._ways = gathering, spreading, ways
-
     def spectra(self, cell: Cell, count: int) -> list[torch.Tensor]:
-        """As Adding's."""
         total: list[torch.Tensor] = []
-        for node in range(len(self._spreading.nodes)):
+        for node in range(len(self.spreading.nodes)):
             light = self._of(node, cell, count)
             total = light if not total else [a + b for a, b in zip(total, light, strict=True)]
-        return [self._gathering.transformed(light, "occlusion") for light in total]
+        return [self.gathering.transformed(light, "occlusion") for light in total]
 
     def _of(self, node: int, cell: Cell, count: int) -> list[torch.Tensor]:
         """Light on samples of one wavelength, for each channel."""
-        samples, layers = self._gathering.samples, self._spreading.layers
+        samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
         for number in reversed(range(len(layers))):
-            fronts = [way.front(number, node, cell, count) for way in self._ways]
+            fronts = [way.front(number, node, cell, count) for way in self.ways]
             front = [
                 samples(sum(one[1:], one[0]), "occlusion") for one in zip(*fronts, strict=True)
             ]
@@ -155,7 +161,19 @@ class Hiding:
             elif layers[number].cover is None:
                 behind = [a + b for a, b in zip(behind, front, strict=True)]
             else:
-                hidden = [way.hidden(number, node, cell, count) for way in self._ways]
+                hidden = [way.hidden(number, node, cell, count) for way in self.ways]
                 share = samples(sum(hidden[1:], hidden[0]), "occlusion")
                 behind = [over(a, b, share) for a, b in zip(behind, front, strict=True)]
         return behind
+
+
+def over(behind: torch.Tensor, front: torch.Tensor, hidden: torch.Tensor) -> torch.Tensor:
+    """Light on samples, of what lies behind with a nearer layer before it.
+
+    behind, front: blurred light of each. hidden: the nearer layer's blurred cover, 0 to 1: of the
+    rays to a sample, the share that it stops. That those are as bright as the others of the same
+    sample is exact where either layer is in focus, and right to about a percent elsewhere
+    (Hasinoff and Kutulakos, A layer-based restoration framework for variable-aperture
+    photography, ICCV 2007).
+    """
+    return behind * (1 - hidden.clamp(0, 1)) + front

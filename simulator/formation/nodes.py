@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,21 +14,19 @@ from optics.camera import Camera
 from optics.gauss_legendre import gauss_legendre
 from optics.light import Spectrum
 from optics.light.bands import Band
-from optics.pupil import open_area
 from optics.sensor import Mosaic
+from simulator.probing.rates import collected
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
 _FINE = 24
 """Gauss-Legendre nodes between two neighbouring kinks of all the spectra."""
 
-_LONGEST_PIECE = 0.05
-"""Of the band's support, that so many nodes are spread over at most."""
+_PIECES = 20
+"""Parts of the band's support, at least, over each of which so many nodes are spread."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +117,7 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
     kinks = {low, high}
     for one in every:
         kinks.update(x for x in one.wavelengths if low < x < high)
-    steps = max(1, math.ceil(1 / _LONGEST_PIECE))
-    kinks.update(np.linspace(low, high, steps + 1).tolist())
+    kinks.update(np.linspace(low, high, _PIECES + 1).tolist())
     edges = np.array(sorted(kinks))
     # Tables may have a hundred kinks: as many points in all, whatever there are.
     count = max(4, min(_FINE, 4000 // len(edges)))
@@ -180,9 +176,7 @@ def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
 def electrons(camera: Camera, distance: float) -> float:
     """What turns radiance times photons' electrons into electrons per second and pixel, m² sr:
     the camera equation of optics.throughput.electron_rate, without its light."""
-    spread = 1 + camera.separation / distance
-    area = open_area(camera) * spread**2 / camera.lens.image_distance**2
-    return area * camera.panel.reflectivity * camera.transmission * camera.sensor.pitch**2
+    return collected(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -16,9 +15,7 @@ from simulator.formation.vignetting import vignetting
 from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable, Even
 from simulator.scene.target import Layer
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Place = tuple[float, float]
 

@@ -14,12 +14,6 @@ from simulator.formation.time import Cell
 _ONE = np.ones((1, 1))
 
 
-def orders_up_to(most: int) -> list[Order]:
-    """All but the one in the middle."""
-    span = range(-most, most + 1)
-    return [(y, x) for y in span for x in span if y or x]
-
-
 class Aside:
     """Light that the grid sends aside, by wavelength over its pitch, where it meets the sensor.
 
@@ -31,7 +25,9 @@ class Aside:
         self, gathering: Gathering, objects: Objects, spreading: Spreading, most: int
     ) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
-        self._orders = orders_up_to(most)
+        span = range(-most, most + 1)
+        # All but the one in the middle.
+        self._orders: list[Order] = [(y, x) for y in span for x in span if y or x]
 
     def all(self, number: int, cell: Cell, count: int) -> list[torch.Tensor]:
         """As Straight."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import torch
 
@@ -19,9 +18,7 @@ from simulator.formation.time import Cell, cells
 from simulator.formation.windows import picture_shape
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 def expected(

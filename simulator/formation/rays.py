@@ -77,7 +77,8 @@ class RayOperator:
         for axis, at in ((0, self._y), (1, self._x)):
             slope = _between(_slope(field, axis) / self.camera.panel.pitch, k)
             landed.append(slope * lever + self._bent(axis, at))
-        weight = _repeated(light, k) * self._open / (k * k * float(self._straight))
+        whole = light.repeat_interleave(k, 0).repeat_interleave(k, 1)
+        weight = whole * self._open / (k * k * float(self._straight))
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
@@ -142,12 +143,6 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
     ahead = ahead.to(torch.float64)
     first, last = ahead.narrow(axis, 0, 1), ahead.narrow(axis, n - 2, 1)
     return (torch.cat([first, ahead], axis) + torch.cat([ahead, last], axis)) / 2
-
-
-def _repeated(values: torch.Tensor, k: int) -> torch.Tensor:
-    if k == 1:
-        return values
-    return values.repeat_interleave(k, 0).repeat_interleave(k, 1)
 
 
 def _between(slopes: torch.Tensor, k: int) -> torch.Tensor:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -13,9 +11,7 @@ from simulator.formation.nodes import Wavelength, depth_nodes, electrons, wavele
 from simulator.formation.objects import Objects, Place
 from simulator.formation.time import Cell
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 class Spreading:

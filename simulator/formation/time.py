@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from optics.sensor.shutter import row_starts
 from simulator.recipe import Recipe
 from simulator.shown import Mixture, Procession, Span
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
+K = TypeVar("K")
 
 _FOLLOWED = 8
 """Parts of a video's frame for which rows, or a lamp, weigh a liquid crystal on its way."""
@@ -87,25 +86,20 @@ def _moved(
     return (vy * middle, vx * middle), (vy * seconds, vx * seconds)
 
 
+@dataclass(frozen=True)
 class _Pieces:
     """What each row sees of the panel between two times."""
 
-    def __init__(
-        self, s: Situation, recipe: Recipe, starts: Array, begin: float, end: float
-    ) -> None:
-        self._s, self._recipe, self._starts = s, recipe, starts
-        self._begin, self._end = begin, end
+    s: Situation
+    recipe: Recipe
+    starts: Array
+    begin: float
+    end: float
 
     def standing(self) -> list[tuple[Mixture, Array]]:
         """Of pictures that stand while they last: all in one if all rows see them alike."""
-        weights: defaultdict[str, Array] = defaultdict(lambda: np.zeros(len(self._starts)))
-        for frames, begins, ends in self._intervals(1):
-            seen = self._seen(begins, ends)
-            for frame in np.unique(frames):
-                name = self._s.shown.names[frame]
-                weights[name] = weights[name] + seen[:, frames == frame].sum(1)
-        present = {name: w for name, w in weights.items() if w.any()}
-        if len(self._starts) > 1:
+        present = self._weighed(1, lambda frame: self.s.shown.names[frame])
+        if len(self.starts) > 1:
             return [(Mixture(((name, 1.0),)), w) for name, w in sorted(present.items())]
         total = sum(float(w[0]) for w in present.values())
         shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
@@ -113,41 +107,43 @@ class _Pieces:
 
     def following(self) -> list[tuple[Procession, Array]]:
         """Of a crystal that is on its way: parts of frames."""
-        shown, seconds = self._s.shown, self._s.shown.frame_time / _FOLLOWED
-        rows = len(self._starts)
-        weights: defaultdict[tuple[int, int], Array] = defaultdict(lambda: np.zeros(rows))
-        for parts, begins, ends in self._intervals(_FOLLOWED):
-            seen = self._seen(begins, ends)
-            for part in np.unique(parts):
-                key = divmod(int(part), _FOLLOWED)
-                weights[key] = weights[key] + seen[:, parts == part].sum(1)
+        shown, seconds = self.s.shown, self.s.shown.frame_time / _FOLLOWED
+        weights = self._weighed(_FOLLOWED, lambda part: divmod(part, _FOLLOWED))
         spans = {
             (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
             for frame, part in sorted(weights)
-            if weights[frame, part].any()
         }
-        if rows > 1:
+        if len(self.starts) > 1:
             return [
                 (Procession(shown.names, shown.frame_time, (span,)), weights[key])
                 for key, span in spans.items()
             ]
         total = sum(float(weights[key][0]) for key in spans)
         shares = tuple(
-            Span(one.frame, one.begin, one.end, float(weights[key][0]) / total)
-            for key, one in spans.items()
+            replace(span, share=float(weights[key][0]) / total) for key, span in spans.items()
         )
         if not spans:
             return []
         return [(Procession(shown.names, shown.frame_time, shares), np.array([total]))]
 
+    def _weighed(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
+        """Seconds of mean light that each row sees of what parts of frames stand for, if any."""
+        weights: defaultdict[K, Array] = defaultdict(lambda: np.zeros(len(self.starts)))
+        for numbers, begins, ends in self._intervals(parts):
+            seen = self._seen(begins, ends)
+            for number in np.unique(numbers):
+                key = of(int(number))
+                weights[key] = weights[key] + seen[:, numbers == number].sum(1)
+        return {key: weight for key, weight in weights.items() if weight.any()}
+
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
         """(which part of which frame, begins, ends), in batches, of all that is shown."""
-        shown = self._s.shown
+        shown = self.s.shown
         if not shown.moves or math.isinf(shown.frame_time):
-            yield np.zeros(1, dtype=np.int64), np.array([self._begin]), np.array([self._end])
+            yield np.zeros(1, dtype=np.int64), np.array([self.begin]), np.array([self.end])
             return
         unit = shown.frame_time / parts
-        first, last = math.floor(self._begin / unit), math.ceil(self._end / unit)
+        first, last = math.floor(self.begin / unit), math.ceil(self.end / unit)
         if last - first > _MOST_INTERVALS:
             raise ValueError(
                 f"the video shows {last - first} parts of frames within the exposure, more than "
@@ -155,15 +151,15 @@ class _Pieces:
             )
         for low in range(first, last, 4096):
             index = np.arange(low, min(low + 4096, last))
-            begins = np.maximum(index * unit, self._begin)
-            ends = np.minimum((index + 1) * unit, self._end)
+            begins = np.maximum(index * unit, self.begin)
+            ends = np.minimum((index + 1) * unit, self.end)
             yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
 
     def _seen(self, begins: Array, ends: Array) -> Array:
         """Seconds of mean light that rows see of intervals, (rows, intervals)."""
-        low = np.maximum(begins, self._starts[:, None])
-        high = np.maximum(np.minimum(ends, self._starts[:, None] + self._s.exposure), low)
-        lamp = self._s.target.lamp
-        if not self._recipe.lamp or lamp is None:
+        low = np.maximum(begins, self.starts[:, None])
+        high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)
+        lamp = self.s.target.lamp
+        if not self.recipe.lamp or lamp is None:
             return high - low
         return (high - low) * lamp.mean(low, high)

@@ -8,10 +8,8 @@ outside the sensor all the same.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _SPARE = 32
 """Pixels more than the outermost light needs: of detail that is finer than the samples, these

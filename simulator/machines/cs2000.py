@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
 from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
 from simulator.machines.cs2000_settings import Settings
-from simulator.machines.machine import Reply
+from simulator.machines.machine import Reply, Suffering
 
 _LATENCY = 0.02
 """Seconds from a command to its answer."""
@@ -44,7 +44,7 @@ class _Answer:
     delimiter: bytes
 
 
-class CS2000Machine:
+class CS2000Machine(Suffering):
     """What it is told over the wire, and the light that falls into it.
 
     spectrum: the radiance in W/(sr m² m) at wavelengths in metres, asked whenever it measures.
@@ -64,47 +64,23 @@ class CS2000Machine:
         angle: int = 0,
         slit_nm: int = 5,
     ) -> None:
+        super().__init__()
         self.optics = Optics(spectrum, slit_nm, angle)
         self.settings = Settings(model, serial, firmware, self.optics)
-        self._faults: set[str] = set()
         self._buffer, self._heard_at = bytearray(), -math.inf
         self._after_cr = False
         self._delimiter = b"\r"
         self._answers: list[_Answer] = []
         self._measuring: _Measurement | None = None
-        self._data: Array | None = None
-        self._conditions = ""
-        self._unread: set[int] = set()
-
-    @property
-    def remote(self) -> int:
-        """Its mode: 0 while its keys work, 1 and 2 while it obeys the wire."""
-        return self.settings.remote
-
-    @property
-    def written_to_flash(self) -> int:
-        """Settings that have gone into its flash memory, which wears."""
-        return self.settings.written_to_flash
-
-    @property
-    def measured(self) -> Array | None:
+        self.measured: Array | None = None
         """Radiance in W/(sr m² nm) at WAVELENGTHS, as measured last; None if there is none."""
-        return self._data
-
-    @property
-    def conditions(self) -> str:
+        self.conditions = ""
         """Of the last measurement, as MEDR tells them."""
-        return self._conditions
+        self._unread: set[int] = set()
 
     @property
     def is_measuring(self) -> bool:
         return self._measuring is not None
-
-    def suffer(self, kind: str | None) -> None:
-        if kind is None:
-            self._faults.clear()
-        else:
-            self._faults.add(kind)
 
     def press_escape(self) -> None:
         """The key on its back: a measurement is broken off, or else remote mode left."""
@@ -191,7 +167,7 @@ class CS2000Machine:
         return self._say("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
-        self._data = None
+        self.measured = None
         until = t + min(10.0, max(1.0, self.optics.needed(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
@@ -221,9 +197,9 @@ class CS2000Machine:
     def _end(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # It makes up for the external filter that it was told of, there or not.
-        self._data = self.optics.seen() * 10.0 ** self.settings.single["NDFS"]
+        self.measured = self.optics.seen() * 10.0 ** self.settings.single["NDFS"]
         self._unread = set(_SPANS)
-        self._conditions = self.settings.conditions(going.integration, going.nd)
+        self.conditions = self.settings.conditions(going.integration, going.nd)
         return self._tell("OK00", going)
 
     def _tell(self, text: str, of: _Measurement) -> list[Reply]:
@@ -237,15 +213,15 @@ class CS2000Machine:
         known: dict[int, set[int]] = {0: {1}, 1: set(_SPANS), 2: set(BLOCKS)}
         if mode > 2 or form > 1 or number not in known[mode]:
             return "ER17"
-        if self._data is None:
+        if self.measured is None:
             return "ER20"
         if mode == 0:
-            return f"OK00,{self._conditions}"
+            return f"OK00,{self.conditions}"
         how = (form == 1, self.settings.old)
         if mode == 1:
-            texts = [written("spectral", float(v), *how) for v in self._data[_SPANS[number]]]
+            texts = [written("spectral", float(v), *how) for v in self.measured[_SPANS[number]]]
         else:
-            texts = block(BLOCKS[number], colorimetric(WAVELENGTHS, self._data), *how)
+            texts = block(BLOCKS[number], colorimetric(WAVELENGTHS, self.measured), *how)
         self._forget(mode, number)
         return ",".join(["OK00", *texts])
 
@@ -253,4 +229,4 @@ class CS2000Machine:
         """With its key enabled, what was read is gone."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single["MSWE"] and (mode == 2 or not self._unread):
-            self._data = None
+            self.measured = None

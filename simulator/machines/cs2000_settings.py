@@ -14,14 +14,19 @@ from simulator.machines.cs2000_optics import Optics
 Command = Callable[[list[int]], str]
 """From the parameters to the answer."""
 
+_COMMANDS = ("RMTS", "IDDR", "STSR", "DTCR", "SCMS", "SCMR", "SPMS", "SPMR")
+"""Those with a method of their own name."""
+
 _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 
 
 class Settings:
     """model, serial, firmware: as of CS2000Machine. optics: whose dial it tells.
 
-    remote: the mode that RMTS has set. old: whether it has the first firmware, which knows
-    less. speed: SPMS's mode, integration and filter. sync: SCMS's mode and frequency.
+    remote: the mode that RMTS has set, 0 while its keys work, 1 and 2 while it obeys the wire.
+    written_to_flash: settings that have gone into its flash memory, which wears. old: whether it
+    has the first firmware, which knows less. speed: SPMS's mode, integration and filter. sync:
+    SCMS's mode and frequency.
     """
 
     def __init__(self, model: str, serial: str, firmware: str, optics: Optics) -> None:
@@ -38,20 +43,11 @@ class Settings:
         self.speed: tuple[int, int, int] = (0, 0, 2)
         self.sync: tuple[int, int] = (0, 0)
         self.written_to_flash = 0
-        self._commands: dict[str, Command] = {
-            "RMTS": self._rmts,
-            "IDDR": self._iddr,
-            "STSR": self._stsr,
-            "DTCR": self._dtcr,
-            "SCMS": self._scms,
-            "SCMR": self._scmr,
-            "SPMS": self._spms,
-            "SPMR": self._spmr,
-        }
 
     def command(self, name: str) -> Command | None:
         """What carries it out, if it is one of those that ask or set."""
-        work = self._commands.get(name) or self._simple(name)
+        work: Command | None
+        work = getattr(self, f"_{name.lower()}") if name in _COMMANDS else self._simple(name)
         if work is None or name not in _INTO_FLASH:
             return work
 

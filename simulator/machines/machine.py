@@ -16,6 +16,20 @@ class Reply(NamedTuple):
     data: bytes
 
 
+class Suffering:
+    """A machine that may have several of its own faults at once."""
+
+    def __init__(self) -> None:
+        self._faults: set[str] = set()
+
+    def suffer(self, kind: str | None) -> None:
+        """One of its own faults begins, or (None) all of them end."""
+        if kind is None:
+            self._faults.clear()
+        else:
+            self._faults.add(kind)
+
+
 class Machine(Protocol):
     """An instrument that knows neither ports nor worlds.
 

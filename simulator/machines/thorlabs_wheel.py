@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from simulator.machines.machine import Reply
+from simulator.machines.machine import Reply, Suffering
+from simulator.machines.turning import shorter_way
 
 _PROMPT = b"> "
 _NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"
@@ -24,7 +25,7 @@ _HELD = 256
 """Bytes that wait while it turns; what comes besides is lost."""
 
 
-class ThorlabsWheelMachine:
+class ThorlabsWheelMachine(Suffering):
     """What it is told over the wire, and where it stands.
 
     slots: 6 or 12. firmware: "1.0", which knows less and wants a line ">" before each command,
@@ -47,13 +48,13 @@ class ThorlabsWheelMachine:
             raise ValueError(f"slots is {slots}; a wheel has 6 or 12")
         if not 1 <= position <= slots:
             raise ValueError(f"position is {position}; the wheel has 1 to {slots}")
+        super().__init__()
         self.firmware = firmware
         self._old = firmware == "1.0"
         self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
         self._state |= {"sensors": 1, "baud": 1}
         self._saved = dict(self._state)
         self._step, self._turned = step, turned
-        self._faults: set[str] = set()
         self._switched_on = True
         self._primed = False
         self._line = bytearray()
@@ -76,12 +77,6 @@ class ThorlabsWheelMachine:
     def saved(self) -> dict[str, int]:
         """The settings that it will have when it is switched on again."""
         return dict(self._saved)
-
-    def suffer(self, kind: str | None) -> None:
-        if kind is None:
-            self._faults.clear()
-        else:
-            self._faults.add(kind)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
         self._held += data[: _HELD - len(self._held)]
@@ -163,8 +158,6 @@ class ThorlabsWheelMachine:
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
         """When which slot comes into the light on the shorter way."""
-        count, start = self._state["pcount"], self.position
-        forward = (goal - start) % count
-        step, number = (1, forward) if forward <= count / 2 else (-1, count - forward)
+        way = shorter_way(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
-        return [(t + i * seconds, (start - 1 + i * step) % count + 1) for i in range(1, number + 1)]
+        return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

@@ -33,7 +33,7 @@ class Turning:
 
     def go(self, slot: int, t: float) -> None:
         """Begin to turn to a slot; from where it is, if it turns already."""
-        self.turn(self._shortest(self.passed(t), slot), t)
+        self.turn(shorter_way(self.passed(t), slot, self.count, self.both_ways), t)
 
     def turn(self, way: list[int], t: float) -> None:
         """Begin to turn through slots, one after the other."""
@@ -65,9 +65,10 @@ class Turning:
         at = self.rests(t)
         return 0 if self.endless else at
 
-    def _shortest(self, start: int, end: int) -> list[int]:
-        ahead = (end - start) % self.count
-        back = self.count - ahead
-        forward = not self.both_ways or ahead <= back
-        steps, sign = (ahead, 1) if forward else (back, -1)
-        return [(start - 1 + sign * i) % self.count + 1 for i in range(1, steps + 1)]
+
+def shorter_way(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
+    """The slots that pass from one to another; forward where both ways are as long."""
+    ahead = (end - start) % count
+    back = count - ahead
+    steps, sign = (ahead, 1) if not both_ways or ahead <= back else (back, -1)
+    return [(start - 1 + sign * i) % count + 1 for i in range(1, steps + 1)]

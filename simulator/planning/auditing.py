@@ -6,17 +6,15 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import torch
 
-from simulator.planning.bound import Bound
+from simulator.planning.bound import Bound, ratio
 from simulator.planning.effect import Effect
 from simulator.planning.plan import EffectPlan, recipe_of
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Rendered = tuple[torch.Tensor, torch.Tensor]
 Levels = Mapping[str, int]
@@ -47,7 +45,7 @@ class Audited:
         """The largest of what was measured over its bound; above 1 the bound is broken."""
         allowed = self.bound.plus(self.slack)
         return max(
-            _over(getattr(self, name), getattr(allowed, name))
+            ratio(getattr(self, name), getattr(allowed, name))
             for name in ("mean", "variance", "sigma")
         )
 
@@ -167,9 +165,3 @@ def _arithmetic(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
 
 def _norm(change: torch.Tensor) -> float:
     return float(torch.linalg.vector_norm(change))
-
-
-def _over(measured: float, allowed: float) -> float:
-    if measured == 0:
-        return 0.0
-    return measured / allowed if allowed > 0 else float("inf")

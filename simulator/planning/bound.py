@@ -63,14 +63,15 @@ class Floor:
     def relative(self, bound: Bound) -> float:
         """The worst of a bound's relative errors; infinite where something changes nothing."""
         return max(
-            _ratio(bound.mean, self.mean),
-            _ratio(bound.variance, self.variance),
-            _ratio(bound.sigma, self.sigma),
+            ratio(bound.mean, self.mean),
+            ratio(bound.variance, self.variance),
+            ratio(bound.sigma, self.sigma),
             bound.shape,
         )
 
 
-def _ratio(change: float, whole: float) -> float:
+def ratio(change: float, whole: float) -> float:
+    """A change over what it is relative to; infinite where something changes nothing."""
     if change == 0:
         return 0.0
     return change / whole if whole > 0 else math.inf

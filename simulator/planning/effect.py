@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from simulator.planning.bound import Bound
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.recipe import Recipe
+from simulator.situation import Situation
 
 
 class Effect(ABC):
@@ -19,9 +17,10 @@ class Effect(ABC):
     name: in words, as in files. kind: an axis of the image-formation integral, which is sampled,
     or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
     the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
-    must not be off if this one isn't. last: whether the others' bounds count on it: changes add up
-    in whatever order they are made, and this one is thought to be made last. each_frame: whether
-    it's done anew for each frame of a picture that stands.
+    must not be off if this one isn't. entry, values: of the recipe, and what it is at each level.
+    last: whether the others' bounds count on it: changes add up in whatever order they are made,
+    and this one is thought to be made last. each_frame: whether it's done anew for each frame of
+    a picture that stands.
 
     An effect decides by numbers from the situation alone: it never renders anything.
     """
@@ -32,6 +31,8 @@ class Effect(ABC):
     source: ClassVar[str]
     levels: ClassVar[tuple[str, ...]] = ("off", "on")
     requires: ClassVar[tuple[str, ...]] = ()
+    entry: ClassVar[str]
+    values: ClassVar[tuple[object, ...]] = (False, True)
     last: ClassVar[bool] = False
     each_frame: ClassVar[bool] = False
 
@@ -47,9 +48,13 @@ class Effect(ABC):
     def estimate(self, s: Situation, level: int) -> float:
         """About the relative change of the picture at a level against the finest."""
 
-    @abstractmethod
     def bound(self, s: Situation, level: int) -> Bound:
         """The most that it can be; falls with the level, and is 0 at the finest."""
+        return Bound() if level >= self.finest(s) else self.coarser(s, level)
+
+    @abstractmethod
+    def coarser(self, s: Situation, level: int) -> Bound:
+        """The same at a level below the finest."""
 
     @abstractmethod
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
@@ -59,19 +64,15 @@ class Effect(ABC):
     def why(self, s: Situation) -> str:
         """In words of this situation: what there is of it."""
 
-    @abstractmethod
     def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         """The recipe with this effect at a level above off; never called for one that is off."""
+        return recipe.having(**{self.entry: self.values[level]})
 
 
 class Stage(Effect):
-    """An effect that is on or off; on, nothing changes any more.
-
-    entry: of the recipe, which is true where it is on.
-    """
+    """An effect that is on or off; on, nothing changes any more."""
 
     kind: ClassVar[Literal["axis", "stage"]] = "stage"
-    entry: ClassVar[str]
 
     @abstractmethod
     def missed(self, s: Situation) -> float:
@@ -84,8 +85,5 @@ class Stage(Effect):
     def estimate(self, s: Situation, level: int) -> float:
         return 0.0 if level else self.missed(s)
 
-    def bound(self, s: Situation, level: int) -> Bound:
-        return Bound() if level else self.left_out(s)
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(**{self.entry: True})
+    def coarser(self, s: Situation, level: int) -> Bound:
+        return self.left_out(s)

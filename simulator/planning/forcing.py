@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from simulator.planning.effect import Effect
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 
 def forced_level(effects: Sequence[Effect], s: Situation, name: str, wanted: str | bool) -> int:

@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from simulator.planning.bound import Bound, Floor
 from simulator.planning.costing import Work
 from simulator.planning.effect import Effect
 from simulator.planning.forcing import settled
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _FRAMES = 100
 """Of a picture, that are thought to be taken: what each of them takes counts as often."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simulator.planning.bound import Bound, Floor
 from simulator.planning.effect import Effect
 from simulator.planning.forcing import forced_level
 from simulator.planning.ladder import Ladder
 from simulator.recipe import Recipe
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 EFFECTS_SHARE = 0.9
 """Of a tolerance, what effects may be left out for; the rest is for sampling and arithmetic."""
@@ -74,16 +72,10 @@ class EffectPlan:
         )
 
     def __getitem__(self, effect: str) -> Decision:
-        for decision in self.decisions:
-            if decision.effect == effect:
-                return decision
-        raise KeyError(effect)
-
-    def is_on(self, effect: str) -> bool:
-        """Whether it takes part; one that nothing causes doesn't."""
-        return self._levels.get(effect, 0) > 0
+        return {one.effect: one for one in self.decisions}[effect]
 
     def level(self, effect: str) -> int:
+        """0 for one that is off, or that nothing causes."""
         return self._levels.get(effect, 0)
 
     @property
@@ -134,14 +126,19 @@ def planned(
     Raises ValueError for a tol that is negative or not finite, a forced effect that doesn't
     exist, a level that it hasn't, or one that is on and requires one that is off.
     """
-    if not 0 <= tol < math.inf:
-        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
+    require_tolerance(tol)
     fixed = {
         name: forced_level(effects, situation, name, wanted)
         for name, wanted in (forced or {}).items()
     }
     ladder = Ladder(effects, situation, floor, fixed)
     return EffectPlan(ladder, situation, tol, ladder.levels(EFFECTS_SHARE * tol), ladder.fixed)
+
+
+def require_tolerance(tol: float) -> None:
+    """Raise ValueError for one that is negative or not finite."""
+    if not 0 <= tol < math.inf:
+        raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
 def _decision(

@@ -7,11 +7,10 @@ from simulator.scene.display import Display, display_primaries
 from simulator.scene.drawable import Drawable, Even
 from simulator.scene.flat import Flat
 from simulator.scene.photograph import Photograph
-from simulator.scene.pinhole import Pinhole
 from simulator.scene.relief import Relief, distances_of
 from simulator.scene.scene import Scene
 from simulator.scene.sheets import Sheet, Sheets
-from simulator.scene.star import Star
+from simulator.scene.star import Pinhole, Star
 from simulator.scene.target import Layer, Part, Target
 
 __all__ = [

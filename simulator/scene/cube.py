@@ -46,10 +46,6 @@ class Cube(Framed):
             raise ValueError(f"tol is {self.tol:g}; give 0 to below 1")
         Spectrum(self.wavelengths, (0.0,) * len(self.wavelengths))
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.image.shape[0], self.image.shape[1]
-
     @cached_property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)

@@ -20,7 +20,7 @@ from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.photograph import require_colours
 from simulator.scene.picture import edges
 from simulator.scene.resampling import apertures
-from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+from simulator.scene.target import Layer, Part, Target
 
 PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))
 """Centres and full widths at half maximum, metres, of red, green and blue as a liquid-crystal
@@ -133,8 +133,6 @@ class Display(Target):
         super().__post_init__()
         require_colours(self.image)
         require_positive("pitch", self.pitch, "m")
-        require_distance(self.distance)
-        require_radiance(self.radiance)
         if not 0 < self.fill <= 1:
             raise ValueError(f"fill is {self.fill:g}; give a share above 0, up to 1")
         if self.light is not None:

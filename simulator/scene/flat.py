@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from simulator.scene.drawable import Even
-from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+from simulator.scene.target import Layer, Part, Target
 
 
 @dataclass(frozen=True)
@@ -19,11 +19,6 @@ class Flat(Target):
 
     distance: float
     radiance: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_distance(self.distance)
-        require_radiance(self.radiance)
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:

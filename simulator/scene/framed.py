@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from optics.camera import Camera
 from optics.edge import require_finite, require_positive
 from optics.light.spectrum import Spectrum
 from simulator.scene.picture import Picture
-from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+from simulator.scene.target import Layer, Part, Target
 
 _FRAMES = 4
 """Sizes for which a target is kept: it is one object for each camera that looks at it in turn."""
@@ -37,8 +37,14 @@ def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
     return cover * max(n * sensor.pitch / size for n, size in sides)
 
 
+class _Pixels(ABC):
+    """image: (rows, columns, bands), a field of each kind's own."""
+
+    image: torch.Tensor
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Framed(Target):
+class Framed(_Pixels, Target):
     """A picture of pixels.
 
     cover: side of the picture over side of the frame, where it just covers it; what exceeds the
@@ -58,13 +64,11 @@ class Framed(Target):
         require_positive("cover", self.cover, "")
         if self.height is not None:
             require_positive("height", self.height, "m")
-        require_distance(self.distance)
-        require_radiance(self.radiance)
 
     @property
-    @abstractmethod
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the picture."""
+        return self.image.shape[0], self.image.shape[1]
 
     @property
     @abstractmethod

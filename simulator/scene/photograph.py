@@ -29,10 +29,6 @@ class Photograph(Framed):
         require_colours(self.image)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        return self.image.shape[0], self.image.shape[1]
-
-    @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
         return tuple(zip(self.basis, colours, strict=True))

@@ -71,10 +71,6 @@ class Relief(Framed):
         super().__post_init__()
 
     @property
-    def shape(self) -> tuple[int, int]:
-        return self.image.shape[0], self.image.shape[1]
-
-    @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         """Without distances."""
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from optics.light.spectrum import Spectrum
 from simulator.scene.drawable import Drawable
-from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+from simulator.scene.target import Layer, Part, Target, require_distance
 
 Painted = tuple[Spectrum | None, Drawable]
 """A reflectance, None for white at all wavelengths, and where there is how much of it."""
@@ -40,8 +40,6 @@ class Sheets(Target):
     radiance: float
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        require_radiance(self.radiance)
         if not self.sheets:
             raise ValueError("sheets is empty; give at least one")
         distances = [one.distance for one in self.sheets]
@@ -51,6 +49,7 @@ class Sheets(Target):
                 "first, and no two at one distance"
             )
         object.__setattr__(self, "distance", distances[0])
+        super().__post_init__()
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from simulator.scene.disc import Disc
-from simulator.scene.target import Layer, Part, Target, require_distance, require_radiance
+from simulator.scene.target import Layer, Part, Target
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,16 @@ class Star(Target):
     def __post_init__(self) -> None:
         super().__post_init__()
         Disc(self.diameter, self.offset)
-        require_distance(self.distance)
-        require_radiance(self.radiance)
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         return (Layer(self.distance, (Part(self.lit(), Disc(self.diameter, self.offset)),)),)
+
+
+@dataclass(frozen=True)
+class Pinhole(Star):
+    """A hole of a millimetre, lit from behind through the filter (thesis §5.6)."""
+
+    diameter: float = 1e-3
+    distance: float = 2.0
+    radiance: float = 1e9

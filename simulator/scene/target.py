@@ -75,6 +75,8 @@ class Target(_Stands):
     name: str = ""
 
     def __post_init__(self) -> None:
+        require_distance(self.distance)
+        require_radiance(self.radiance)
         if not all(math.isfinite(part) for part in self.velocity):
             raise ValueError(f"velocity is {self.velocity} m/s; it must be finite in each axis")
         if self.polarised is not None and not math.isfinite(self.polarised):

@@ -51,7 +51,10 @@ def description(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> s
     """The XML of a camera that sends these formats and exposes so many microseconds."""
     parts = [_HEAD, _root()]
     for name, (address, length) in _TEXTS.items():
-        parts.append(_register("StringReg", name, address, length, "RO"))
+        parts.append(
+            f'<StringReg Name="{name}"><Address>{address:#x}</Address><Length>{length}</Length>'
+            "<AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>"
+        )
     for name, address in _NUMBERS.items():
         parts.append(f'<Integer Name="{name}"><pValue>{name}Reg</pValue>{_LIMITS.get(name, "")}')
         parts.append("</Integer>")
@@ -99,13 +102,6 @@ def _root() -> str:
     names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize"]
     features = "".join(f"<pFeature>{name}</pFeature>" for name in names)
     return f'<Category Name="Root">{features}</Category>'
-
-
-def _register(kind: str, name: str, address: int, length: int, access: str) -> str:
-    return (
-        f'<{kind} Name="{name}"><Address>{address:#x}</Address><Length>{length}</Length>'
-        f"<AccessMode>{access}</AccessMode><pPort>Device</pPort></{kind}>"
-    )
 
 
 def _number(name: str, address: int) -> str:

@@ -176,6 +176,10 @@ class Machine:
         if self.fault == "wrong exposure":
             self._write(EXPOSURE, 2 * self._register(EXPOSURE))
         self._obeyed.append(self._register(EXPOSURE))
+        return self._exposed()
+
+    def _exposed(self) -> int:
+        """Of what it was told at the last frames' beginnings, what it obeys by now."""
         late = _STALE if self.fault == "stale frame" else self.latency
         return self._obeyed[max(0, len(self._obeyed) - 1 - late)]
 
@@ -218,10 +222,7 @@ class Machine:
         place = self._next
         if not self._register(TRIGGERED):
             # What was set when this frame's exposure began, at the tick before.
-            begun = self._obeyed[-1] if self._obeyed else us
-            late = _STALE if self.fault == "stale frame" else self.latency
-            if late and self._obeyed:
-                begun = self._obeyed[max(0, len(self._obeyed) - 1 - late)]
+            begun = self._exposed() if self._obeyed else us
             self._obey()
             places = self._pictures(begun, _PATIENCE)
             place = None if places is None else self._cycled(places)

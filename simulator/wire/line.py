@@ -6,6 +6,8 @@ import heapq
 import itertools
 import math
 import threading
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -65,10 +67,9 @@ class Line:
     def next_at(self) -> float:
         """When something may arrive or change next; infinite if nothing is on its way."""
         with self._lock:
-            going = self._going[0][0] if self._going else math.inf
-            leaving = self._leaving[0][0] if self._leaving else math.inf
-            coming = self._coming[0][0] if self._coming else math.inf
-            return min(going, leaving, coming)
+            return min(
+                _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
+            )
 
     def inject(self, fault: WireFault) -> None:
         """ValueError if neither the wire nor the machine knows such a fault."""
@@ -105,8 +106,7 @@ class Line:
         """Everything that happens by t, in its order."""
         self._now = max(self._now, t)
         while True:
-            going = self._going[0][0] if self._going else math.inf
-            leaving = self._leaving[0][0] if self._leaving else math.inf
+            going, leaving = _first_time(self._going), _first_time(self._leaving)
             if min(going, leaving) > t:
                 break
             if going <= leaving:
@@ -181,3 +181,7 @@ class Line:
         """The fault, if it lasts at t and chance has it."""
         fault = self._struck(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
+
+
+def _first_time(heap: Sequence[tuple[Any, ...]]) -> float:
+    return heap[0][0] if heap else math.inf

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import array
 import errno
+from abc import ABC, abstractmethod
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,8 +39,57 @@ def bus(name: str) -> UsbBus:
     return _buses[name]
 
 
-class UsbBus:
-    """Devices by port, in the words of pyusb's IBackend. Waiting is done on the bench's clock."""
+class Backend(ABC):
+    """Transfers in the words of pyusb's IBackend, made of transfers in bytes."""
+
+    @abstractmethod
+    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+        """A control transfer in bytes; timeout in milliseconds, as in the calls below."""
+
+    @abstractmethod
+    def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes: ...
+
+    @abstractmethod
+    def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int: ...
+
+    def get_parent(self, dev: int) -> None:  # noqa: B027
+        """They are all on the root hub."""
+
+    def close_device(self, dev_handle: Handle) -> None:  # noqa: B027
+        """Nothing is held."""
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Handle,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: array.array[int],
+        timeout: int,
+    ) -> int:
+        given = data.tobytes()
+        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
+        incoming = bmRequestType & 0x80
+        answer = self.control(dev_handle, setup, b"" if incoming else given, timeout)
+        return _fill(data, answer) if incoming else len(given)
+
+    def intr_read(
+        self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
+    ) -> int:
+        return _fill(buff, self.read(dev_handle, ep, len(buff), timeout))
+
+    def intr_write(
+        self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
+    ) -> int:
+        return self.write(dev_handle, ep, data.tobytes(), timeout)
+
+    bulk_read = iso_read = intr_read
+    bulk_write = iso_write = intr_write
+
+
+class UsbBus(Backend):
+    """Devices by port. Waiting is done on the bench's clock."""
 
     def __init__(self, clock: Clock, seed: int = 0) -> None:
         self._clock = clock
@@ -55,9 +105,6 @@ class UsbBus:
 
     def enumerate_devices(self) -> list[int]:
         return [port for port, plug in self._plugs.items() if plug.look()]
-
-    def get_parent(self, dev: int) -> None:
-        """They are all on the root hub."""
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
         plug = self._plugs[dev]
@@ -116,26 +163,20 @@ class UsbBus:
             raise usb_error(errno.EACCES)
         return dev, plug.address
 
-    def close_device(self, dev_handle: Handle) -> None:
-        """Nothing is held."""
-
-    def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
+    def set_configuration(self, dev_handle: Handle, *given: int) -> None:
+        """Nothing is to be done, but of a device that is there."""
         self._plug(dev_handle)
+
+    set_interface_altsetting = release_interface = clear_halt = set_configuration
 
     def get_configuration(self, dev_handle: Handle) -> int:
         self._plug(dev_handle)
         return 1
 
-    def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
-        self._plug(dev_handle)
-
     def claim_interface(self, dev_handle: Handle, intf: int) -> None:
         plug = self._plug(dev_handle)
         if plug.busy or plug.kernel_driver:
             raise usb_error(errno.EBUSY)
-
-    def release_interface(self, dev_handle: Handle, intf: int) -> None:
-        self._plug(dev_handle)
 
     def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
         return self._plug(dev_handle).kernel_driver
@@ -146,44 +187,11 @@ class UsbBus:
     def attach_kernel_driver(self, dev_handle: Handle, intf: int) -> None:
         self._plug(dev_handle).kernel_driver = True
 
-    def clear_halt(self, dev_handle: Handle, ep: int) -> None:
-        self._plug(dev_handle)
-
     def reset_device(self, dev_handle: Handle) -> None:
         plug = self._plug(dev_handle)
         plug.machine.power(self._clock.now())
 
-    def ctrl_transfer(
-        self,
-        dev_handle: Handle,
-        bmRequestType: int,
-        bRequest: int,
-        wValue: int,
-        wIndex: int,
-        data: array.array[int],
-        timeout: int,
-    ) -> int:
-        given = data.tobytes()
-        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
-        incoming = bmRequestType & 0x80
-        answer = self.control(dev_handle, setup, b"" if incoming else given, timeout)
-        return fill(data, answer) if incoming else len(given)
-
-    def intr_read(
-        self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
-    ) -> int:
-        return fill(buff, self.read(dev_handle, ep, len(buff), timeout))
-
-    def intr_write(
-        self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
-    ) -> int:
-        return self.write(dev_handle, ep, data.tobytes(), timeout)
-
-    bulk_read = iso_read = intr_read
-    bulk_write = iso_write = intr_write
-
     def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
-        """A control transfer in bytes; timeout in milliseconds, as in the calls below."""
         return self._plug(handle).control(setup, data, timeout * 1e-3)
 
     def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes:
@@ -208,7 +216,7 @@ def _only(index: Any, value: int) -> int:
     return value
 
 
-def fill(buffer: array.array[int], data: bytes) -> int:
+def _fill(buffer: array.array[int], data: bytes) -> int:
     """Put bytes into pyusb's buffer; how many."""
     buffer[: len(data)] = array.array(buffer.typecode, data)
     return len(data)

@@ -70,23 +70,20 @@ class Plug:
     def look(self) -> bool:
         """Whether it's there now; lets happen what has happened since."""
         with self._turn:
-            return self._look()
-
-    def _look(self) -> bool:
-        now = self._clock.now()
-        begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
-        if len(begun) != self._unplugged and self._there:
-            self._pull()
-        self._unplugged = len(begun)
-        there = not any(fault.lasts(now) for fault in begun)
-        if there and not self._there:
-            self._there = True
-            self.machine.power(max((f.at + f.seconds for f in begun), default=now))
-        suffers = next((f.kind for f in self._lasting if f.kind not in WIRE_KINDS), None)
-        if suffers != self._suffers:
-            self._suffers = suffers
-            self.machine.suffer(suffers)
-        return there
+            now = self._clock.now()
+            begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
+            if len(begun) != self._unplugged and self._there:
+                self._pull()
+            self._unplugged = len(begun)
+            there = not any(fault.lasts(now) for fault in begun)
+            if there and not self._there:
+                self._there = True
+                self.machine.power(max((f.at + f.seconds for f in begun), default=now))
+            suffers = next((f.kind for f in self._lasting if f.kind not in WIRE_KINDS), None)
+            if suffers != self._suffers:
+                self._suffers = suffers
+                self.machine.suffer(suffers)
+            return there
 
     def _pull(self) -> None:
         self._there = False
@@ -103,19 +100,16 @@ class Plug:
     def control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
         """A control transfer; the bytes that the device gives."""
         with self._turn:
-            return self._control(setup, data, timeout)
-
-    def _control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
-        late = self._clock.now() + timeout
-        answer, reports = self._taken(data, late, lambda heard: self._handled(setup, heard))
-        self._lay_ready(reports)
-        if not setup.request_type & 0x80:
-            return b""
-        packets = self._noise.sent(Packet(self._clock.now(), answer), self._lasting)
-        if not packets or packets[0].at > late:
-            raise self._silence(late)
-        self._wait(packets[0].at)
-        return packets[0].data[: setup.length]
+            late = self._clock.now() + timeout
+            answer, reports = self._taken(data, late, lambda heard: self._handled(setup, heard))
+            self._lay_ready(reports)
+            if not setup.request_type & 0x80:
+                return b""
+            packets = self._noise.sent(Packet(self._clock.now(), answer), self._lasting)
+            if not packets or packets[0].at > late:
+                raise self._silence(late)
+            self._wait(packets[0].at)
+            return packets[0].data[: setup.length]
 
     def _handled(self, setup: Setup, data: bytes) -> tuple[bytes, list[Report]]:
         if setup.request_type == 0x80 and setup.request == 6:
@@ -125,13 +119,10 @@ class Plug:
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
         """Bytes for an endpoint, all or none."""
         with self._turn:
-            return self._write(endpoint, data, timeout)
-
-    def _write(self, endpoint: int, data: bytes, timeout: float) -> int:
-        late, now = self._clock.now() + timeout, self._clock.now
-        out = self.machine.out
-        self._lay_ready(self._taken(data, late, lambda heard: out(endpoint, heard, now())))
-        return len(data)
+            late, now = self._clock.now() + timeout, self._clock.now
+            out = self.machine.out
+            self._lay_ready(self._taken(data, late, lambda heard: out(endpoint, heard, now())))
+            return len(data)
 
     def _taken(self, data: bytes, late: float, take: Callable[[bytes], T]) -> T:
         """What the device makes of bytes, as noise lets it hear them."""
@@ -147,19 +138,16 @@ class Plug:
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
         """The next report, within `timeout` seconds."""
         with self._turn:
-            return self._read(endpoint, length, timeout)
-
-    def _read(self, endpoint: int, length: int, timeout: float) -> bytes:
-        late = self._clock.now() + timeout
-        self.require_there()
-        waiting = self._reports.get(endpoint, [])
-        if not waiting or waiting[0].at > late:
-            raise self._silence(late)
-        self._wait(waiting[0].at)
-        data = waiting.pop(0).data
-        if len(data) > length:
-            raise usb_error(errno.EOVERFLOW)
-        return data
+            late = self._clock.now() + timeout
+            self.require_there()
+            waiting = self._reports.get(endpoint, [])
+            if not waiting or waiting[0].at > late:
+                raise self._silence(late)
+            self._wait(waiting[0].at)
+            data = waiting.pop(0).data
+            if len(data) > length:
+                raise usb_error(errno.EOVERFLOW)
+            return data
 
     def _lay_ready(self, reports: Sequence[Report]) -> None:
         for report in reports:

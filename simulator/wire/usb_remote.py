@@ -7,7 +7,6 @@ process of the same user reaches it by its option backend =
 
 from __future__ import annotations
 
-import array
 import contextlib
 import errno
 import os
@@ -21,7 +20,7 @@ from typing import Any, Self
 from drivers.hosted.calls import Answer, Request, answer_of
 from drivers.hosted.line import Line
 from simulator.machines.usb import Setup
-from simulator.wire.usb_backend import Handle, UsbBus, fill
+from simulator.wire.usb_backend import Backend, Handle, UsbBus
 from simulator.wire.usb_plug import usb_error
 
 _FORWARDED = (
@@ -125,8 +124,8 @@ def _line(connection: Connection) -> Line:
         return Line(os.dup(connection.fileno()))
 
 
-class RemoteBackend:
-    """A bus of another process, in the words of pyusb's IBackend."""
+class RemoteBackend(Backend):
+    """A bus of another process."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -141,46 +140,21 @@ class RemoteBackend:
     def enumerate_devices(self) -> list[int]:
         return list(self._ask("enumerate_devices", ()))
 
-    def get_parent(self, dev: int) -> None:
-        """They are all on the root hub."""
-
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
         descriptor: SimpleNamespace = self._ask("get_device_descriptor", (dev,))
         return descriptor
 
-    def close_device(self, dev_handle: Handle) -> None:
-        """Nothing is held."""
+    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+        answer: bytes = self._ask("control", (handle, setup, data, timeout), timeout)
+        return answer
 
-    def ctrl_transfer(
-        self,
-        dev_handle: Handle,
-        bmRequestType: int,
-        bRequest: int,
-        wValue: int,
-        wIndex: int,
-        data: array.array[int],
-        timeout: int,
-    ) -> int:
-        given = data.tobytes()
-        incoming = bmRequestType & 0x80
-        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
-        sent = b"" if incoming else given
-        answer = self._ask("control", (dev_handle, setup, sent, timeout), timeout)
-        return fill(data, answer) if incoming else len(given)
+    def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes:
+        answer: bytes = self._ask("read", (handle, endpoint, length, timeout), timeout)
+        return answer
 
-    def intr_read(
-        self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
-    ) -> int:
-        return fill(buff, self._ask("read", (dev_handle, ep, len(buff), timeout), timeout))
-
-    def intr_write(
-        self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
-    ) -> int:
-        taken: int = self._ask("write", (dev_handle, ep, data.tobytes(), timeout), timeout)
+    def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int:
+        taken: int = self._ask("write", (handle, endpoint, data, timeout), timeout)
         return taken
-
-    bulk_read = iso_read = intr_read
-    bulk_write = iso_write = intr_write
 
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
         with self._turn:

@@ -88,7 +88,7 @@ def test_opening_measuring_and_leaving_byte_for_byte(plugged):
         assert talk[3:6] == [(b"MEDR,0,0,1\r", conditions)] * 3
         assert talk[6:] == blocks * 2
     assert bench.said() == [(b"RMTS,0\r", b"OK00\r")]
-    assert bench.machine.remote == 0
+    assert bench.machine.settings.remote == 0
 
 
 def test_it_has_all_that_a_spectroradiometer_has(plugged):
@@ -136,7 +136,7 @@ def test_it_is_told_what_it_can_not_see(plugged):
         spectrum = device.measure(never)
         assert spectrum.dimmed
         assert spectrum.angle == pytest.approx(math.radians(0.2))
-        assert bench.machine.written_to_flash == 0
+        assert bench.machine.settings.written_to_flash == 0
     assert meter(bench, mode="manual", integration_ms=7.5)._wanted.speed == "3,7500"
 
 
@@ -153,7 +153,7 @@ def test_its_flash_is_spared_where_firmware_can(plugged, model, firmware, said):
     with meter(bench) as device:
         assert [data for data, _ in bench.said() if data.startswith(b"RMTS")][-1] == said
         assert device.measure(never).radiance.shape == (401,)
-        assert bench.machine.written_to_flash == 0
+        assert bench.machine.settings.written_to_flash == 0
 
 
 def test_a_long_measurement_is_waited_for_under_watch(plugged):
@@ -300,7 +300,7 @@ def test_killed_a_measurement_ends(plugged):
         ({"integration_ms": 10}, "integration_ms is 10 and mode 'normal'"),
         ({"mode": "manual", "integration_ms": 4.9}, "integration_ms is 4.9; it must be"),
         ({"mode": "manual", "integration_ms": math.nan}, "integration_ms is nan"),
-        ({"mode": "manual", "integration_ms": "7"}, "integration_ms is 7"),
+        ({"mode": "manual", "integration_ms": "7"}, "integration_ms is '7'"),
         ({"mode": "multi"}, "integration_s is None and mode 'multi'"),
         ({"mode": "multi", "integration_s": 17}, "integration_s is 17"),
         ({"mode": "multi", "integration_s": 1.5}, "integration_s is 1.5"),

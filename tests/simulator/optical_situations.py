@@ -13,18 +13,16 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import Map, Response
 from simulator.effects import registry
+from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion
+from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.interference import Interference
-from simulator.effects.leak import Leak
 from simulator.effects.orders import PanelOrders
 from simulator.effects.panel_effects import PanelEffect
-from simulator.effects.places import FieldPosition
 from simulator.effects.reach import Reach
 from simulator.effects.sampling import Sampling
-from simulator.effects.vignetting import Vignetting
-from simulator.effects.wavelengths import Bandwidth
 from simulator.formation.picture import expected
 from simulator.ledger import Ledger
 from simulator.mount import Mount

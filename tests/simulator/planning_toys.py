@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from optics.camera import Panel
 from simulator.planning import Bound, Effect
 
-SITUATION = SimpleNamespace(ideal_panel=Panel(), smallest_window=64, coarsest_sampling=1)
+SITUATION = SimpleNamespace(ideal_panel=Panel(), coarsest_sampling=1)
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Toy(Effect):
     def estimate(self, s, level):
         return self.bounds[level].mean / 2
 
-    def bound(self, s, level):
+    def coarser(self, s, level):
         return self.bounds[level]
 
     def work(self, s, levels):

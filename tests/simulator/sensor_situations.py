@@ -9,11 +9,13 @@ from optics.camera import Camera, Panel, Sensor
 from optics.plane import Plane
 from optics.sensor import moments
 from optics.sensor.shutter import span
-from simulator.effects.clipping import Clipping
-from simulator.effects.dark_current import DarkCurrent
-from simulator.effects.fixed_pattern import FixedPattern
-from simulator.effects.quantisation import Quantisation
-from simulator.effects.read_noise import ReadNoise
+from simulator.effects.sensor_effects import (
+    Clipping,
+    DarkCurrent,
+    FixedPattern,
+    Quantisation,
+    ReadNoise,
+)
 from simulator.effects.shot_noise import ShotNoise
 from simulator.probing.radial import RadialProfile
 from simulator.recipe import Recipe

@@ -32,12 +32,11 @@ from optics.light import Band, Spectrum, Waveform
 from optics.sensor import Mosaic
 from simulator.effects.depths import DepthLayers
 from simulator.effects.depths import _gain as depths_gain
-from simulator.effects.lamp import LampFlicker
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
 from simulator.effects.pixel_aperture import PixelAperture
-from simulator.effects.rolling import RollingShutter
+from simulator.effects.time_effects import LampFlicker, RollingShutter
 from simulator.probing.rates import electron_rates
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle

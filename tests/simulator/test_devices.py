@@ -346,9 +346,15 @@ def test_a_wheel_refuses_a_slot_that_it_has_not(number, wheel):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"slots_nm": ()}, "slots_nm is empty; a wheel has one slot at least"),
-        ({"slots_nm": [(0, 10)]}, "slots_nm's centre is 0 nm; it must be positive"),
-        ({"slots_nm": [(500, -10)]}, "slots_nm's width is -10 nm; it must be positive"),
+        ({"slots_nm": ()}, r"slots_nm is \(\); give \[centre, width\] of every slot"),
+        (
+            {"slots_nm": [(0, 10)]},
+            r"slot 1 is \(0, 10\); give \[centre, width\] in nanometres, both greater",
+        ),
+        (
+            {"slots_nm": [(500, -10)]},
+            r"slot 1 is \(500, -10\); give \[centre, width\] in nanometres, both greater",
+        ),
         ({"step_ms": -1.0}, r"step_ms is -1\.0; it must be finite and not negative"),
         ({"step_ms": math.nan}, "step_ms is nan; it must be finite"),
     ],

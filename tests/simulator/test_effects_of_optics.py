@@ -26,11 +26,11 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
+from simulator.effects.band_effects import Bandwidth
 from simulator.effects.costs import operations
+from simulator.effects.field_effects import FieldPosition
 from simulator.effects.floor import floor
 from simulator.effects.interference import Interference
-from simulator.effects.places import FieldPosition
-from simulator.effects.wavelengths import Bandwidth
 from simulator.formation import expected
 from simulator.ledger import Ledger
 from simulator.planning import Effect

@@ -14,7 +14,7 @@ from optics.light import Band, Spectrum, Waveform
 from optics.sensor import Mosaic
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.pixel_aperture import PixelAperture
-from simulator.effects.rolling import RollingShutter
+from simulator.effects.time_effects import RollingShutter
 from simulator.probing.rates import electron_rates
 
 FINER = 16

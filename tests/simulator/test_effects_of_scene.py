@@ -22,9 +22,9 @@ from scene_situations import (
 
 from optics.light import Waveform
 from simulator.effects.depths import DepthLayers
-from simulator.effects.lamp import LampFlicker
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
+from simulator.effects.time_effects import LampFlicker
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle
 

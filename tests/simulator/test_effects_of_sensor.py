@@ -15,12 +15,14 @@ from sensor_situations import BARE, EFFECTS, UNEVEN, changes, picture, read, sen
 
 from optics.camera import Sensor
 from optics.sensor.drawing import electrons_of
-from simulator.effects.clipping import Clipping
-from simulator.effects.dark_current import DarkCurrent
-from simulator.effects.fixed_pattern import FixedPattern
 from simulator.effects.on_pixels import near_limit, through_sensor
-from simulator.effects.quantisation import Quantisation
-from simulator.effects.read_noise import ReadNoise
+from simulator.effects.sensor_effects import (
+    Clipping,
+    DarkCurrent,
+    FixedPattern,
+    Quantisation,
+    ReadNoise,
+)
 from simulator.effects.shot_noise import ShotNoise
 
 STEEPER = (113, 149, 220, 233)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
+from judges.picture import Finest, reference
 from optical_situations import colour_curve, pattern, situation
 from scipy import constants
 
@@ -20,7 +21,6 @@ from optics.sensor import Mosaic
 from optics.slm import Map, Response
 from simulator.formation.kernels import Kernels, Point
 from simulator.formation.picture import expected
-from simulator.formation.reference import Finest, reference
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.ledger import Ledger
 from simulator.mount import Mount

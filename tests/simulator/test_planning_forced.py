@@ -41,7 +41,7 @@ def test_a_level_beyond_the_finest_of_a_situation_is_the_finest():
 
 def test_what_requires_one_that_is_forced_off_is_off_with_it():
     plan = planned(pair(), SITUATION, FLOOR, 0.0, {"depth": False})
-    assert not plan.is_on("hiding")
+    assert plan.level("hiding") == 0
     assert plan.error == 1.0
 
 
@@ -54,7 +54,7 @@ def test_what_nothing_causes_is_in_no_plan_even_if_it_is_forced():
     absent = Toy("absent", BOUNDS, WORKS, there=False)
     plan = planned([absent], SITUATION, FLOOR, 0.1, {"absent": True})
     assert plan.decisions == ()
-    assert not plan.is_on("absent")
+    assert plan.level("absent") == 0
 
 
 @pytest.mark.parametrize(

@@ -71,12 +71,12 @@ def test_old_firmware_lacks_the_mode_that_spares_the_flash():
     assert computer.say(b"RMTS,2\r") == b"ER17\r"
     computer.say(b"RMTS,1\r")
     computer.say(b"NDFS,1\r")
-    assert computer.machine.written_to_flash == 1
+    assert computer.machine.settings.written_to_flash == 1
 
 
 def test_the_mode_that_spares_the_flash_does(remote):
     remote.say(b"NDFS,1\rSPMS,1,2\rSCMS,2\r")
-    assert remote.machine.written_to_flash == 0
+    assert remote.machine.settings.written_to_flash == 0
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,12 @@ _READ_ONLY = 2
 _ILLEGAL = {"E": 3, "I": 5, "M": 7, "G": 17}
 """Error codes of arguments that a command doesn't take; a syntax error for all others."""
 
+_SETTINGS = {"B": "brief", "G": "sync", "M": "mode"}
+"""What of its state a number is put into, by command."""
+
+_STEPS = {">": 1, "<": -1}
+"""To a neighbour, of the wavelength or in the palette."""
+
 _LEGAL = {
     "B": range(3),
     "C": range(2),
@@ -77,28 +83,22 @@ def carry_out(state: VariSpecState, letter: str, words: list[str], serial: int) 
 def _tune(state: VariSpecState, words: list[str]) -> None:
     if len(words) != 1:
         raise Fault(_SYNTAX)
-    steps = {">": 1, "<": -1}
-    if words[0] in steps:
-        state.tune(state.wavelength + steps[words[0]] * state.jump)
+    if words[0] in _STEPS:
+        state.tune(state.wavelength + _STEPS[words[0]] * state.jump)
     else:
         state.tune(number(words[0]))
 
 
 def _choose(state: VariSpecState, words: list[str]) -> None:
-    steps = {">": 1, "<": -1}
-    if len(words) == 1 and words[0] in steps:
-        state.choose_next(steps[words[0]])
+    if len(words) == 1 and words[0] in _STEPS:
+        state.choose_next(_STEPS[words[0]])
     else:
         state.choose(whole("P", words))
 
 
 def _set_whole(state: VariSpecState, letter: str, value: int) -> None:
-    if letter == "B":
-        state.brief = value
-    elif letter == "G":
-        state.sync = value
-    elif letter == "M":
-        state.mode = value
+    if letter in _SETTINGS:
+        setattr(state, _SETTINGS[letter], value)
     elif letter == "R" and value:
         state.error = 0
     elif letter == "C" and value:

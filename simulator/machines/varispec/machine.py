@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Literal
 
-from simulator.machines.machine import Reply
+from simulator.machines.machine import Reply, Suffering
 from simulator.machines.varispec.commands import carry_out, parse, values, whole
 from simulator.machines.varispec.state import Fault, VariSpecState
 
@@ -34,7 +34,7 @@ def _warming(t: float) -> float:
     return 25.0 - 4.0 * math.exp(-max(t, 0.0) / 1200.0)
 
 
-class VariSpecMachine:
+class VariSpecMachine(Suffering):
     """The command set of the VariSpec user manual 1.37, over USB or over RS-232.
 
     range_nm: shortest and longest wavelength. serial: five digits. electronics: "rs232" takes
@@ -58,6 +58,7 @@ class VariSpecMachine:
         heat: Callable[[float], float] = _warming,
         tuned: Callable[[float], None] = lambda wavelength: None,
     ) -> None:
+        super().__init__()
         self.serial, self.firmware = serial, firmware
         self.terminator = terminator
         self._calculating = _CALCULATING[electronics]
@@ -65,7 +66,6 @@ class VariSpecMachine:
         self._initialises = initialises
         self._tell = tuned
         self._range = range_nm
-        self._suffers: set[str] = set()
         self.power_up(powered_at)
 
     def power_up(self, t: float) -> None:
@@ -78,12 +78,6 @@ class VariSpecMachine:
         self._done_at = -math.inf
         if self._initialises:
             self._begin(t, _INITIALISING, self._initialise)
-
-    def suffer(self, kind: str | None) -> None:
-        if kind is None:
-            self._suffers.clear()
-        else:
-            self._suffers.add(kind)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
         replies = self._go_on(t)
@@ -119,21 +113,22 @@ class VariSpecMachine:
 
     @property
     def _is_busy(self) -> bool:
-        return self._finish is not None or bool(self._queue) or "busy forever" in self._suffers
+        return self._finish is not None or bool(self._queue) or "busy forever" in self._faults
 
     @property
     def _status(self) -> int:
-        return self.state.status & ~1 if "uninitialised" in self._suffers else self.state.status
+        return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
     def _go_on(self, t: float) -> list[Reply]:
         """Finish what is due, and begin what waits."""
         replies: list[Reply] = []
-        while "busy forever" not in self._suffers:
+        while "busy forever" not in self._faults:
             if self._finish is not None:
                 if t < self._done_at:
                     break
                 finish, self._finish = self._finish, None
-                replies += [Reply(t, self._framed(line)) for line in self._try(finish, t)]
+                lines = (line.encode("ascii") for line in self._try(finish, t))
+                replies += [Reply(t, line + self.terminator) for line in lines]
             elif self._queue:
                 self._try(lambda t: self._start(self._queue.popleft(), t), t)
                 if self._finish is not None:
@@ -144,7 +139,7 @@ class VariSpecMachine:
 
     def _try(self, work: Callable[[float], list[str]], t: float) -> list[str]:
         initialised = self.state.initialised
-        if "uninitialised" in self._suffers:
+        if "uninitialised" in self._faults:
             self.state.initialised = False
         try:
             return work(t)
@@ -152,11 +147,8 @@ class VariSpecMachine:
             self.state.error = fault.code
             return []
         finally:
-            if "uninitialised" in self._suffers:
+            if "uninitialised" in self._faults:
                 self.state.initialised = initialised
-
-    def _framed(self, line: str) -> bytes:
-        return line.encode("ascii") + self.terminator
 
     def _begin(self, t: float, seconds: float, finish: Callable[[float], list[str]]) -> None:
         self._finish, self._done_at = finish, t + seconds
@@ -191,7 +183,7 @@ class VariSpecMachine:
         return []
 
     def _carry_out(self, letter: str, words: list[str], t: float) -> list[str]:
-        if letter in "WP" and "error code" in self._suffers:
+        if letter in "WP" and "error code" in self._faults:
             raise Fault(8)
         carry_out(self.state, letter, words, self.serial)
         return self._confirm(letter)(t)

@@ -1,7 +1,7 @@
-"""The same picture as plain loops over everything there is, slowly and in double precision.
+"""A situation's mean picture as plain loops over everything there is, in double precision.
 
-It shares nothing with `picture` but PSFOperator and Modulator: no cache, no recipe, no ledger, no
-transform of a picture that isn't a whole one.
+It shares nothing with `simulator.formation` but PSFOperator and Modulator: no cache, no recipe, no
+ledger, no transform of a picture that isn't a whole one.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -31,9 +30,7 @@ from optics.slm.reflection import front_share, unturned_share
 from optics.slm.response import Response
 from simulator.scene.drawable import Drawable
 from simulator.scene.target import Layer
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 Weighted = Iterator[tuple[float, float]]

@@ -1,19 +1,16 @@
-"""A lamp whose light isn't steady."""
+"""What goes on while the shutter is open: a lamp that isn't steady, and rows in turn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optics.light.waveform import Waveform
 from optics.sensor.shutter import row_starts, skew
-from simulator.effects.on_pixels import through_sensor
+from simulator.effects.on_pixels import PixelStage, flickers, light, through_sensor
 from simulator.planning import Bound, Stage
-
-if TYPE_CHECKING:
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 _INSTANTS = 4096
 """Parts of an exposure, whose means are exact, for the mean deviation within it."""
@@ -26,8 +23,7 @@ class LampFlicker(Stage):
     source = "Waveform.mean(), exact integrals over each row's exposure; IEEE Std 1789"
 
     def caused(self, s: Situation) -> bool:
-        lamp = s.target.lamp
-        return lamp is not None and not lamp.constant and not s.picture.dark
+        return flickers(s) and not s.picture.dark
 
     def missed(self, s: Situation) -> float:
         return self._rows(s)
@@ -76,3 +72,38 @@ class LampFlicker(Stage):
 def _lamp(s: Situation) -> Waveform:
     assert s.target.lamp is not None
     return s.target.lamp
+
+
+class RollingShutter(PixelStage):
+    name = "rolling shutter"
+    entry = "rolling"
+    physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
+    source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"
+
+    def caused(self, s: Situation) -> bool:
+        changing = s.target.moves or s.shown.moves or flickers(s)
+        return s.camera.sensor.shutter == "rolling" and changing and not s.picture.dark
+
+    def missed(self, s: Situation) -> float:
+        return self._share(s)
+
+    def left_out(self, s: Situation) -> Bound:
+        return through_sensor(
+            s, self._share(s) * light(s), "proved: light of the times that a row doesn't share"
+        )
+
+    def why(self, s: Situation) -> str:
+        late = s.lasts - s.exposure
+        return (
+            f"the last row starts {late * 1e3:.3g} ms after the first, of an exposure of "
+            f"{s.exposure * 1e3:.3g} ms"
+        )
+
+    def _share(self, s: Situation) -> float:
+        """Of the light, what is another in some row than in the first, at most."""
+        begins = row_starts(s.camera.sensor, s.moment).numpy()
+        if s.target.moves or s.shown.moves:
+            # Both windows have light of their own, of the time by which they are apart.
+            return float(2 * min(s.lasts / s.exposure - 1, 1.0))
+        seen = _lamp(s).mean(begins, begins + s.exposure)
+        return float(np.abs(seen - seen[0]).max())

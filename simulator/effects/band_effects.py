@@ -1,27 +1,22 @@
-"""The filter's band: how many wavelengths stand for it."""
+"""The filter: its band, for which a few wavelengths stand, and what it passes beside."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blurs import NOTHING, hiding, relative
-from simulator.effects.costs import BAND, WAVELENGTHS, added
+from simulator.effects.blurs import Blurring, hiding, relative, spread_otherwise
+from simulator.effects.costs import BAND, BESIDE, LEAK, WAVELENGTHS
 from simulator.effects.keeping import kept
 from simulator.effects.limits import lit_otherwise
-from simulator.effects.on_pixels import in_proportion, light, seconds
-from simulator.effects.spectra import measure
+from simulator.effects.on_pixels import in_proportion, light, seconds, through_sensor
+from simulator.effects.spectra import leaking, measure
 from simulator.formation.windows import span
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 from simulator.probing.some_frequencies import SomeFrequencies
-
-if TYPE_CHECKING:
-    from simulator.recipe import Recipe
-    from simulator.situation import Situation
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
@@ -35,11 +30,12 @@ _UNEVEN = 12.0
 far from an image is both dim and the first to be wrong."""
 
 
-class Bandwidth(Effect):
+class Bandwidth(Blurring):
     """A PSF grows with the wavelength, and a pattern's phase falls with it."""
 
     name = BAND
     kind = "axis"
+    entry, values = "wavelengths", WAVELENGTHS
     physics = "each wavelength of the band has a PSF of its own, wider and less turned"
     source = "Golub and Welsch 1969; Goodman, Introduction to Fourier Optics 6.1"
     levels = tuple(str(n) for n in WAVELENGTHS)
@@ -50,25 +46,14 @@ class Bandwidth(Effect):
     def finest(self, s: Situation) -> int:
         return len(_changes(s)) - 1
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.3 * relative(s, self.bound(s, level))
-
-    def bound(self, s: Situation, level: int) -> Bound:
-        if level >= self.finest(s):
-            return NOTHING
+    def coarser(self, s: Situation, level: int) -> Bound:
         change = _changes(s)[level]
         how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
         return in_proportion(s, hiding(s) * change, how, _UNEVEN)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return added(s, levels, self.name)
-
     def why(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9
         return f"a band of {width:.3g} nm around {s.wavelength * 1e9:.4g} nm scales the PSF"
-
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        return recipe.having(wavelengths=WAVELENGTHS[level])
 
 
 def _changes(s: Situation) -> tuple[float, ...]:
@@ -131,3 +116,35 @@ def _path(s: Situation) -> float:
     shown = max(float(one.max() - one.min()) for one in s.pattern.phases)
     bent = max(float(one.max() - one.min()) for one in map(s.pattern.wave, s.pattern.distances))
     return shown + bent
+
+
+class Leak(Blurring):
+    name = BESIDE
+    kind = "stage"
+    entry, values = "leak", LEAK
+    physics = "a filter blocks other wavelengths a thousandfold, not wholly, and there are many"
+    source = "thesis §5.6; any filter's data sheet"
+    levels = ("off", *(str(n) for n in LEAK[1:]))
+
+    def caused(self, s: Situation) -> bool:
+        return bool(s.band.leak) and not s.picture.dark and not measure(s, "leak").empty
+
+    def estimate(self, s: Situation, level: int) -> float:
+        return relative(s, self.bound(s, level)) * (1.0 if level == 0 else 0.1)
+
+    def coarser(self, s: Situation, level: int) -> Bound:
+        share = leaking(s)
+        # All of that light is there, and may be blurred otherwise.
+        moved = spread_otherwise(s, 2 * share, "proved: Young; light beside the band moves")
+        if level:
+            return moved
+        how = "proved: Young; electrons beside the band"
+        missing = through_sensor(s, hiding(s) * share * light(s), how)
+        return max(missing, moved, key=lambda one: one.mean)
+
+    def why(self, s: Situation) -> str:
+        low, high = (1e9 * end for end in s.band.leak_range)
+        return (
+            f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and makes "
+            f"{leaking(s):.2g} of the electrons"
+        )
