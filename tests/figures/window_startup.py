@@ -14,10 +14,10 @@ import time
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QTimer
-from PySide6.QtWidgets import QMainWindow
+from PySide6.QtWidgets import QApplication, QMainWindow
 
 from labapp.window.app import open_window
-from labapp.window.messages import LiveFrame
+from labapp.window.messages import LiveFrame, OpeningFailed
 
 _FRAMES = 60
 
@@ -39,6 +39,9 @@ class _Watcher(QObject):
         return False
 
     def hear(self, report: object) -> None:
+        if isinstance(report, OpeningFailed):
+            print(report.message, file=sys.stderr)
+            QApplication.exit(1)
         if not isinstance(report, LiveFrame):
             return
         self._frames += 1
@@ -58,11 +61,12 @@ class _Watcher(QObject):
 
 
 def report_on_window(began: float) -> None:
-    """Open a window, report on it, and return when it is closed."""
+    """Open a window, report on it, and return when it is closed; SystemExit if its bench fails."""
     application, window, connection = open_window()
     watcher = _Watcher(window, began)
     connection.received.connect(watcher.hear)
-    application.exec()
+    if status := application.exec():
+        sys.exit(status)
 
 
 def _resident_bytes() -> int:
