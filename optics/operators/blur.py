@@ -41,6 +41,10 @@ class Blur(Operator):
         return irfft2(rfft2(y) * self.transfer.conj(), self.shape)
 
     @property
+    def bytes(self) -> int:
+        return 3 * self.transfer.nelement() * self.transfer.element_size()
+
+    @property
     def gram(self) -> Gram:
         power = self.transfer.real.square() + self.transfer.imag.square()
         return Gram("frequencies", power, self.shape)

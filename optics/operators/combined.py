@@ -34,6 +34,10 @@ class Chain(Operator):
             y = step._adjoint(y)
         return y
 
+    @property
+    def bytes(self) -> int:
+        return max(step.bytes for step in self.steps)
+
 
 class Sum(Operator):
     """Several operators' answers added."""
@@ -52,3 +56,7 @@ class Sum(Operator):
 
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         return sum((part._adjoint(y) for part in self.parts[1:]), self.parts[0]._adjoint(y))
+
+    @property
+    def bytes(self) -> int:
+        return max(part.bytes for part in self.parts)

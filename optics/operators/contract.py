@@ -20,9 +20,9 @@ class Operator(ABC):
     """A linear map A between real arrays.
 
     domain, codomain: shapes that the last axes of x and of A x have; axes before them are
-    a batch. gram: A^T A where something makes it diagonal, else None. Differentiable.
-    `first_then = then @ first` chains, `+` adds, and `.T` is the transpose as an operator of its
-    own.
+    a batch. bytes: that one call takes besides x and its answer. gram: A^T A where something
+    makes it diagonal, else None. Differentiable. `first_then = then @ first` chains, `+` adds, and
+    `.T` is the transpose as an operator of its own.
 
     Raises ValueError for an array whose last axes have another shape.
     """
@@ -35,6 +35,10 @@ class Operator(ABC):
 
     @abstractmethod
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor: ...
+
+    @property
+    @abstractmethod
+    def bytes(self) -> int: ...
 
     @property
     def gram(self) -> Gram | None:
@@ -97,6 +101,10 @@ class _Transpose(Operator):
 
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         return self._of._forward(y)
+
+    @property
+    def bytes(self) -> int:
+        return self._of.bytes
 
     @property
     def T(self) -> Operator:

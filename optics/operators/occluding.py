@@ -45,3 +45,7 @@ class OccludingBlur(Operator):
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         spectra = rfft2(y[..., None, :, :] * self.past) * self.transfers.conj()
         return irfft2(spectra, self.shape) * self.covers
+
+    @property
+    def bytes(self) -> int:
+        return 3 * self.transfers.nelement() * self.transfers.element_size()

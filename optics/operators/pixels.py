@@ -35,6 +35,10 @@ class Window(Operator):
         return centred_pad(y, self._whole)
 
     @property
+    def bytes(self) -> int:
+        return 0
+
+    @property
     def gram(self) -> Gram:
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return Gram("pixels", inside, (self._whole[0], self._whole[1]))
@@ -57,6 +61,10 @@ class Mask(Operator):
 
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         return y * self.weights
+
+    @property
+    def bytes(self) -> int:
+        return 0
 
     @property
     def gram(self) -> Gram:

@@ -34,6 +34,10 @@ class SpectralMosaic(Operator):
         return y[..., None, :, :] * self.weights
 
     @property
+    def bytes(self) -> int:
+        return self.weights.nelement() * self.weights.element_size()
+
+    @property
     def gram(self) -> Gram:
         return Gram("bands", self.weights, (self.domain[-2], self.domain[-1]))
 

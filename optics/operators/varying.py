@@ -36,6 +36,10 @@ class VaryingBlur(Operator):
         spectra = rfft2(y)[..., None, :, :] * self.transfers.conj()
         return (irfft2(spectra, self.shape) * self.weights).sum(-3)
 
+    @property
+    def bytes(self) -> int:
+        return 3 * self.transfers.nelement() * self.transfers.element_size()
+
 
 def require_as_many(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
     """Raise ValueError unless there is a finite picture for each finite PSF. each: what they are
