@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -46,6 +47,11 @@ class ChainEngine(Engine):
         self._promised = promised or question.tol
         self._search, self._edge = search, search.edge
         self._twin: ChainEngine | None = None
+        self._plan(question.numeric)
+
+    @abstractmethod
+    def _plan(self, n: Question) -> None:
+        """Choose what keeps the tolerance of a question in plain numbers."""
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()

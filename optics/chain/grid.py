@@ -11,9 +11,8 @@ from typing import Any
 import torch
 
 from optics.accuracy import FLOAT32_ARITHMETIC, ErrorEstimate, MachineSpeed, unkeepable
-from optics.camera import Camera
 from optics.chain.engine import ChainEngine
-from optics.chain.lens_grid import Search, lens_grid
+from optics.chain.lens_grid import lens_grid
 from optics.chain.lens_pass import LensPass, passed_through, spectrum_of
 from optics.chain.lens_wave import LensWave
 from optics.chain.openings import Openings
@@ -41,15 +40,7 @@ class GridEngine(ChainEngine):
 
     name = "chain"
 
-    def __init__(
-        self,
-        question: Question,
-        camera: Camera,
-        search: Search,
-        promised: float | None = None,
-    ) -> None:
-        super().__init__(question, camera, search, promised)
-        n = question.numeric
+    def _plan(self, n: Question) -> None:
         self._set_precision(0.1 * n.tol < FLOAT32_ARITHMETIC)
         rough = self._sphere_error()
         allowed = _GRID_SHARE * n.tol - rough

@@ -19,7 +19,6 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.chain.engine import ChainEngine
-from optics.chain.lens_grid import Search
 from optics.chain.relay import Band, RelayAxis, fast_length
 from optics.chain.relay_axes import bend_of, extent
 from optics.edge import recorded
@@ -63,15 +62,7 @@ class NodesEngine(ChainEngine):
     precision = "float64"
     _dtype = torch.complex128
 
-    def __init__(
-        self,
-        question: Question,
-        camera: Camera,
-        search: Search,
-        promised: float | None = None,
-    ) -> None:
-        super().__init__(question, camera, search, promised)
-        n = question.numeric
+    def _plan(self, n: Question) -> None:
         self.arithmetic = 10 * FLOAT64_ARITHMETIC
         rough = self._sphere_error()
         allowed = _LEFT_OUT * n.tol - rough
@@ -90,7 +81,7 @@ class NodesEngine(ChainEngine):
         self.sampling = f"{self._count} nodes in the stop"
         self._whole: _Block | None = None
         self._held = self._count * _BYTES_A_NODE <= n.budget.memory / 2
-        if self._count > _MOST_NODES or (question.differentiable and not self._held):
+        if self._count > _MOST_NODES or (self._question.differentiable and not self._held):
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept: the light at the lens turns so fast that it takes "
                 f"{self._count:.1e} nodes in the stop; ask for a larger tol, or stop the lens down"
