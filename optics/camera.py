@@ -87,7 +87,9 @@ class Lens:
 class Camera:
     """A panel in front of a lens in front of a sensor.
 
-    transmission: of everything else. separation: metres from the panel to the lens and its
+    transmission: of everything else. glare: share of the light that reflections and scatter
+    spread evenly over the sensor, the veiling glare index of ISO 9358; only the simulator
+    knows of it. separation: metres from the panel to the lens and its
     stop (thesis z₁, §5.3); 0 where the two may count as one plane. It may be a 0-d tensor.
     """
 
@@ -96,9 +98,11 @@ class Camera:
     sensor: Sensor = field(default_factory=Sensor)
     transmission: float = 0.6
     separation: float = 0.0
+    glare: float = 0.0
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
+        require_share("glare", self.glare)
         separation = as_number(self.separation)
         if not 0 <= separation < math.inf:
             raise ValueError(

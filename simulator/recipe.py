@@ -27,7 +27,7 @@ class Recipe:
     Light: `occlusion` whether near things hide far ones at their blurred edges, or are added;
     `wave` diffraction, or the geometric blur of the same wavefront; `orders` of the pixel grid on
     each side; `vignetting`; `lamp` whether the lamp's waveform weighs times and rows; `rolling`
-    whether rows are exposed in turn.
+    whether rows are exposed in turn; `glare` whether a part of the light veils all pixels.
 
     Window: PSF's side in sensor pixels, and samples of the light in a pixel along each axis;
     `drawn`: of pictures before they are blurred, if that is more.
@@ -54,6 +54,7 @@ class Recipe:
     lamp: bool = False
     rolling: bool = False
     pixel_aperture: bool = False
+    glare: bool = False
     mosaic: bool = False
     dark_current: bool = False
     fixed_pattern: bool = False

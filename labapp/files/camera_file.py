@@ -69,7 +69,8 @@ class CameraFile(FileModel):
     transmission: share of the light that passes everything but the panel, and but what is in
     `polarisation` where there is such a table; the panel's unmodulated share is given, or
     follows from that table. calibration: a file that `labapp calibrate` wrote, or what is in
-    it; what it found counts more than the description.
+    it; what it found counts more than the description. glare: share of the light that veils
+    the picture evenly.
     """
 
     version: Literal[1]
@@ -80,6 +81,7 @@ class CameraFile(FileModel):
     sensor: SensorTable
     polarisation: PolarisationTable | None = None
     calibration: str | CalibrationFile | None = None
+    glare: Share = 0.0
 
     @model_validator(mode="after")
     def _unmodulated_once(self) -> Self:
@@ -133,7 +135,8 @@ class CameraFile(FileModel):
     def _described(self) -> Camera:
         panel, transmission = self._polarised(self.panel.build())
         separation = self.lens.separation_mm * 1e-3
-        return Camera(panel, self.lens.build(), self.sensor.build(), transmission, separation)
+        lens, sensor = self.lens.build(), self.sensor.build()
+        return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
     def _polarised(self, panel: Panel) -> tuple[Panel, float]:
         """The panel with what it can't turn, and the transmission of all the rest."""

@@ -8,6 +8,7 @@ from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
@@ -64,6 +65,7 @@ EFFECTS: tuple[Effect, ...] = (
     Reach(),
     Sampling(),
     PixelAperture(),
+    VeilingGlare(),
     ColourFilters(),
     RollingShutter(),
     DarkCurrent(),

@@ -73,6 +73,7 @@ class _Rendering:
         check: Callable[[], None],
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
+        self._ledger = ledger
         around = picture_shape(s, recipe.window, recipe.orders if recipe.wave else 0)
         self._gathering = Gathering(
             s.camera.sensor, around, recipe.finer, ledger, recipe.drawn, check
@@ -108,4 +109,10 @@ class _Rendering:
         for spectrum in self._layered.spectra(cell, number):
             self._check()
             light.append(self._gathering.pixels(spectrum, aperture))
-        return torch.stack(light)
+        return self._veiled(torch.stack(light)) if self._recipe.glare else torch.stack(light)
+
+    def _veiled(self, light: torch.Tensor) -> torch.Tensor:
+        """A part of the light, evenly over the sensor."""
+        self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
+        mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
+        return torch.lerp(light, mean, self._s.camera.glare)

@@ -127,6 +127,8 @@ def random_situation(rng: np.random.Generator) -> Situation:
     wanted = bench.camera.sensor.full_well * log_uniform(rng, 0.02, 3.0)
     unit = replace(s, target=lit(target, 1.0)).picture
     brightest = min(unit.brightest, unit.total / _SPOT) * exposure
+    glare = log_uniform(rng, 1e-3, 0.3) if rng.random() < 0.5 else 0.0
+    s = replace(s, camera=replace(s.camera, glare=glare))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 

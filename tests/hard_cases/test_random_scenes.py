@@ -79,6 +79,7 @@ def test_draws_have_every_effect_somewhere_and_miss_nearly_every_one_elsewhere()
         "response": [s.camera.panel.response is not None for s in draws],
         "a slow crystal": [s.camera.panel.response_time > 0 for s in draws],
         "unmodulated": [s.camera.panel.unmodulated > 0 for s in draws],
+        "glare": [s.camera.glare > 0 for s in draws],
         "prnu": [s.camera.sensor.prnu > 0 for s in draws],
     }
     for name, there in data.items():

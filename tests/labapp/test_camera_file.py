@@ -46,6 +46,7 @@ def test_the_thesis_camera_comes_with_labapp():
     across = math.sin(angle) ** 2 + math.cos(angle) ** 2 / 1000
     assert panel.unmodulated == pytest.approx(across / (along + across))
     assert 0.05 <= panel.unmodulated < 0.055
+    assert camera.glare == 0
 
 
 def test_a_bench_file_is_a_camera_file_with_devices(tmp_path):
@@ -100,6 +101,13 @@ aberrations = [[4, 0, 60.0], [2, -2, -25.0]]
     assert (first, second) == pytest.approx((60e-9, -25e-9))
     again = CameraFile.model_validate(json.loads(json.dumps(file.model_dump(mode="json"))))
     assert again == file
+
+
+def test_a_veil_is_a_share_of_the_light(tmp_path):
+    veiled = CAMERA.replace("transmission", "glare = 0.02\ntransmission", 1)
+    assert read(tmp_path, veiled).build_camera().glare == 0.02
+    with pytest.raises(UserError, match=r"key 'glare' is 1\.5: .* less than or equal to 1"):
+        read(tmp_path, veiled.replace("0.02", "1.5", 1))
 
 
 def test_light_across_a_panels_axis_is_not_modulated(tmp_path):

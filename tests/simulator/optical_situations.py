@@ -18,6 +18,7 @@ from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.dispersion import PanelDispersion
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.orders import PanelOrders
 from simulator.effects.panel_effects import PanelEffect
@@ -45,6 +46,7 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     PanelOrders(),
+    VeilingGlare(),
 )
 
 PANEL = Panel(shape=(24, 32), pitch=40e-6, fill_factor=0.81, unmodulated=0.05)
@@ -144,10 +146,9 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
         camera = replace(camera, panel=replace(camera.panel, response_time=rng.uniform(1e-3, 8e-3)))
         video = np.stack([pattern(rng, camera.panel) for _ in range(3)])
         shown = Shown.of(video, 1 / 60)
-    return situation(
-        target, camera, band, shown, exposure=rng.uniform(3e-3, 40e-3), moment=rng.uniform(0, 0.1),
-        numerics=1e-4,
-    )  # fmt: skip
+    exposure, moment = rng.uniform(3e-3, 40e-3), rng.uniform(0, 0.1)
+    camera = replace(camera, glare=float(rng.choice([0.0, 0.01, 0.2])))
+    return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 
 def colour_curve(centre: float, width: float) -> Spectrum:

@@ -192,6 +192,8 @@ WORST = [
           "even light"),
     Worst("panel orders", gratings_orders, {0: 11, 1: 12},
           "×1.5; orders that lie apart as if they were one"),
+    Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
+          "a spot has a mean of its own"),
 ]  # fmt: skip
 
 
