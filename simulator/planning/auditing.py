@@ -10,6 +10,7 @@ from typing import Literal
 
 import torch
 
+from optics.caching import ByteCache
 from simulator.planning.bound import Bound, ratio
 from simulator.planning.effect import Effect
 from simulator.planning.plan import EffectPlan, recipe_of
@@ -19,6 +20,9 @@ from simulator.situation import Situation
 Rendered = tuple[torch.Tensor, torch.Tensor]
 Levels = Mapping[str, int]
 Pairs = Iterable[tuple[str, str]]
+
+_KEPT = 2**30
+"""Bytes of pictures. Those that others are compared with are asked for often, and stay."""
 
 _ARITHMETIC = 1e-6
 """Of a picture's own norms, what two renderings may differ by without a cause."""
@@ -79,7 +83,7 @@ def audit(
 
 
 class _Bench:
-    """Where plans are rendered, each once."""
+    """Where plans are rendered; what many are compared with, once."""
 
     def __init__(
         self,
@@ -91,7 +95,7 @@ class _Bench:
         self._effects = {one.name: one for one in effects if one.caused(situation)}
         self._s, self._render, self._planned = situation, render, plan.levels
         self._finest = {name: one.finest(situation) for name, one in self._effects.items()}
-        self._kept: dict[tuple[tuple[str, int], ...], Rendered] = {}
+        self._kept = ByteCache(_KEPT)
         self.below = [name for name in self._finest if plan.level(name) < self._finest[name]]
 
     def tried(self, names: tuple[str, ...], others: Literal["as planned", "finest"]) -> Audited:
@@ -147,11 +151,9 @@ class _Bench:
         return missing
 
     def _picture(self, levels: Levels) -> Rendered:
-        key = tuple(sorted(levels.items()))
-        if key not in self._kept:
-            mean, variance = self._render(recipe_of(tuple(self._effects.values()), self._s, levels))
-            self._kept[key] = mean.to(torch.float64), variance.to(torch.float64)
-        return self._kept[key]
+        recipe = recipe_of(tuple(self._effects.values()), self._s, levels)
+        mean, variance = self._kept.get(recipe, lambda: self._render(recipe))
+        return mean.to(torch.float64), variance.to(torch.float64)
 
 
 def _arithmetic(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
