@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-_PATIENCE = 0.02
+_POLL_INTERVAL = 0.02
 """Seconds between looks at whether the wait was cancelled."""
 
 
@@ -24,4 +24,4 @@ class RealClock:
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
         while (left := time_ - self.now()) > 0 and not cancelled():
-            time.sleep(min(left, _PATIENCE))
+            time.sleep(min(left, _POLL_INTERVAL))

@@ -33,7 +33,7 @@ class Identity:
 class Setting(Generic[T]):
     """What was asked, what was really set, and the clock's time at which it stands."""
 
-    asked: T
+    request: T
     actual: T
     ready_at: float
 
@@ -67,7 +67,7 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
     def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time`, or soon after `cancelled()` turns true."""
+        """Return at `time`, or soon after `is_cancelled()` turns true."""
         ...
 
 
@@ -78,9 +78,9 @@ class Device(Protocol):
     from any thread, and the device with it; __exit__() comes after it. One whose work takes
     longer than it can document has an attribute `alive_at`, the time.monotonic() at which it
     last got on: it counts as hanging only its reply time after that. One that can tell so without
-    disturbing anything has a method gone(), for any thread and at any time: why it counts as
-    unplugged, empty while it is there, None where that can't be told now. Who has heard of it
-    may wait for it to be there again.
+    disturbing anything has a method unplugged_reason(), for any thread and at any time: why it
+    counts as unplugged, empty while it is there, None where that can't be told now. Who has heard
+    of it may wait for it to be there again.
     """
 
     @property
@@ -117,7 +117,7 @@ class SLM(Device, Protocol):
     def shape(self) -> tuple[int, int]: ...
 
     @property
-    def shown(self) -> str:
+    def displayed_pattern(self) -> str:
         """The identifier of the pattern that is on the panel now."""
         ...
 
@@ -201,16 +201,16 @@ class Spectrum:
     """Light as a spectroradiometer measured it.
 
     wavelengths: metres, (n,), ascending. radiance: W/(sr m² m) at each, (n,); a thousand
-    million times what is told per nanometre. integration: seconds for which light was taken.
-    dimmed: whether the instrument put a filter of its own before its sensor, whose effect is
-    made up for. angle: of the field that it looked at, in radians. time: the clock's time at
+    million times what is told per nanometre. integration_time: seconds for which light was taken.
+    nd_filter_used: whether the instrument put a filter of its own before its sensor, whose effect
+    is made up for. angle: of the field that it looked at, in radians. time: the clock's time at
     which the measurement began.
     """
 
     wavelengths: NDArray[np.float64]
     radiance: NDArray[np.float64]
-    integration: float
-    dimmed: bool
+    integration_time: float
+    nd_filter_used: bool
     angle: float
     time: float
 
@@ -242,7 +242,7 @@ class TargetChanger(Device, Protocol):
     def names(self) -> tuple[str, ...]: ...
 
     @property
-    def placed(self) -> str: ...
+    def current_target(self) -> str: ...
 
     def place(self, name: str) -> Setting[str]: ...
 

@@ -27,7 +27,7 @@ class ManualTargets:
             raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 1000000")
         self._clock = surroundings.clock
         self.names = tuple(names)
-        self.placed = self.names[0]
+        self.current_target = self.names[0]
         self.settling = settling_ms * 1e-3
 
     @property
@@ -42,7 +42,7 @@ class ManualTargets:
                 "no such target",
                 f"Choose one of {', '.join(self.names)}",
             )
-        self.placed = name
+        self.current_target = name
         return Setting(name, name, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:

@@ -38,11 +38,11 @@ def cameras() -> list[Port]:
 
     DeviceError where Aravis isn't installed.
     """
-    from drivers.aravis import found_cameras
+    from drivers.aravis import find_cameras
 
     return [
         Port(one["protocol"], one["id"], " ".join((one["vendor"], one["model"], one["address"])))
-        for one in found_cameras()
+        for one in find_cameras()
     ]
 
 
@@ -53,7 +53,7 @@ def screens() -> list[Port]:
     """
     import os
 
-    from drivers.screen import screens as lit
+    from drivers.screen import list_screens as lit
 
     if not os.environ.get("DISPLAY"):
         return []

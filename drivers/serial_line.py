@@ -12,34 +12,34 @@ from typing import Any
 from drivers.errors import DeviceError
 from drivers.interfaces import Clock
 
-_WRITING = 1.0
+_WRITE_TIMEOUT = 1.0
 """Seconds that a write may be held up, by a flow control that says stop for example."""
 
-_BABBLE = 65536
+_MAX_REPLY_BYTES = 65536
 """Bytes in one answer, after which a device counts as talking without end."""
 
 _CABLE = "Check the cable, the power and that the port is the device's"
 
-_GONE = ("it is disconnected", "Plug the device in again")
+_DISCONNECTED = ("it is disconnected", "Plug the device in again")
 _FORBIDDEN = (
     "this user may not use it",
     "Add yourself to the group dialout (sudo adduser NAME dialout), and log in again",
 )
-_USED = ("another program uses it", "Close the other program that uses the port")
+_PORT_BUSY = ("another program uses it", "Close the other program that uses the port")
 _NO_PORT = ("it is no serial port", "Look up the device's port by: labapp devices")
 
-_TROUBLES = {
+_ERRNO_EXPLANATIONS = {
     errno.ENOENT: (
         "there is no such port",
         "Plug the device in, switch it on, and look up its port by: labapp devices",
     ),
     errno.EACCES: _FORBIDDEN,
     errno.EPERM: _FORBIDDEN,
-    errno.EBUSY: _USED,
-    errno.EAGAIN: _USED,
-    errno.ENXIO: _GONE,
-    errno.ENODEV: _GONE,
-    errno.EIO: _GONE,
+    errno.EBUSY: _PORT_BUSY,
+    errno.EAGAIN: _PORT_BUSY,
+    errno.ENXIO: _DISCONNECTED,
+    errno.ENODEV: _DISCONNECTED,
+    errno.EIO: _DISCONNECTED,
     errno.ENOTTY: _NO_PORT,
     errno.EISDIR: _NO_PORT,
     errno.ECONNREFUSED: (
@@ -69,7 +69,7 @@ class SerialLine:
     pyserial ("socket://host:port", "spy:///dev/ttyUSB0?file=talk.txt"). baudrate: bits in a
     second. rtscts: whether wires hold the other side up.
 
-    A port that fails is closed, and opened again by the next write. `in_step` says whether
+    A port that fails is closed, and opened again by the next write. `in_sync` says whether
     nothing went wrong since the driver last set it: it is False after opening and after every
     failure, and then an old answer may still be on its way, so that a driver first has to
     bring the device to rest. Every failure is a DeviceError.
@@ -79,7 +79,7 @@ class SerialLine:
         self, model: str, url: str, clock: Clock, *, baudrate: int, rtscts: bool = False
     ) -> None:
         self.model, self.url, self.clock = model, url, clock
-        self.in_step = False
+        self.in_sync = False
         self._baudrate, self._rtscts = baudrate, rtscts
         self._port: Any = None
         self._errors: tuple[type[BaseException], ...] = ()
@@ -92,7 +92,7 @@ class SerialLine:
         return self._port is not None
 
     @property
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         """Whether somebody has given the device up."""
         return self._cancelled.is_set()
 
@@ -105,14 +105,14 @@ class SerialLine:
         """Take the port for this program alone, unless it is open."""
         if self._port is not None:
             return
-        self._require_wanted(command)
+        self._require_not_cancelled(command)
         import serial
 
         self._errors = port_errors()
-        self.in_step = False
+        self.in_sync = False
         self._buffer.clear()
         # pyserial's RFC 2217 knows no time-out for writing.
-        writing = None if self.url.lower().startswith("rfc2217:") else _WRITING
+        writing = None if self.url.lower().startswith("rfc2217:") else _WRITE_TIMEOUT
         try:
             self._port = serial.serial_for_url(
                 self.url,
@@ -123,9 +123,9 @@ class SerialLine:
                 exclusive=True,
             )
         except self._errors as error:
-            raise self._lost(command, error) from error
+            raise self._close_with_error(command, error) from error
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why the device counts as unplugged, empty while it is there; from any thread.
 
         Told by the port's name, and nothing is said on the line; None where it is no file.
@@ -137,7 +137,7 @@ class SerialLine:
     def close(self) -> None:
         """Give the port back; never fails."""
         port, self._port = self._port, None
-        self.in_step = False
+        self.in_sync = False
         self._buffer.clear()
         if port is not None:
             with contextlib.suppress(*self._errors):
@@ -171,11 +171,11 @@ class SerialLine:
         try:
             self._port.write(data)
         except self._errors as error:
-            raise self._lost(command, error) from error
+            raise self._close_with_error(command, error) from error
 
     def read(self, count: int, command: str, seconds: float) -> bytes:
         """Exactly so many bytes, within so many seconds."""
-        return self._take(lambda held: count if len(held) >= count else 0, command, seconds)
+        return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
         """Everything to the next `end`, that included, within so many seconds."""
@@ -184,9 +184,9 @@ class SerialLine:
             found = held.find(end)
             return found + len(end) if found >= 0 else 0
 
-        return self._take(length, command, seconds)
+        return self._read_bytes(length, command, seconds)
 
-    def has_come(self, end: bytes, command: str, seconds: float) -> bool:
+    def has_received(self, end: bytes, command: str, seconds: float) -> bool:
         """Whether an `end` is there to be read; waits up to so many seconds for it.
 
         DeviceError once the time of within() is over.
@@ -196,33 +196,35 @@ class SerialLine:
             if (now := self.clock.now()) >= self._until:
                 raise self.error(command, "no reply in time")
             left = min(late, self._until) - now
-            piece = self._wait_for_some(command, left) if left > 0 else b""
+            piece = self._read_available(command, left) if left > 0 else b""
             if not piece:
                 return False
             self._buffer += piece
         return True
 
-    def settle(self, quiet: float, at_most: float, command: str = "come to rest") -> bytes:
+    def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
         """Discard what comes until nothing has come for `quiet` seconds; what was discarded."""
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
-        late = min(self.clock.now() + at_most, self._until)
-        while piece := self._wait_for_some(command, quiet):
+        late = min(self.clock.now() + timeout, self._until)
+        while piece := self._read_available(command, quiet):
             gone += piece
-            if self.clock.now() > late or len(gone) > _BABBLE:
+            if self.clock.now() > late or len(gone) > _MAX_REPLY_BYTES:
                 raise self.error(
                     command,
-                    f"it doesn't stop talking: {_shown(gone)}",
+                    f"it doesn't stop talking: {_preview(gone)}",
                     "Check port and baud rate; switch the device off and on",
                 )
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
         """A failure of this device; the line is out of step from now on."""
-        self.in_step = False
+        self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 
-    def _take(self, length: Callable[[bytearray], int], command: str, seconds: float) -> bytes:
+    def _read_bytes(
+        self, length: Callable[[bytearray], int], command: str, seconds: float
+    ) -> bytes:
         """The first bytes that are long enough. length: how many make it up, 0 if too few."""
         if self._port is None:
             raise self.error(command, "the port is closed", "Try again: it is opened again")
@@ -230,50 +232,50 @@ class SerialLine:
         late = self.clock.now() + granted
         while not (found := length(self._buffer)):
             left = late - self.clock.now()
-            piece = self._wait_for_some(command, left) if left > 0 else b""
+            piece = self._read_available(command, left) if left > 0 else b""
             if not piece:
-                came = f"it broke off after {_shown(self._buffer)}: no more"
+                came = f"it broke off after {_preview(self._buffer)}: no more"
                 said = f"{came if self._buffer else 'no reply'} within {granted:.3g} s"
                 raise self.error(command, said)
             self._buffer += piece
-            if len(self._buffer) > _BABBLE:
-                came = f"it doesn't stop talking: {_shown(self._buffer)}"
+            if len(self._buffer) > _MAX_REPLY_BYTES:
+                came = f"it doesn't stop talking: {_preview(self._buffer)}"
                 raise self.error(command, came, "Check port and baud rate")
         taken = bytes(self._buffer[:found])
         del self._buffer[:found]
         return taken
 
-    def _wait_for_some(self, command: str, seconds: float) -> bytes:
+    def _read_available(self, command: str, seconds: float) -> bytes:
         """What comes first within so many seconds; nothing if nothing does."""
-        self._require_wanted(command)
+        self._require_not_cancelled(command)
         try:
             self._port.timeout = seconds
             piece: bytes = self._port.read(max(1, min(self._port.in_waiting, 4096)))
         except self._errors as error:
-            raise self._lost(command, error) from error
+            raise self._close_with_error(command, error) from error
         # Nothing came because nobody waits any more: that isn't the device's silence.
-        self._require_wanted(command)
+        self._require_not_cancelled(command)
         return piece
 
-    def _require_wanted(self, command: str) -> None:
+    def _require_not_cancelled(self, command: str) -> None:
         if self._cancelled.is_set():
             raise self.error(command, "the device was given up", "Open the device again")
 
-    def _lost(self, command: str, error: BaseException) -> DeviceError:
+    def _close_with_error(self, command: str, error: BaseException) -> DeviceError:
         """What to say of a port that fails; it is closed."""
         self.close()
-        reply, remedy = _explained(error)
+        reply, remedy = _explain_port_error(error)
         return self.error(command, f"port {self.url}: {reply}", remedy)
 
 
-def _explained(error: BaseException) -> tuple[str, str]:
+def _explain_port_error(error: BaseException) -> tuple[str, str]:
     """What an error of a port means, and what helps."""
-    number = _number_of(error)
-    if number in _TROUBLES:
-        return _TROUBLES[number]
+    number = _errno_of(error)
+    if number in _ERRNO_EXPLANATIONS:
+        return _ERRNO_EXPLANATIONS[number]
     # pyserial's words where a port says that there is something, and then there is nothing.
     if "returned no data" in str(error):
-        return _GONE
+        return _DISCONNECTED
     if "Write timeout" in str(error):
         return "it takes no more bytes: the other side holds it up", _CABLE
     if isinstance(error, ValueError):
@@ -281,7 +283,7 @@ def _explained(error: BaseException) -> tuple[str, str]:
     return str(error), _CABLE
 
 
-def _number_of(error: BaseException | None) -> int:
+def _errno_of(error: BaseException | None) -> int:
     """The system's number of what went wrong: some errors only come about by those that have it."""
     while error is not None:
         for number in (getattr(error, "errno", None), *error.args[:1]):
@@ -291,7 +293,7 @@ def _number_of(error: BaseException | None) -> int:
     return 0
 
 
-def _shown(data: bytes | bytearray) -> str:
+def _preview(data: bytes | bytearray) -> str:
     """Bytes for a person: not more than fit into a line."""
     shown = bytes(data[:60])
     return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

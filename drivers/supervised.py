@@ -17,19 +17,19 @@ from drivers.worker import Worker
 
 log = logging.getLogger(__name__)
 
-OPENING = 60.0
+OPEN_TIMEOUT = 60.0
 """Seconds in which a device must be open: some initialise for half a minute."""
 
-_MARGIN = 1.0
+_TIMEOUT_MARGIN = 1.0
 """Seconds beyond a device's documented time, after which nobody waits for it any more."""
 
-_GRACE = 1.0
+_CANCEL_GRACE = 1.0
 """Seconds in which a call may end, by itself or because it is due, once it is cancelled."""
 
-_KILLING = 0.5
+_KILL_TIMEOUT = 0.5
 """Seconds in which a killed device's call must end."""
 
-_LOOK = 0.01
+_POLL_INTERVAL = 0.01
 """Seconds between looks at whether a wait was cancelled."""
 
 
@@ -37,7 +37,7 @@ def _never() -> bool:
     return False
 
 
-class Supervised:
+class SupervisedDevice:
     """Stands for a device, in the words of the device's own interface.
 
     role: what the bench calls it. make: makes the device, which is entered at once.
@@ -55,12 +55,12 @@ class Supervised:
         """Asked while calls last; who has begun something that can be cancelled sets it."""
         self._make = make
         self._simulated = simulated
-        self._made: list[Any] = []
+        self._devices: list[Any] = []
         self._device: Any = None
         self._model = role
-        self._reply_time = OPENING
+        self._reply_time = OPEN_TIMEOUT
         self._entered = False
-        self._death = "is not open"
+        self._failure_reason = "is not open"
         self._turn = threading.RLock()
 
     def __enter__(self) -> Self:
@@ -70,7 +70,7 @@ class Supervised:
 
     def __exit__(self, *error: object) -> None:
         self._entered = False
-        self._leave()
+        self._close_if_alive()
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -80,11 +80,11 @@ class Supervised:
         if not callable(found):
             return found
 
-        def forwarded(*given: Any, **named: Any) -> Any:
+        def forward_call(*given: Any, **named: Any) -> Any:
             # Of the device that is there then: this one may have been replaced.
             return self._call(name, lambda device: getattr(device, name)(*given, **named))
 
-        return forwarded
+        return forward_call
 
     @property
     def identity(self) -> Identity:
@@ -92,24 +92,24 @@ class Supervised:
         return replace(told, simulated=True) if self._simulated else told
 
     @property
-    def dead(self) -> str:
+    def failure_reason(self) -> str:
         """Why the device is given up; empty while it isn't."""
-        return self._death
+        return self._failure_reason
 
     @property
-    def tells_gone(self) -> bool:
+    def can_report_unplugging(self) -> bool:
         """Whether it is a device that can say that it was unplugged without being disturbed."""
-        return callable(getattr(type(self._device), "gone", None))
+        return callable(getattr(type(self._device), "unplugged_reason", None))
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why the device counts as unplugged, and which it is; empty while it is there.
 
         From any thread, at once, whatever call goes on. None where that can't be told now.
         """
-        if self._death or not self.tells_gone:
+        if self._failure_reason or not self.can_report_unplugging:
             return None
         try:
-            why: str | None = self._device.gone()
+            why: str | None = self._device.unplugged_reason()
         except Exception:
             # What is wrong with it, the next call tells.
             return None
@@ -120,19 +120,19 @@ class Supervised:
 
         A dead device is opened again first, for it may have been left in any state.
         """
-        if self._death and self._entered:
+        if self._failure_reason and self._entered:
             helper = Worker(f"{self.role} again")
             again = helper.submit(self._revive_safely)
             helper.end()
             return again.result
-        if self._death:
+        if self._failure_reason:
             return lambda: self._require_alive("make safe")
         device = self._device
         done = self._worker.submit(lambda: device.make_safe())
 
         def finish() -> None:
             with self._only_device_errors("make safe"):
-                self._wait("make safe", done, self._reply_time + _MARGIN)
+                self._wait("make safe", done, self._reply_time + _TIMEOUT_MARGIN)
 
         return finish
 
@@ -142,7 +142,7 @@ class Supervised:
     def revive(self) -> None:
         """Open a new device in place of this one. DeviceError if that fails, too."""
         with self._turn, self._only_device_errors("open"):
-            self._leave()
+            self._close_if_alive()
             self._open()
         log.info("%s: opened again", self.role)
 
@@ -153,18 +153,18 @@ class Supervised:
     def _open(self) -> None:
         with self._turn:
             self._worker = worker = Worker(self.role)
-            self._made, self._device = [], None
-            made = self._made
+            self._devices, self._device = [], None
+            made = self._devices
             try:
                 self._device = device = self._ask(
-                    "open", lambda: self._make_and_enter(worker, made), OPENING
+                    "open", lambda: self._make_and_enter(worker, made), OPEN_TIMEOUT
                 )
-                self._model = self._ask("identity", lambda: device.identity.model, OPENING)
-                self._reply_time = self._ask("reply_time", lambda: device.reply_time, OPENING)
-                self._death = ""
+                self._model = self._ask("identity", lambda: device.identity.model, OPEN_TIMEOUT)
+                self._reply_time = self._ask("reply_time", lambda: device.reply_time, OPEN_TIMEOUT)
+                self._failure_reason = ""
             except BaseException as error:
-                if not worker.ended:
-                    self._death = f"could not be opened: {error}"
+                if not worker.has_ended:
+                    self._failure_reason = f"could not be opened: {error}"
                     if self._device is not None:
                         self._close()
                 worker.give_up()
@@ -174,50 +174,50 @@ class Supervised:
         """Open a device. made: is told of it meanwhile, so that it can be killed."""
         device = self._make()
         made.append(device)
-        if worker.ended:
+        if worker.has_ended:
             return None
         with self._only_device_errors("open"):
             entered = device.__enter__()
         made.append(entered)
-        if worker.ended:
+        if worker.has_ended:
             # Nobody waits for it any more, and who tries again shall not find it in use.
             entered.__exit__(None, None, None)
         return entered
 
-    def _leave(self) -> None:
+    def _close_if_alive(self) -> None:
         """Close the device, if it isn't dead."""
         with self._turn:
-            if self._death:
+            if self._failure_reason:
                 return
             try:
                 self._close()
             finally:
-                self._death = self._death or "is closed"
+                self._failure_reason = self._failure_reason or "is closed"
                 self._worker.end()
 
     def _close(self) -> None:
         """What the device says to that is only logged."""
         device = self._device
         try:
-            self._ask("close", lambda: device.__exit__(None, None, None), OPENING)
+            self._ask("close", lambda: device.__exit__(None, None, None), OPEN_TIMEOUT)
         except Exception as error:
             log.warning("%s: closing: %s", self.role, error)
 
     def _require_alive(self, command: str) -> None:
-        if self._death:
-            raise self._error(command, f"the device {self._death}", "Open the bench again")
+        if self._failure_reason:
+            raise self._error(command, f"the device {self._failure_reason}", "Open the bench again")
 
     def _call(
         self,
         command: str,
         work: Callable[[Any], Any],
-        exposing: float = 0.0,
+        exposure_time: float = 0.0,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
         """Have the device do something, which may take as long as it documents."""
         with self._turn:
             self._require_alive(command)
-            device, seconds = self._device, exposing + self._reply_time + _MARGIN
+            device, seconds = self._device, exposure_time + self._reply_time + _TIMEOUT_MARGIN
             return self._ask(
                 command, lambda: work(device), seconds, lambda: cancelled() or self.cancelled()
             )
@@ -241,11 +241,11 @@ class Supervised:
         """The result of a call; DeviceError and death if it doesn't come in time."""
         late = time.monotonic() + seconds
         heard = False
-        while not wait([done], timeout=_LOOK).done:
+        while not wait([done], timeout=_POLL_INTERVAL).done:
             now = time.monotonic()
             if not heard and cancelled():
-                heard, late, seconds = True, min(late, now + _GRACE), _GRACE
-            if now > late and (heard or now > self._alive_until):
+                heard, late, seconds = True, min(late, now + _CANCEL_GRACE), _CANCEL_GRACE
+            if now > late and (heard or now > self._progress_deadline):
                 after = " after it was cancelled" if heard else ""
                 self._give_up(command, done, f"hangs: no answer within {seconds:.1f} s{after}")
         if done.cancelled():
@@ -258,34 +258,36 @@ class Supervised:
             raise
 
     @property
-    def _alive_until(self) -> float:
+    def _progress_deadline(self) -> float:
         """How long a device that gets on is waited for.
 
         Only what lies at hand is looked at: its thread is busy, and may hang.
         """
         told: float = getattr(self._device, "__dict__", {}).get("alive_at", 0.0)
-        return told + self._reply_time + _MARGIN
+        return told + self._reply_time + _TIMEOUT_MARGIN
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
         """Kill the device if it can be killed, give its thread up if not, and say so."""
         end = "it was killed" if self._kill(done) else "it was given up"
-        self._death = f"hung at {command}, and {end}"
+        self._failure_reason = f"hung at {command}, and {end}"
         self._worker.give_up()
         raise self._error(command, f"{why}; {end}", "Look at the device and its cable")
 
     def _kill(self, done: Future[Any]) -> bool:
         """Whether the call has ended because the device could be killed."""
-        device: Any = self._made[-1] if self._made else None
+        device: Any = self._devices[-1] if self._devices else None
         if not callable(getattr(type(device), "kill", None)):
             return False
         # Who knows whether that hangs, too?
         killer = Worker(f"{self.role} killed")
         killer.submit(lambda: device.kill())
         killer.end()
-        if not wait([done], timeout=_KILLING).done:
+        if not wait([done], timeout=_KILL_TIMEOUT).done:
             return False
         # It frees what it holds here.
-        wait([self._worker.submit(lambda: device.__exit__(None, None, None))], timeout=_KILLING)
+        wait(
+            [self._worker.submit(lambda: device.__exit__(None, None, None))], timeout=_KILL_TIMEOUT
+        )
         return True
 
     @contextlib.contextmanager
@@ -305,7 +307,7 @@ class Supervised:
         return error
 
 
-class SupervisedCamera(Supervised):
+class SupervisedCamera(SupervisedDevice):
     """A camera under watch: an exposure may take as long as it was set to.
 
     pace: seconds of the wall in one of the bench's, where those are longer.

@@ -9,13 +9,13 @@ from typing import Self
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Setting, Slot, Surroundings
-from drivers.options import is_number, require_within
+from drivers.option_checks import is_number, require_within
 
-PICOMETRE = 1e-12
+CENTRE_TOLERANCE = 1e-12
 """How near a wavelength must be to a slot's centre to mean it."""
 
 
-def slots_from(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
+def parse_slots(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
     """The slots of a wheel, counted from 1.
 
     slots_nm: centre and full width at half maximum of each, in nanometres. names: of each; left
@@ -52,13 +52,13 @@ def _are_names(names: Sequence[str], count: int) -> bool:
     return len(names) in (0, count) and len(set(names)) == len(names)
 
 
-def route(
+def plan_route(
     start: int,
     end: int,
     count: int,
     avoid: Collection[int] = (),
     *,
-    longest: int = 0,
+    max_leg: int = 0,
     forward_only: bool = False,
 ) -> list[int]:
     """The slots at which to stop, the last of them `end`; empty if the wheel stands there.
@@ -66,7 +66,7 @@ def route(
     A wheel takes the shorter way to each stop, and which one between opposite slots nobody
     knows. Where `avoid` lies on that way, there are stops that lead it around the other side.
     avoid: slots that must not cross the light on the way; `start` and `end` may be among them.
-    longest: most slots that it may turn at once, 0 for any. forward_only: it turns to higher
+    max_leg: most slots that it may turn at once, 0 for any. forward_only: it turns to higher
     numbers alone, and from the last to the first. ValueError if avoid can't be avoided.
     """
     for name, slot in (("start", start), ("end", end)):
@@ -74,9 +74,9 @@ def route(
             raise ValueError(f"{name} is slot {slot}; the wheel has 1 to {count}")
     if start == end:
         return []
-    ways = [_way(start, end, count, 1)]
+    ways = [_path_between(start, end, count, 1)]
     if not forward_only:
-        ways.append(_way(start, end, count, -1))
+        ways.append(_path_between(start, end, count, -1))
     free = [way for way in ways if not set(way[:-1]) & set(avoid)]
     if not free:
         crossed = sorted({slot for way in ways for slot in way[:-1]} & set(avoid))
@@ -86,12 +86,12 @@ def route(
     most = count if forward_only else max((count - 1) // 2, 1)
     if len(free) == len(ways) and not forward_only:
         most = max(most, count // 2)
-    most = min(most, longest) if longest else most
+    most = min(most, max_leg) if max_leg else most
     legs = math.ceil(len(way) / most)
     return [way[math.ceil(len(way) * leg / legs) - 1] for leg in range(1, legs + 1)]
 
 
-def _way(start: int, end: int, count: int, step: int) -> list[int]:
+def _path_between(start: int, end: int, count: int, step: int) -> list[int]:
     """The slots after `start` up to `end`, in one direction."""
     steps = (end - start) * step % count
     return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
@@ -102,7 +102,7 @@ def steps_between(start: int, end: int, count: int) -> int:
     return min((end - start) % count, (start - end) % count)
 
 
-class Slotted(ABC):
+class SlottedFilter(ABC):
     """A filter whose bands are the slots of a wheel: what can be said of it by where it stands."""
 
     model = ""
@@ -137,13 +137,13 @@ class Slotted(ABC):
     def set_wavelength(self, wavelength: float) -> Setting[float]:
         """Turn to the slot whose centre is within a picometre."""
         for number, slot in enumerate(self._slots, start=1):
-            if abs(slot.wavelength - wavelength) < PICOMETRE:
+            if abs(slot.wavelength - wavelength) < CENTRE_TOLERANCE:
                 setting = self.set_slot(number)
                 return Setting(wavelength, slot.wavelength, setting.ready_at)
         raise self._refuse(
             f"tune to {wavelength * 1e9:.1f} nm",
             "no slot passes it",
-            f"Choose one of {', '.join(map(_called, self._slots))}",
+            f"Choose one of {', '.join(map(_slot_label, self._slots))}",
         )
 
     def make_safe(self) -> None:
@@ -158,21 +158,22 @@ class Slotted(ABC):
             raise self._refuse(command, "no such slot", f"Choose 1 to {len(self._slots)}")
 
 
-class Wheel(Slotted):
+class Wheel(SlottedFilter):
     """A filter wheel but for its wire; its driver says where it stands and has it turn.
 
-    slots_nm, names: see slots_from(). avoid: numbers of slots that must not cross the light on
+    slots_nm, names: see parse_slots(). avoid: numbers of slots that must not cross the light on
     the way to another one, such as an empty one. step_ms: the most that it needs from a slot to
     the next one. settling_ms: until a filter that has arrived doesn't shake any more.
 
-    A driver gives `model`, `_where()` and `_go()`; `_answers`, the seconds that all its questions
-    take besides the turning; and `_longest` and `_forward_only`, as route() understands them.
-    By the time `_late` of the bench's clock, whatever it was asked must have ended.
+    A driver gives `model`, `_read_slot()` and `_turn_to()`; `_query_time`, the seconds that all its
+    questions take besides the turning; and `_max_leg` and `_forward_only`, as plan_route()
+    understands them. By the time `_deadline` of the bench's clock, whatever it was asked must have
+    ended.
     """
 
     model = "filter wheel"
-    _answers = 2.0
-    _longest = 0
+    _query_time = 2.0
+    _max_leg = 0
     _forward_only = False
 
     def __init__(
@@ -185,7 +186,7 @@ class Wheel(Slotted):
         settling_ms: float = 0.0,
     ) -> None:
         self._clock = surroundings.clock
-        self._slots = slots_from(slots_nm, names)
+        self._slots = parse_slots(slots_nm, names)
         if not _are_slots(avoid, len(self._slots)):
             raise ValueError(f"avoid is {avoid!r}; give numbers from 1 to {len(self._slots)}")
         if not is_number(step_ms) or not 0 < step_ms <= 60_000:
@@ -193,7 +194,7 @@ class Wheel(Slotted):
         require_within("settling_ms", settling_ms, 0, 60_000)
         self._avoid = frozenset(avoid)
         self._step = step_ms * 1e-3
-        self._given, self._late = math.inf, math.inf
+        self._time_granted, self._deadline = math.inf, math.inf
         self.settling = settling_ms * 1e-3
 
     @property
@@ -205,37 +206,37 @@ class Wheel(Slotted):
     def _turning_time(self) -> float:
         count = len(self._slots)
         longest = count - 1 if self._avoid or self._forward_only else count // 2
-        return longest * self._step + self._answers
+        return longest * self._step + self._query_time
 
     @property
     def slot(self) -> int:
         """Where it stands, as it says now."""
-        self._begin()
-        return self._where("read the slot")
+        self._start_deadline()
+        return self._read_slot("read the slot")
 
     def set_slot(self, number: int) -> Setting[int]:
         """Turn to a slot and wait until the wheel stands there."""
         command = f"turn to slot {number}"
         self._require_slot(number, command)
-        self._begin()
+        self._start_deadline()
         for stop in self._route(command, number):
-            self._go(command, stop)
+            self._turn_to(command, stop)
         return Setting(number, number, self._clock.now() + self.settling)
 
-    def _begin(self, seconds: float | None = None) -> None:
-        """From now on the time for turning runs, or other `seconds`; `_late` is its end."""
-        self._given = self._turning_time if seconds is None else seconds
-        self._late = self._clock.now() + self._given
+    def _start_deadline(self, seconds: float | None = None) -> None:
+        """From now on the time for turning runs, or other `seconds`; `_deadline` is its end."""
+        self._time_granted = self._turning_time if seconds is None else seconds
+        self._deadline = self._clock.now() + self._time_granted
 
     def _route(self, command: str, number: int) -> list[int]:
-        start, count = self._where(command), len(self._slots)
+        start, count = self._read_slot(command), len(self._slots)
         try:
-            return route(
+            return plan_route(
                 start,
                 number,
                 count,
                 self._avoid,
-                longest=self._longest,
+                max_leg=self._max_leg,
                 forward_only=self._forward_only,
             )
         except ValueError as error:
@@ -243,11 +244,11 @@ class Wheel(Slotted):
                 command, str(error), "Choose another slot, or take it out of avoid"
             ) from None
 
-    def _where(self, command: str) -> int:
+    def _read_slot(self, command: str) -> int:
         """The slot at which it stands, waiting until it does; DeviceError says why it doesn't."""
         raise NotImplementedError
 
-    def _go(self, command: str, number: int) -> None:
+    def _turn_to(self, command: str, number: int) -> None:
         """Turn the shorter way to a slot; return when it stands there, DeviceError if not."""
         raise NotImplementedError
 
@@ -276,7 +277,7 @@ class Wheel(Slotted):
             self._close()
 
 
-def _called(slot: Slot) -> str:
+def _slot_label(slot: Slot) -> str:
     """Its name, and the wavelength that it is asked for by."""
     centre = f"{slot.wavelength * 1e9:g} nm"
     return centre if slot.name == centre else f"{centre} ({slot.name})"

@@ -25,7 +25,7 @@ class Worker:
         self._thread.start()
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Whether nothing more will be done than what was submitted."""
         return self._ended
 

@@ -18,30 +18,30 @@ VENDOR, PRODUCT = 0x03C3, 0x1F01
 _SET_REPORT = (0x21, 9, 0x0303)
 _GET_REPORT = (0xA1, 1, 0x0301)
 _LENGTH = 16
-_ASKED = 17
+_READ_LENGTH = 17
 """Bytes to ask for: with another length it answers what makes no sense."""
 
 _REQUEST, _ANSWER = b"\x03\x7e\x5a", b"\x01\x7e\x5a"
-_WHERE, _WHO, _GO = b"\x02\x01", b"\x02\x04", b"\x01\x02"
-_STANDS, _FAILED = 1, 6
+_QUERY_STATE, _QUERY_IDENTITY, _TURN_TO_SLOT = b"\x02\x01", b"\x02\x04", b"\x01\x02"
+_STATUS_IDLE, _STATUS_FAILED = 1, 6
 
 _POLL = 0.1
-_AGREEING = 2
-_STARTING = 30.0
+_MATCHING_REPLIES = 2
+_POWER_UP_TIME = 30.0
 """Seconds for the wheel's own turning when it gets power."""
 
 
-class _State(NamedTuple):
+class _ZwoState(NamedTuple):
     status: int
     error: int
-    places: tuple[int, int, int]
+    positions: tuple[int, int, int]
     slots: int
 
     @property
     def slot(self) -> int:
         """Where it stands; 0 while it doesn't."""
-        stands = self.status == _STANDS and len(set(self.places)) == 1
-        return self.places[0] if stands else 0
+        stands = self.status == _STATUS_IDLE and len(set(self.positions)) == 1
+        return self.positions[0] if stands else 0
 
 
 class ZwoWheel(UsbWheel):
@@ -55,8 +55,8 @@ class ZwoWheel(UsbWheel):
     """
 
     model = "ZWO EFW filter wheel"
-    usb = (VENDOR, PRODUCT)
-    _answers = 4.0
+    usb_ids = (VENDOR, PRODUCT)
+    _query_time = 4.0
 
     def __init__(
         self,
@@ -75,14 +75,14 @@ class ZwoWheel(UsbWheel):
         if not isinstance(both_ways, bool):
             raise ValueError(f"both_ways is {both_ways!r}; it is true or false")
         self._forward_only = not both_ways
-        self._longest = 0 if both_ways else 1
+        self._max_leg = 0 if both_ways else 1
         self._name, self._firmware = "", ""
 
     def health(self) -> dict[str, str]:
         """What the wheel tells about itself."""
-        self._begin()
+        self._start_deadline()
         command = "read its state"
-        state, again = self._state(command), self._state(command)
+        state, again = self._read_state(command), self._read_state(command)
         if state != again:
             raise self._refuse(command, "its answers differ from one to the next", "Ask again")
         return {
@@ -96,41 +96,43 @@ class ZwoWheel(UsbWheel):
         }
 
     def _open(self) -> None:
-        self._begin(_STARTING)
-        self._who("open")
-        self._settle("open", 0)
+        self._start_deadline(_POWER_UP_TIME)
+        self._read_identity("open")
+        self._wait_at_slot("open", 0)
 
-    def _go(self, command: str, number: int) -> None:
-        self._send(command, _GO + bytes([number]))
-        self._settle(command, number)
+    def _turn_to(self, command: str, number: int) -> None:
+        self._send(command, _TURN_TO_SLOT + bytes([number]))
+        self._wait_at_slot(command, number)
 
-    def _settle(self, command: str, wanted: int) -> int:
+    def _wait_at_slot(self, command: str, target: int) -> int:
         """The slot, once it stands there (0: anywhere), as it says twice."""
         agreeing, last = 0, 0
         while True:
-            slot = self._state(command).slot
+            slot = self._read_state(command).slot
             agreeing = agreeing + 1 if slot == last else 1
             last = slot
-            if slot and slot == (wanted or slot) and agreeing >= _AGREEING:
+            if slot and slot == (target or slot) and agreeing >= _MATCHING_REPLIES:
                 return slot
-            if self._clock.now() >= self._late:
+            if self._clock.now() >= self._deadline:
                 state = f"stands at slot {slot}" if slot else "is still turning"
-                raise self._refuse(command, f"it {state} after {self._given:.0f} s", _RESTART)
+                raise self._refuse(
+                    command, f"it {state} after {self._time_granted:.0f} s", _RESTART
+                )
             self._pause(_POLL)
 
-    def _who(self, command: str) -> None:
+    def _read_identity(self, command: str) -> None:
         """Its name and firmware, as it says twice."""
-        told = {self._ask(command, _WHO) for _ in range(2)}
+        told = {self._ask(command, _QUERY_IDENTITY) for _ in range(2)}
         if len(told) > 1:
-            raise self._nonsense(command, told.pop())
+            raise self._invalid_reply_error(command, told.pop())
         data = told.pop()
         self._firmware = ".".join(str(part) for part in data[4:7])
         self._name = data[8:].split(b"\0")[0].decode("ascii", errors="replace")
 
-    def _state(self, command: str) -> _State:
-        data = self._ask(command, _WHERE)
-        state = _State(data[4], data[5], (data[6], data[7], data[8]), data[9])
-        if state.status == _FAILED or state.error:
+    def _read_state(self, command: str) -> _ZwoState:
+        data = self._ask(command, _QUERY_STATE)
+        state = _ZwoState(data[4], data[5], (data[6], data[7], data[8]), data[9])
+        if state.status == _STATUS_FAILED or state.error:
             raise self._refuse(
                 command,
                 f"it has given up turning (status {state.status}, error {state.error})",
@@ -142,25 +144,25 @@ class ZwoWheel(UsbWheel):
                 f"the wheel has {state.slots} slots, slots_nm names {len(self._slots)}",
                 "Correct slots_nm",
             )
-        if not all(1 <= place <= state.slots for place in state.places):
-            raise self._nonsense(command, data)
+        if not all(1 <= place <= state.slots for place in state.positions):
+            raise self._invalid_reply_error(command, data)
         return state
 
     def _ask(self, command: str, question: bytes) -> bytes:
         """What it answers; the answer must say which question it is to."""
         self._send(command, question)
-        left = self._late - self._clock.now()
-        data = self._link.control_in(command, *_GET_REPORT, _ASKED, left)
+        left = self._deadline - self._clock.now()
+        data = self._link.control_in(command, *_GET_REPORT, _READ_LENGTH, left)
         if len(data) != _LENGTH or data[:4] != _ANSWER + question[1:]:
-            raise self._nonsense(command, data)
+            raise self._invalid_reply_error(command, data)
         return data
 
     def _send(self, command: str, question: bytes) -> None:
         report = (_REQUEST + question).ljust(_LENGTH, b"\0")
-        left = self._late - self._clock.now()
+        left = self._deadline - self._clock.now()
         self._link.control_out(command, *_SET_REPORT, report, left)
 
-    def _nonsense(self, command: str, data: bytes) -> DeviceError:
+    def _invalid_reply_error(self, command: str, data: bytes) -> DeviceError:
         said = data.hex(" ") or "nothing"
         return self._refuse(command, f"it answers {said}, which makes no sense", _RESTART)
 

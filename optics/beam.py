@@ -19,32 +19,32 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_finite, require_share, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.propagation.fresnel_matrix import FresnelMatrices
-from optics.propagation.span import Span
-from optics.pupil import require_light, wave_phase
+from optics.propagation.span import FreeSpaceSpan
+from optics.pupil import pupil_phase, require_valid_source
 from optics.stop.coverage import coverage
+from optics.validation import accepts_numpy, require_finite, require_share
 
 _TOL = 1e-3
 """Far below what a picture shows."""
 
-_MOST_ACROSS = 2048
+_MAX_STOP_SAMPLES = 2048
 """Samples across the stop."""
 
-_IN_FOCUS = 1e-9
+_MIN_STRETCH = 1e-9
 """How near the stretch m comes to zero: a picture can't tell it from the focus."""
 
 
-@tensors_inside
-def beam(
+@accepts_numpy
+def beam_irradiance(
     camera: Camera,
     phase: torch.Tensor | None,
     distance: float,
     wavelength: float,
     depths: Sequence[float],
-    across: Plane,
+    sample_row: Plane,
     *,
     field: tuple[float, float] = (0.0, 0.0),
     unmodulated: float | None = None,
@@ -53,7 +53,7 @@ def beam(
     """Light of a point along lines across the axis, one for each depth; (depths, columns).
 
     phase: radians on the panel's pixels; None is a constant. distance: metres from the object
-    to the panel, inf allowed. depths: metres behind the panel, more than 0. across: one row of
+    to the panel, inf allowed. depths: metres behind the panel, more than 0. sample_row: one row of
     samples, whose x is metres from the axis; at each depth the row lies where the ray through
     the lens' centre is in y. field: (y, x) metres on the sensor, where the point's image is.
     unmodulated: share of light that ignores the phase; the panel's own if None.
@@ -63,32 +63,32 @@ def beam(
     of the panel's own grating are left out; the model is the paraxial one of PSFOperator.
     Raises ValueError for bad input, Cancelled through `progress`.
     """
-    require_light(distance, wavelength)
+    require_valid_source(distance, wavelength)
     share = camera.panel.unmodulated if unmodulated is None else unmodulated
     require_share("unmodulated", share)
-    if across.shape[0] != 1:
-        raise ValueError(f"across has {across.shape[0]} rows; give one")
+    if sample_row.shape[0] != 1:
+        raise ValueError(f"sample_row has {sample_row.shape[0]} rows; give one")
     if not all(0 < depth < math.inf for depth in depths):
         raise ValueError(f"depths are {list(depths)} m; the light is behind the panel, at > 0 m")
     progress = progress or Progress()
-    rays = _Rays(camera, distance, field)
-    entering = _modulated(camera, phase)
+    rays = _BeamPath(camera, distance, field)
+    entering = _panel_fields(camera, phase)
     behind: torch.Tensor | None = None
     lines = []
     for number, depth in enumerate(depths):
         progress.report(number / len(depths), "the light along the axis")
         if depth <= camera.separation:
-            wave = rays.before(entering, depth, across, wavelength)
+            wave = rays.field_before_lens(entering, depth, sample_row, wavelength)
         else:
             if behind is None:
-                behind = rays.through(entering, wavelength)
-            wave = rays.behind(behind, depth, across, wavelength)
+                behind = rays.field_behind_stop(entering, wavelength)
+            wave = rays.field_behind_lens(behind, depth, sample_row, wavelength)
         light = wave.real**2 + wave.imag**2
         lines.append((1 - share) * light[0, 0] + share * light[-1, 0])
     return torch.stack(lines)
 
 
-def _modulated(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
+def _panel_fields(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
     """The panel's field with the pattern, and without if that is another, (1 or 2, rows,
     columns)."""
     straight = torch.ones(camera.panel.shape, dtype=torch.complex64)
@@ -101,109 +101,117 @@ def _modulated(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
     return torch.stack([torch.polar(straight.real, turned), straight])
 
 
-class _Rays:
+class _BeamPath:
     """Where the object's rays go, paraxially; metres. The wave is without its curvature."""
 
     def __init__(self, camera: Camera, distance: float, field: tuple[float, float]) -> None:
         self._camera, self._distance = camera, distance
         lens = camera.lens
         # Of the ray through the lens' centre, and of the one through the panel's.
-        self._chief = [place / lens.image_distance for place in field]
+        self._chief_ray_slopes = [place / lens.image_distance for place in field]
         stretch = 1 + camera.separation / distance
-        self._slope = [slope * stretch for slope in self._chief]
+        self._panel_ray_slopes = [slope * stretch for slope in self._chief_ray_slopes]
         self._vergence = 1 / (distance + camera.separation) - 1 / lens.focal_length
         count = math.ceil(lens.stop_diameter / (camera.panel.pitch * stretch)) + 2
-        count = min(count, _MOST_ACROSS)
+        count = min(count, _MAX_STOP_SAMPLES)
         pitch = lens.stop_diameter / (count - 2)
-        self.stop = Plane((count, count), (pitch, pitch))
+        self.stop_plane = Plane((count, count), (pitch, pitch))
 
-    def _row(self, across: Plane, depth: float) -> Plane:
+    def _row_at_depth(self, across: Plane, depth: float) -> Plane:
         """The samples at a depth: in y they follow the ray through the lens' centre."""
-        y = self._chief[0] * (depth - self._camera.separation)
+        y = self._chief_ray_slopes[0] * (depth - self._camera.separation)
         return replace(across, centre=(y, across.centre[1]))
 
-    def before(
+    def field_before_lens(
         self, entering: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
         """Between panel and lens."""
         panel = self._camera.panel
         cells = (panel.active_side, panel.active_side)
-        target = self._row(across, depth)
-        return _spread(entering, panel.plane, cells, target, self._way(depth), wavelength)
+        target = self._row_at_depth(across, depth)
+        return _propagate_flat_wave(
+            entering, panel.plane, cells, target, self._step_to_depth(depth), wavelength
+        )
 
-    def _way(self, depth: float) -> _Way:
+    def _step_to_depth(self, depth: float) -> _PropagationStep:
         """From the panel to a plane before the lens."""
-        moved = [slope * depth for slope in self._slope]
-        return _Way(depth, 1 + depth / self._distance, (moved[0], moved[1]))
+        moved = [slope * depth for slope in self._panel_ray_slopes]
+        return _PropagationStep(depth, 1 + depth / self._distance, (moved[0], moved[1]))
 
-    def through(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
+    def field_behind_stop(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
         """Just behind the stop, on its own grid."""
         camera, lens = self._camera, self._camera.lens
         if camera.separation:
-            way = self._way(camera.separation)
-            wave = _spread(entering, camera.panel.plane, None, self.stop, way, wavelength)
+            way = self._step_to_depth(camera.separation)
+            wave = _propagate_flat_wave(
+                entering, camera.panel.plane, None, self.stop_plane, way, wavelength
+            )
         else:
-            self.stop = camera.panel.plane
+            self.stop_plane = camera.panel.plane
             wave = entering
         radius = lens.stop_diameter / 2
-        opened = coverage(lens.stop, radius, self.stop)
+        opened = coverage(lens.stop, radius, self.stop_plane)
         # Focus is in the vergence; what is left are the aberrations.
         flat = replace(lens, focus_distance=math.inf)
-        y, x = (c / radius for c in self.stop.mesh())
-        phase = wave_phase(flat, math.inf, wavelength, y, x)
-        return wave * torch.polar(opened, phase.expand(self.stop.shape).remainder(2 * math.pi))
+        y, x = (c / radius for c in self.stop_plane.mesh())
+        phase = pupil_phase(flat, math.inf, wavelength, y, x)
+        return wave * torch.polar(
+            opened, phase.expand(self.stop_plane.shape).remainder(2 * math.pi)
+        )
 
-    def behind(
+    def field_behind_lens(
         self, wave: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
         """Between the lens and wherever."""
         way = depth - self._camera.separation
         stretch = 1 + self._vergence * way
-        if abs(stretch) < _IN_FOCUS:
-            stretch = _IN_FOCUS
-        moved = [slope * way for slope in self._chief]
+        if abs(stretch) < _MIN_STRETCH:
+            stretch = _MIN_STRETCH
+        moved = [slope * way for slope in self._chief_ray_slopes]
         side = self._camera.panel.active_side
         # Squares as wide as their pitch would show orders that no panel makes.
         cells = None if self._camera.separation else (side, side)
-        place = _Way(way, stretch, (moved[0], moved[1]))
-        return _spread(wave, self.stop, cells, self._row(across, depth), place, wavelength)
+        place = _PropagationStep(way, stretch, (moved[0], moved[1]))
+        return _propagate_flat_wave(
+            wave, self.stop_plane, cells, self._row_at_depth(across, depth), place, wavelength
+        )
 
 
 @dataclass(frozen=True)
-class _Way:
+class _PropagationStep:
     """Metres along the axis; the stretch of the rays over it, and how far their slope moves
     them along (y, x)."""
 
     distance: float
     stretch: float
-    moved: tuple[float, float]
+    displacement: tuple[float, float]
 
 
-def _spread(
+def _propagate_flat_wave(
     wave: torch.Tensor,
     source: Plane,
     cells: tuple[float, float] | None,
     target: Plane,
-    way: _Way,
+    step: _PropagationStep,
     wavelength: float,
 ) -> torch.Tensor:
     """A wave whose curvature and slope were taken away, some way on, on the target's samples.
 
     cells: the sides of squares, or None for what the wave's samples resolve and no more.
     """
-    plane = _stretched(target, way)
-    distance = way.distance / way.stretch
-    span = Span(source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_TOL)
-    answer = FresnelMatrices(span).forward(wave) / abs(way.stretch)
+    plane = _scaled_target_plane(target, step)
+    distance = step.distance / step.stretch
+    span = FreeSpaceSpan(source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_TOL)
+    answer = FresnelMatrices(span).forward(wave) / abs(step.stretch)
     # Beyond the focus the rays have crossed: left is right.
-    return answer if way.stretch > 0 else answer.flip(-2, -1)
+    return answer if step.stretch > 0 else answer.flip(-2, -1)
 
 
-def _stretched(target: Plane, way: _Way) -> Plane:
+def _scaled_target_plane(target: Plane, step: _PropagationStep) -> Plane:
     """The samples where the wave without curvature has them, in rising order."""
-    pitch = [p / abs(way.stretch) for p in target.pitch]
-    centre = [(c - m) / way.stretch for c, m in zip(target.centre, way.moved, strict=True)]
-    if way.stretch < 0:
+    pitch = [p / abs(step.stretch) for p in target.pitch]
+    centre = [(c - m) / step.stretch for c, m in zip(target.centre, step.displacement, strict=True)]
+    if step.stretch < 0:
         # Turned over, an even number of samples has its origin one sample further on.
         even = [1 - n % 2 for n in target.shape]
         centre = [c + e * p for c, e, p in zip(centre, even, pitch, strict=True)]

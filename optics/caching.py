@@ -14,7 +14,7 @@ import torch
 T = TypeVar("T")
 P = ParamSpec("P")
 
-_SMALL = 1024
+_OVERHEAD_BYTES = 1024
 """Bytes that whatever has no size of its own counts as."""
 
 
@@ -30,7 +30,7 @@ class ByteCache:
         if limit < 0:
             raise ValueError(f"limit is {limit} bytes; it can't be negative. 0 keeps nothing")
         self.limit = limit
-        self._kept: OrderedDict[Hashable, tuple[object, int]] = OrderedDict()
+        self._entries: OrderedDict[Hashable, tuple[object, int]] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
 
@@ -39,35 +39,35 @@ class ByteCache:
         """Of all that is kept now."""
         return self._bytes
 
-    def get(self, causes: Hashable, compute: Callable[[], T]) -> T:
-        """What follows from causes: what is kept of them, or computed now."""
+    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """What follows from key: what is kept of them, or computed now."""
         with self._lock:
-            if causes in self._kept:
-                self._kept.move_to_end(causes)
-                return self._kept[causes][0]  # type: ignore[return-value]
+            if key in self._entries:
+                self._entries.move_to_end(key)
+                return self._entries[key][0]  # type: ignore[return-value]
         # Not under the lock: a camera that was given up may still compute when the next one does.
         result = compute()
-        size = bytes_of(result)
+        size = result_bytes(result)
         if size <= self.limit:
             with self._lock:
-                self._keep(causes, result, size)
+                self._store(key, result, size)
         return result
 
-    def _keep(self, causes: Hashable, result: object, size: int) -> None:
-        if causes in self._kept:
-            self._bytes -= self._kept.pop(causes)[1]
-        self._kept[causes] = (result, size)
+    def _store(self, key: Hashable, result: object, size: int) -> None:
+        if key in self._entries:
+            self._bytes -= self._entries.pop(key)[1]
+        self._entries[key] = (result, size)
         self._bytes += size
         while self._bytes > self.limit:
-            self._bytes -= self._kept.popitem(last=False)[1][1]
+            self._bytes -= self._entries.popitem(last=False)[1][1]
 
     def clear(self) -> None:
         with self._lock:
-            self._kept.clear()
+            self._entries.clear()
             self._bytes = 0
 
 
-def keep_within(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Let a function keep its last results for the whole process, up to so many bytes of them.
 
     For what follows from a few numbers alone, whoever asks. What belongs to somebody (a bench, a
@@ -75,7 +75,7 @@ def keep_within(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """
     cache = ByteCache(limit)
 
-    def keep(find: Callable[P, T]) -> Callable[P, T]:
+    def decorate(find: Callable[P, T]) -> Callable[P, T]:
         @functools.wraps(find)
         def wrapper(*args: P.args, **options: P.kwargs) -> T:
             causes = (find, args, tuple(sorted(options.items())))
@@ -83,18 +83,18 @@ def keep_within(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
         return wrapper
 
-    return keep
+    return decorate
 
 
-def bytes_of(value: object) -> int:
+def result_bytes(value: object) -> int:
     """Bytes of a result: of its arrays, and of what tells an Account of its own."""
     if isinstance(value, torch.Tensor):
         return max(value.numel() * value.element_size(), 1)
     if isinstance(value, np.ndarray):
         return max(value.nbytes, 1)
     if isinstance(value, Mapping):
-        return _SMALL + sum(bytes_of(one) for one in value.values())
+        return _OVERHEAD_BYTES + sum(result_bytes(one) for one in value.values())
     if isinstance(value, (list, tuple)):
-        return _SMALL + sum(bytes_of(one) for one in value)
-    told = getattr(getattr(value, "account", value), "bytes", None)
-    return _SMALL + (told if isinstance(told, int) else 0)
+        return _OVERHEAD_BYTES + sum(result_bytes(one) for one in value)
+    reported_bytes = getattr(getattr(value, "account", value), "bytes", None)
+    return _OVERHEAD_BYTES + (reported_bytes if isinstance(reported_bytes, int) else 0)

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from optics.edge import as_number, require_positive, require_share
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
 from optics.stop.aperture import Circle, Stop
-from optics.zernike import require_zernike
+from optics.validation import as_number, require_positive, require_share
+from optics.zernike import require_zernike_indices
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Lens:
                 f"focal length, {self.focal_length:g} m (inf focuses at infinity)"
             )
         for n, m, path in self.aberrations:
-            require_zernike(n, m)
+            require_zernike_indices(n, m)
             if not math.isfinite(as_number(path)):
                 raise ValueError(
                     f"the aberration ({n}, {m}) is {as_number(path):g} m; it must be finite"
                 )
         if self.kind not in ("thin", "stigmatic"):
             raise ValueError(f"kind is {self.kind!r}; choose thin or stigmatic")
-        if self.kind == "stigmatic" and self.sine >= 1:
+        if self.kind == "stigmatic" and self.image_numerical_aperture >= 1:
             raise ValueError(
                 f"f_number is {self.f_number:g}; no ray of a lens that obeys the sine condition "
                 "is that steep: give 0.5 or more"
@@ -67,18 +67,18 @@ class Lens:
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
-    def sine(self) -> float:
+    def image_numerical_aperture(self) -> float:
         """Of the angle between the axis and the steepest ray behind the lens; a tangent where
         the lens is thin, which is the same to the paraxial order."""
         return 0.5 * self.stop_diameter / self.image_distance
 
     @property
-    def quadratic(self) -> bool:
+    def has_quadratic_phase(self) -> bool:
         """Whether its wave is the parabola of defocus, and nothing else."""
         return self.kind == "thin" and not self.aberrations
 
     @property
-    def clear(self) -> bool:
+    def has_clear_stop(self) -> bool:
         """Whether the stop is a whole circle."""
         return self.stop == Stop(Circle())
 
@@ -110,7 +110,7 @@ class Camera:
             )
 
     @property
-    def lever(self) -> float:
+    def ray_matrix_b(self) -> float:
         """Metres by which light moves on the sensor for a unit slope at the panel.
 
         The element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis

@@ -12,13 +12,13 @@ import math
 import scipy.fft
 import torch
 
-from optics.edge import require_finite, tensors_inside
 from optics.fourier import fft, irfft2, rfft2
 from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer, sample_pixels
+from optics.validation import accepts_numpy, require_finite
 
 
-def frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
+def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
     """Spatial frequencies (y, x) in cycles per metre of the plane's rfft2 grid, float64."""
     fy = torch.fft.fftfreq(plane.shape[0], plane.pitch[0], dtype=torch.float64)
     fx = torch.fft.rfftfreq(plane.shape[1], plane.pitch[1], dtype=torch.float64)
@@ -34,7 +34,7 @@ def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch
     """Spectrum of a uniform disc at the origin that sends `total` light; diameter in metres."""
     if not 0 <= diameter < math.inf:
         raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
-    fy, fx = frequencies(plane)
+    fy, fx = rfft2_frequencies(plane)
     argument = math.pi * diameter * torch.hypot(fy, fx)
     safe = torch.where(argument > 0, argument, torch.ones_like(argument))
     jinc = torch.where(argument > 0, 2 * torch.special.bessel_j1(safe) / safe, 1.0)
@@ -45,14 +45,14 @@ def form_image(
     spectrum: torch.Tensor,
     psf: torch.Tensor,
     plane: Plane,
-    factor: int,
+    samples_per_pixel: int,
     shape: tuple[int, int],
     *,
     pixel_aperture: bool = True,
 ) -> torch.Tensor:
     """Light on each sensor pixel, (rows, columns) of `shape`.
 
-    spectrum: of the object's geometric image on `plane`, which has `factor` samples per
+    spectrum: of the object's geometric image on `plane`, which has `samples_per_pixel` samples per
     pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no
     larger than the plane. The picture wraps around the plane's edges: give it a margin of
     half a PSF around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
@@ -67,58 +67,60 @@ def form_image(
     kernel = origin_to_corner(centred_pad(psf, plane.shape))
     transfer = rfft2(kernel)
     if pixel_aperture:
-        transfer = transfer * pixel_transfer(*plane.shape, factor).to(psf)
+        transfer = transfer * pixel_transfer(*plane.shape, samples_per_pixel).to(psf)
     light = irfft2(spectrum.to(transfer) * transfer, plane.shape)
-    pixels = sample_pixels(origin_to_centre(light), factor) * factor**2
+    pixels = sample_pixels(origin_to_centre(light), samples_per_pixel) * samples_per_pixel**2
     return centred_crop(pixels, shape)
 
 
-@tensors_inside
+@accepts_numpy
 def form_coherent_image(
-    field: torch.Tensor, spread: torch.Tensor, shape: tuple[int, int] | None = None
+    field: torch.Tensor, amplitude_psf: torch.Tensor, shape: tuple[int, int] | None = None
 ) -> torch.Tensor:
     """Intensity of coherent light, |p * U|² (thesis Eq. 2.16): (..., `shape`), real.
 
     field: complex, (..., rows, columns), U, the object's geometric image; its squared modulus
-    is the light on a sample. spread: complex, (..., rows, columns) with the same pitch, p, the
-    field that a point makes; any size. Both have their origin at n // 2, and their leading
-    axes broadcast. A point's light reaches the picture by the share sum |p|²; fields add before
-    they are squared, so that a whole object's light may come to more or less. complex64, or
-    complex128 if one of the two is in double precision. Differentiable.
+    is the light on a sample. amplitude_psf: complex, (..., rows, columns) with the same pitch, p,
+    the field that a point makes; any size. Both have their origin at n // 2, and their leading axes
+    broadcast. A point's light reaches the picture by the share sum |p|²; fields add before they are
+    squared, so that a whole object's light may come to more or less. complex64, or complex128 if
+    one of the two is in double precision. Differentiable.
 
     The convolution is linear: nothing wraps around, and beyond its edges the field is dark.
     shape: of the middle that is answered, the field's by default. Give the field a margin of
-    half a spread around it, or the picture's rim lacks what shines in from there. The
+    half an amplitude_psf around it, or the picture's rim lacks what shines in from there. The
     intensity has fringes twice as fine as the field's: pixels are integrated by
     optics.sensor.integrate_pixels() on samples that resolve them.
 
     Raises ValueError for shapes that don't fit, and for numbers that aren't finite.
     """
-    _require_pictures(field, spread)
-    dtype = torch.promote_types(torch.promote_types(field.dtype, spread.dtype), torch.complex64)
-    sides = [sum(pair) - 1 for pair in zip(field.shape[-2:], spread.shape[-2:], strict=True)]
+    _require_broadcastable_fields(field, amplitude_psf)
+    dtype = torch.promote_types(
+        torch.promote_types(field.dtype, amplitude_psf.dtype), torch.complex64
+    )
+    sides = [sum(pair) - 1 for pair in zip(field.shape[-2:], amplitude_psf.shape[-2:], strict=True)]
     rows, columns = (scipy.fft.next_fast_len(n) for n in sides)
 
     def spectrum(wave: torch.Tensor) -> torch.Tensor:
         return fft(fft(wave.to(dtype), columns, -1), rows, -2)
 
-    image = spectrum(field) * spectrum(spread)
+    image = spectrum(field) * spectrum(amplitude_psf)
     # Only the rows that are looked at are transformed along x.
-    y, x = (n // 2 for n in spread.shape[-2:])
+    y, x = (n // 2 for n in amplitude_psf.shape[-2:])
     image = fft(image, rows, -2, inverse=True)[..., y : y + field.shape[-2], :]
     image = fft(image, columns, -1, inverse=True)[..., x : x + field.shape[-1]]
     return centred_crop(image.real**2 + image.imag**2, shape or field.shape[-2:])
 
 
-def _require_pictures(field: torch.Tensor, spread: torch.Tensor) -> None:
+def _require_broadcastable_fields(field: torch.Tensor, amplitude_psf: torch.Tensor) -> None:
     """Raise ValueError for what isn't two finite pictures whose leading axes broadcast."""
-    for name, wave in (("field", field), ("spread", spread)):
+    for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
         if wave.ndim < 2 or wave.numel() == 0:
             raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")
         require_finite(name, wave)
-    sizes = zip(field.shape[-3::-1], spread.shape[-3::-1], strict=False)
+    sizes = zip(field.shape[-3::-1], amplitude_psf.shape[-3::-1], strict=False)
     if not all(a == b or 1 in (a, b) for a, b in sizes):
         raise ValueError(
-            f"field is {tuple(field.shape)} and spread is {tuple(spread.shape)}; their leading "
-            "axes must be alike, or 1"
+            f"field is {tuple(field.shape)} and amplitude_psf is {tuple(amplitude_psf.shape)}; "
+            "their leading axes must be alike, or 1"
         )

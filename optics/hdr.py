@@ -7,14 +7,14 @@ from typing import NamedTuple
 import torch
 
 from optics.camera import Sensor
-from optics.edge import require_finite
+from optics.validation import require_finite
 
 VALID, CLIPPED, DARK = 0, 1, 2
 """State of a merged pixel: measured; clipped in every exposure, so that the value is a
 lower bound; below three sigma of its noise, so that three sigma is an upper bound."""
 
 
-class Merged(NamedTuple):
+class RadianceEstimate(NamedTuple):
     """rate: electrons per second. variance: of the rate. state: VALID, CLIPPED or DARK."""
 
     rate: torch.Tensor
@@ -22,13 +22,13 @@ class Merged(NamedTuple):
     state: torch.Tensor
 
 
-def merge(
+def merge_bracket(
     frames: torch.Tensor,
     exposures: torch.Tensor,
     darks: torch.Tensor,
     dark_counts: torch.Tensor,
     sensor: Sensor,
-) -> Merged:
+) -> RadianceEstimate:
     """The radiance map of a bracket, weighted by inverse variance.
 
     frames: (exposures, rows, columns), digital numbers. exposures: seconds. darks: mean of
@@ -58,10 +58,10 @@ def merge(
     usable = frames < sensor.full_scale
     electrons = (frames.to(torch.float64) - darks.to(torch.float64)) * sensor.gain
     floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * t
-    rate = _weighted(electrons, t, usable / floor)
+    rate = _least_squares_rate(electrons, t, usable / floor)
     for _ in range(2):
         weight = usable / (rate.clamp(min=0) * t + floor * (1 + 1 / n))
-        rate = _weighted(electrons, t, weight)
+        rate = _least_squares_rate(electrons, t, weight)
     information = (weight * t**2).sum(0)
     seen = information > 0
     variance = torch.where(seen, 1 / information.masked_fill(~seen, 1), torch.inf)
@@ -69,10 +69,12 @@ def merge(
     bound = electrons[shortest] / exposures[shortest]
     rate = torch.where(seen, rate, bound)
     state = torch.where(rate < 3 * variance.sqrt(), DARK, VALID)
-    return Merged(rate, variance, torch.where(seen, state, CLIPPED).to(torch.uint8))
+    return RadianceEstimate(rate, variance, torch.where(seen, state, CLIPPED).to(torch.uint8))
 
 
-def _weighted(electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+def _least_squares_rate(
+    electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor
+) -> torch.Tensor:
     """Least-squares rate from electrons = rate x t; zero where no exposure is usable."""
     information = (weight * t**2).sum(0)
     seen = information > 0

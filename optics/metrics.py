@@ -6,10 +6,10 @@ import math
 
 import torch
 
-from optics.edge import require_finite, require_positive, tensors_inside
+from optics.validation import accepts_numpy, require_finite, require_positive
 
 
-def _require_alike(**pictures: torch.Tensor) -> None:
+def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
     """Raise ValueError for pictures of different shapes, or that aren't finite."""
     (first, a), (second, b) = pictures.items()
     if a.shape != b.shape:
@@ -21,25 +21,25 @@ def _require_alike(**pictures: torch.Tensor) -> None:
     require_finite(second, b)
 
 
-def _require_light(target: torch.Tensor) -> None:
+def _require_bright_target(target: torch.Tensor) -> None:
     if not float(target.max()) > 0:
         raise ValueError("target is dark; it must be positive somewhere")
 
 
-@tensors_inside
+@accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
     """Share of the light where the target exceeds 2 % of its peak; `total` is all light."""
-    _require_alike(psf=psf, target=target)
-    _require_light(target)
+    _require_same_shape_and_finite(psf=psf, target=target)
+    _require_bright_target(target)
     require_positive("total", total, "of light")
     return float(psf[target > 0.02 * target.max()].sum()) / total
 
 
-@tensors_inside
+@accepts_numpy
 def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
     """Standard deviation over mean of PSF / target where the target exceeds half its peak."""
-    _require_alike(psf=psf, target=target)
-    _require_light(target)
+    _require_same_shape_and_finite(psf=psf, target=target)
+    _require_bright_target(target)
     bright = target > 0.5 * target.max()
     ratio = psf[bright].to(torch.float64) / target[bright].to(torch.float64)
     if not float(ratio.mean()) > 0:
@@ -47,11 +47,11 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
     return float(ratio.std(correction=0) / ratio.mean())
 
 
-@tensors_inside
-def shape_error(psf: torch.Tensor, target: torch.Tensor) -> float:
+@accepts_numpy
+def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
     """NRMSE |PSF - c target| / |c target| with the best c, over the target's window."""
-    _require_alike(psf=psf, target=target)
-    _require_light(target)
+    _require_same_shape_and_finite(psf=psf, target=target)
+    _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
     best = float((seen * wanted).sum() / wanted.square().sum())
     if not best > 0:
@@ -59,26 +59,28 @@ def shape_error(psf: torch.Tensor, target: torch.Tensor) -> float:
     return float((seen - best * wanted).norm() / (best * wanted.norm()))
 
 
-@tensors_inside
-def relative_error(value: torch.Tensor, truth: torch.Tensor) -> float:
-    """Relative L2 error without a fitted scale: |value - truth| / |truth|."""
-    _require_alike(value=value, truth=truth)
-    if not truth.any():
-        raise ValueError("truth is zero everywhere; a relative error needs something to divide by")
-    difference = value.to(torch.float64) - truth.to(torch.float64)
-    return float(difference.norm() / truth.to(torch.float64).norm())
+@accepts_numpy
+def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
+    """Relative L2 error without a fitted scale: |value - reference| / |reference|."""
+    _require_same_shape_and_finite(value=value, reference=reference)
+    if not reference.any():
+        raise ValueError(
+            "reference is zero everywhere; a relative error needs something to divide by"
+        )
+    difference = value.to(torch.float64) - reference.to(torch.float64)
+    return float(difference.norm() / reference.to(torch.float64).norm())
 
 
-@tensors_inside
+@accepts_numpy
 def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> float:
     """Peak signal-to-noise ratio in dB; infinite for equal images."""
-    _require_alike(image=image, reference=reference)
+    _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("peak", peak, "")
     error = float(((image.to(torch.float64) - reference.to(torch.float64)) ** 2).mean())
     return math.inf if error == 0 else 10 * math.log10(peak**2 / error)
 
 
-@tensors_inside
+@accepts_numpy
 def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) -> float:
     """Mean structural similarity (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
@@ -86,7 +88,7 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
     statistics, averaged where the window lies inside the picture. Raises ValueError for pictures
     smaller than the window, 11 x 11.
     """
-    _require_alike(image=image, reference=reference)
+    _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("data_range", data_range, "")
     if min(image.shape[-2:]) < 11:
         raise ValueError(f"image is {tuple(image.shape)}; the window needs 11 x 11 samples")
@@ -109,7 +111,7 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
     return float((luminance * structure).mean())
 
 
-def central(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
+def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
     """The central part of a picture along each axis, by share of its sides."""
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")

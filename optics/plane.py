@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.edge import as_number
+from optics.validation import as_number
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Plane:
         """Positions (y, x) in metres as a column and a row that broadcast, float64."""
         return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
 
-    def finer(self, factor: int) -> Plane:
+    def with_finer_pitch(self, factor: int) -> Plane:
         """The same centre and field of view with `factor` times as many samples."""
         if factor < 1:
             raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
@@ -55,7 +55,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class RectilinearGrid:
     """Samples in rows and columns that needn't be evenly spaced.
 
     y, x: metres, one-dimensional, float64.

@@ -18,19 +18,19 @@ from typing import Any, Literal, NamedTuple
 
 import torch
 
-from optics.edge import as_number, recorded, require_positive, require_share
+from optics.validation import as_number, needs_gradient, require_positive, require_share
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""
 
-_DARK = (64 * torch.finfo(torch.float64).eps) ** 2
+_MIN_TRANSMISSION = (64 * torch.finfo(torch.float64).eps) ** 2
 """Share of the light below which only the rounding of crossed amplitudes is left."""
 
 _ROUNDING = 1e-12
 """By which two shares may sum to more than 1."""
 
 
-def _real(value: Scalar) -> torch.Tensor:
+def _as_float64(value: Scalar) -> torch.Tensor:
     return torch.as_tensor(value, dtype=torch.float64)
 
 
@@ -40,21 +40,21 @@ def _require_angle(value: Scalar) -> None:
         raise ValueError(f"angle is {number:g} rad; it must be finite")
 
 
-def linear(angle: Scalar) -> torch.Tensor:
+def linear_jones_vector(angle: Scalar) -> torch.Tensor:
     """The Jones vector of linear polarisation of power 1, (2,), complex128."""
-    angle = _real(angle)
+    angle = _as_float64(angle)
     return torch.stack((torch.cos(angle), torch.sin(angle))).to(torch.complex128)
 
 
-def diattenuator(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
+def diattenuator_matrix(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
     """The Jones matrix, (2, 2) complex128, by which amplitudes pass along an axis at an angle,
     and across it, without a delay between the two."""
-    forth, aside = linear(angle), linear(_real(angle) + math.pi / 2)
+    forth, aside = linear_jones_vector(angle), linear_jones_vector(_as_float64(angle) + math.pi / 2)
     return along * torch.outer(forth, forth) + across * torch.outer(aside, aside)
 
 
 @dataclass(frozen=True)
-class Light:
+class SourcePolarisation:
     """What comes from the object: natural light (degree 0), linear (1), or partly so.
 
     degree: of polarisation. angle: radians, of what is polarised. Two linear waves across each
@@ -70,11 +70,14 @@ class Light:
         _require_angle(self.angle)
 
     @property
-    def waves(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Shares of the power, and the Jones vectors of the waves that have them."""
-        degree = _real(self.degree)
-        across = _real(self.angle) + math.pi / 2
-        return [((1 + degree) / 2, linear(self.angle)), ((1 - degree) / 2, linear(across))]
+        degree = _as_float64(self.degree)
+        across = _as_float64(self.angle) + math.pi / 2
+        return [
+            ((1 + degree) / 2, linear_jones_vector(self.angle)),
+            ((1 - degree) / 2, linear_jones_vector(across)),
+        ]
 
 
 @dataclass(frozen=True)
@@ -102,13 +105,15 @@ class Polariser:
         require_share("transmission", as_number(self.transmission))
 
     @property
-    def jones(self) -> torch.Tensor:
-        along = torch.sqrt(_real(self.transmission))
-        return diattenuator(self.angle, along, along * torch.rsqrt(_real(self.extinction)))
+    def jones_matrix(self) -> torch.Tensor:
+        along = torch.sqrt(_as_float64(self.transmission))
+        return diattenuator_matrix(
+            self.angle, along, along * torch.rsqrt(_as_float64(self.extinction))
+        )
 
 
 @dataclass(frozen=True)
-class Splitter:
+class BeamSplitter:
     """A beam splitter cube: shares of power that pass or are reflected, of (p, s) light.
 
     p is polarised in the plane of incidence, s across it. The defaults are a cube that doesn't
@@ -130,7 +135,7 @@ class Splitter:
                 raise ValueError(f"{name} has {len(shares)} shares; give two, of p and of s")
             for share in shares:
                 require_share(name, as_number(share))
-                if recorded(share) and as_number(share) == 0:
+                if needs_gradient(share) and as_number(share) == 0:
                     raise ValueError(
                         f"{name} is 0 and its derivative is wanted, which is infinite; give a "
                         "number instead of a tensor, or a share above 0"
@@ -143,10 +148,12 @@ class Splitter:
                     "a cube gives no light: 1 at most"
                 )
 
-    def jones(self, way: Literal["transmitted", "reflected"]) -> torch.Tensor:
+    def jones_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
         """Of the light that goes one way or the other."""
-        p, s = self.transmitted if way == "transmitted" else self.reflected
-        return diattenuator(self.angle, torch.sqrt(_real(p)), torch.sqrt(_real(s)))
+        p, s = self.transmitted if port == "transmitted" else self.reflected
+        return diattenuator_matrix(
+            self.angle, torch.sqrt(_as_float64(p)), torch.sqrt(_as_float64(s))
+        )
 
 
 class PathEffect(NamedTuple):
@@ -180,9 +187,9 @@ class PolarisedPath:
     polariser between splitter and panel is both, as it is passed twice. None is absent.
     """
 
-    light: Light = Light()
+    light: SourcePolarisation = SourcePolarisation()
     polariser: Polariser | None = None
-    splitter: Splitter | None = None
+    splitter: BeamSplitter | None = None
     analyser: Polariser | None = None
     first: Literal["transmitted", "reflected"] = "transmitted"
 
@@ -191,18 +198,22 @@ class PolarisedPath:
             raise ValueError(f"first is {self.first!r}; choose transmitted or reflected")
 
     @property
-    def to_panel(self) -> torch.Tensor:
+    def jones_to_panel(self) -> torch.Tensor:
         """The Jones matrix from the object to the panel."""
-        way = [] if self.splitter is None else [self.splitter.jones(self.first)]
-        return _product([*([] if self.polariser is None else [self.polariser.jones]), *way])
+        way = [] if self.splitter is None else [self.splitter.jones_matrix(self.first)]
+        return _jones_product(
+            [*([] if self.polariser is None else [self.polariser.jones_matrix]), *way]
+        )
 
     @property
-    def from_panel(self) -> torch.Tensor:
+    def jones_from_panel(self) -> torch.Tensor:
         """The Jones matrix from the panel to the lens."""
         back: Literal["transmitted", "reflected"]
         back = "reflected" if self.first == "transmitted" else "transmitted"
-        way = [] if self.splitter is None else [self.splitter.jones(back)]
-        return _product([*way, *([] if self.analyser is None else [self.analyser.jones])])
+        way = [] if self.splitter is None else [self.splitter.jones_matrix(back)]
+        return _jones_product(
+            [*way, *([] if self.analyser is None else [self.analyser.jones_matrix])]
+        )
 
     def effect(self) -> PathEffect:
         """What the path does, with a panel that turns the phase along its axis only.
@@ -214,14 +225,14 @@ class PolarisedPath:
         splitter that doesn't polarise, or whose axes are the panel's. Differentiable in every
         number of the elements. Raises ValueError where no light passes.
         """
-        before, after = self.to_panel, self.from_panel
-        waves = ((share, before @ wave) for share, wave in self.light.waves)
+        before, after = self.jones_to_panel, self.jones_from_panel
+        waves = ((share, before @ wave) for share, wave in self.light.incoherent_components)
         falling = torch.stack([share * torch.outer(w, w.conj()) for share, w in waves]).sum(0)
         leaving = after.conj().T @ after
         modulated = (leaving[0, 0] * falling[0, 0]).real
         unmodulated = (leaving[1, 1] * falling[1, 1]).real
         passed = modulated + unmodulated
-        if float(passed.detach()) <= _DARK:
+        if float(passed.detach()) <= _MIN_TRANSMISSION:
             raise ValueError(
                 "no light passes the polarisers, splitter and analyser; they are crossed: "
                 "turn one of them"
@@ -230,7 +241,7 @@ class PolarisedPath:
         return PathEffect(passed, unmodulated / passed, mixed)
 
 
-def _product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
+def _jones_product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
     """Of elements in the order in which light meets them."""
     whole = torch.eye(2, dtype=torch.complex128)
     for matrix in matrices:

@@ -20,40 +20,40 @@ class Progress:
 
     def __init__(self, listener: Callable[[float, str], None] | None = None) -> None:
         self._listener = listener
-        self._stop = threading.Event()
-        self._rest = threading.Event()
+        self._cancel_event = threading.Event()
+        self._pause_event = threading.Event()
 
     def report(self, fraction: float, message: str = "") -> None:
         """Tell how far the work is; raises Cancelled if it should stop."""
-        self.check()
+        self.raise_if_cancelled()
         if self._listener is not None:
             self._listener(min(max(fraction, 0.0), 1.0), message)
 
-    def check(self) -> None:
+    def raise_if_cancelled(self) -> None:
         """Raise Cancelled if the work should stop."""
-        if self.cancelled:
+        if self.is_cancelled:
             raise Cancelled("cancelled")
 
     @property
-    def cancelled(self) -> bool:
-        return self._stop.is_set()
+    def is_cancelled(self) -> bool:
+        return self._cancel_event.is_set()
 
     def cancel(self) -> None:
-        self._stop.set()
+        self._cancel_event.set()
 
     @property
-    def paused(self) -> bool:
+    def is_paused(self) -> bool:
         """Whether the work should rest until `resume()`, where it can do so in order."""
-        return self._rest.is_set()
+        return self._pause_event.is_set()
 
     def pause(self) -> None:
-        self._rest.set()
+        self._pause_event.set()
 
     def resume(self) -> None:
-        self._rest.clear()
+        self._pause_event.clear()
 
     def part(self, start: float, stop: float) -> Progress:
         """A progress for one part of the work, from `start` to `stop` of the whole."""
         part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
-        part._stop, part._rest = self._stop, self._rest
+        part._cancel_event, part._pause_event = self._cancel_event, self._pause_event
         return part

@@ -10,28 +10,28 @@ import numpy as np
 import torch
 
 from optics.accuracy import ErrorEstimate
-from optics.caching import keep_within
+from optics.caching import byte_limited_cache
 from optics.camera import Camera, Lens
-from optics.edge import as_number, numeric
 from optics.plane import Plane
 from optics.stop.aperture import Stop
 from optics.stop.coverage import coverage
-from optics.stop.quadrature import Steepness
+from optics.stop.quadrature import PhaseSlopeBound
+from optics.validation import as_number, to_plain_numbers
 from optics.zernike import zernike
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""
 
-LEAST_LEVER = 2 / 3
+MIN_RAY_MATRIX_B_SHARE = 2 / 3
 """Of the image distance: a shorter lever than that needs samples too fine to be worth it."""
 
-_SLOPE_TO_SPARE = 1.1
+_SLOPE_MARGIN = 1.1
 """Slopes are sampled, and might be steeper in between."""
 
-_TURN_A_DEGREE = 20.0
+_SLOPE_PER_ZERNIKE_DEGREE = 20.0
 """Radians per stop radius for each degree of an aberration beyond the fourth."""
 
-_AMPLITUDES = 64 << 20
+_AMPLITUDE_CACHE_BYTES = 64 << 20
 """Bytes of pupils that are kept: three of a panel of 1920 x 1080 pixels, or one of 3840 x 2160."""
 
 
@@ -42,11 +42,13 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
     Don't write into it: it is kept.
     """
     lens = camera.lens
-    return _amplitude(lens.stop, lens.focal_length, lens.f_number, camera.panel.plane)
+    return _cached_pupil_amplitude(lens.stop, lens.focal_length, lens.f_number, camera.panel.plane)
 
 
-@keep_within(_AMPLITUDES)
-def _amplitude(stop: Stop, focal_length: float, f_number: float, plane: Plane) -> torch.Tensor:
+@byte_limited_cache(_AMPLITUDE_CACHE_BYTES)
+def _cached_pupil_amplitude(
+    stop: Stop, focal_length: float, f_number: float, plane: Plane
+) -> torch.Tensor:
     return coverage(stop, focal_length / f_number / 2, plane)
 
 
@@ -61,7 +63,7 @@ def open_area(camera: Camera) -> float:
     return float(share) * whole[0] * whole[1]
 
 
-def require_open(camera: Camera) -> None:
+def require_open_pupil(camera: Camera) -> None:
     """Raise ValueError for a stop that leaves the panel dark."""
     if not open_area(camera) > 0:
         raise ValueError(
@@ -70,7 +72,7 @@ def require_open(camera: Camera) -> None:
         )
 
 
-def require_light(distance: float, wavelength: float) -> None:
+def require_valid_source(distance: float, wavelength: float) -> None:
     """Raise ValueError for an object or a wavelength that sends no light through a lens."""
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
@@ -108,12 +110,12 @@ def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
         if not optics.separation:
             width = open_width
         else:
-            lever = max(optics.lever / lens.image_distance, LEAST_LEVER)
+            lever = max(optics.ray_matrix_b / lens.image_distance, MIN_RAY_MATRIX_B_SHARE)
             width = max(width + 2 * pitch, open_width / lever)
     return width / (wavelength * lens.image_distance)
 
 
-def lens_distance(camera: Camera, distance: Scalar) -> Scalar:
+def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
     """Metres from the lens to an object that is `distance` metres before the panel."""
     return distance + camera.separation
 
@@ -145,7 +147,7 @@ def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
     return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
 
 
-def wave_phase(
+def pupil_phase(
     lens: Lens, distance: Scalar, wavelength: Scalar, y: torch.Tensor, x: torch.Tensor
 ) -> torch.Tensor:
     """Phase in radians of a point's light in the pupil (thesis Eq. 3.2), float64.
@@ -159,14 +161,16 @@ def wave_phase(
     return 2 * math.pi / wavelength * path
 
 
-def panel_phase(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
-    """wave_phase() at the panel's pixel centres, (rows, columns)."""
+def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
+    """pupil_phase() at the panel's pixel centres, (rows, columns)."""
     radius = camera.lens.stop_diameter / 2
     y, x = camera.panel.plane.mesh()
-    return wave_phase(camera.lens, distance, wavelength, y / radius, x / radius)
+    return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
 
 
-def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> Steepness:
+def phase_slope_bound(
+    lens: Lens, distance: float, wavelength: float, tilt: float
+) -> PhaseSlopeBound:
     """How fast a lens' wave turns over its stop; tilt: that of the farthest image sample.
 
     Analytic for pure defocus; with aberrations from samples along rays and circles.
@@ -178,19 +182,21 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
         # A stigmatic lens' defocus is no steeper than the parabola that ends where it ends
         # by more than a fifth, at the numerical apertures that such a lens has.
         spare = 1.0 if lens.kind == "thin" else 1.2
-        return Steepness(lambda r: spare * slope * r, lambda r: 0.0, tilt)
+        return PhaseSlopeBound(lambda r: spare * slope * r, lambda r: 0.0, tilt)
     finest = max(n for n, _, _ in lens.aberrations)
     r = torch.linspace(0, 1, 33 + 16 * finest, dtype=torch.float64)
     angle = torch.linspace(0, 2 * math.pi, 33 + 16 * finest, dtype=torch.float64)
     y, x = r[:, None] * torch.sin(angle), r[:, None] * torch.cos(angle)
-    phase = wave_phase(lens, distance, wavelength, y, x)
+    phase = pupil_phase(lens, distance, wavelength, y, x)
     along = (torch.diff(phase, dim=0).abs().amax(1) / (r[1] - r[0])).numpy()
     across = (torch.diff(phase, dim=1).abs().amax(1) / (angle[1] - angle[0])).numpy()
     # A weak polynomial of high degree is not steep, and has to be followed all the same.
-    along = _SLOPE_TO_SPARE * np.maximum.accumulate(along) + _TURN_A_DEGREE * max(finest - 4, 0)
-    across = _SLOPE_TO_SPARE * np.maximum.accumulate(across)
+    along = _SLOPE_MARGIN * np.maximum.accumulate(along) + _SLOPE_PER_ZERNIKE_DEGREE * max(
+        finest - 4, 0
+    )
+    across = _SLOPE_MARGIN * np.maximum.accumulate(across)
     middles = ((r[1:] + r[:-1]) / 2).numpy()
-    return Steepness(
+    return PhaseSlopeBound(
         lambda q: float(np.interp(q, middles, along)),
         lambda q: float(np.interp(q, r.numpy(), across)),
         tilt,
@@ -198,28 +204,34 @@ def steepness(lens: Lens, distance: float, wavelength: float, tilt: float) -> St
     )
 
 
-def open_radius(camera: Camera) -> float:
+def open_pupil_radius(camera: Camera) -> float:
     """Metres from the axis to the edge of the open pupil, at the most."""
-    return min(camera.lens.stop_diameter / 2, panel_reach(camera))
+    return min(camera.lens.stop_diameter / 2, panel_half_diagonal(camera))
 
 
-def panel_reach(camera: Camera) -> float:
+def panel_half_diagonal(camera: Camera) -> float:
     """Metres from the axis to the panel's corner."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
-def phase_step(camera: Camera, distance: float, wavelength: float) -> float:
+def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> float:
     """The largest change of the lens' wave across one open panel pixel, in radians."""
-    lens, panel = numeric(camera.lens), camera.panel
+    lens, panel = to_plain_numbers(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
     if lens.aberrations:
-        return _SLOPE_TO_SPARE * _largest_step(replace(camera, lens=lens), distance, wavelength)
+        return _SLOPE_MARGIN * _largest_pixel_phase_step(
+            replace(camera, lens=lens), distance, wavelength
+        )
     # A pixel that the stop cuts reaches beyond it.
-    reach = min(radius + math.sqrt(2) * panel.pitch, panel_reach(camera)) / radius
-    return steepness(lens, distance, wavelength, 0.0).along(reach) / radius * panel.pitch
+    reach = min(radius + math.sqrt(2) * panel.pitch, panel_half_diagonal(camera)) / radius
+    return (
+        phase_slope_bound(lens, distance, wavelength, 0.0).largest_slope(reach)
+        / radius
+        * panel.pitch
+    )
 
 
-def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
+def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float) -> float:
     """From corner to corner of the pixels that the stop leaves open in part: polynomials grow
     fast beyond it."""
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
@@ -227,7 +239,7 @@ def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
         (torch.arange(n + 1, dtype=torch.float64) - n // 2 - 0.5) * (panel.pitch / radius)
         for n in panel.shape
     )
-    phase = wave_phase(camera.lens, distance, wavelength, y[:, None], x[None, :])
+    phase = pupil_phase(camera.lens, distance, wavelength, y[:, None], x[None, :])
     is_open = pupil_amplitude(camera) > 0
     down, along = phase.diff(dim=0).abs(), phase.diff(dim=1).abs()
     down = torch.maximum(down[:, 1:], down[:, :-1])[is_open]
@@ -237,4 +249,6 @@ def _largest_step(camera: Camera, distance: float, wavelength: float) -> float:
 
 def numeric_camera(camera: Camera) -> Camera:
     """A camera whose lens and separation are plain numbers."""
-    return replace(camera, lens=numeric(camera.lens), separation=as_number(camera.separation))
+    return replace(
+        camera, lens=to_plain_numbers(camera.lens), separation=as_number(camera.separation)
+    )

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_PASSES = 3
+_EDGE_FIT_PASSES = 3
 """Times that the edge is sought, each time nearer to where it was found."""
 
-_NEAR = 6.0
+_EDGE_FIT_HALF_WIDTH = 6.0
 """Pixels around the edge in which it is sought, after the first time."""
 
 _TAPER = 0.3
@@ -23,17 +23,17 @@ _TAPER = 0.3
 @dataclass(frozen=True, eq=False)
 class EdgeResponse:
     """frequencies: cycles per pixel across the edge. mtf: 1 at 0. angle: radians between edge
-    and columns, or rows if `horizontal`. edge: the edge's spread, oversampled, at `places`
-    pixels from it."""
+    and columns, or rows if `horizontal`. edge_spread: the edge's spread, oversampled, at
+    `positions` pixels from it."""
 
     frequencies: Array
     mtf: Array
     angle: float
     horizontal: bool
-    places: Array
-    edge: Array
+    positions: Array
+    edge_spread: Array
 
-    def at(self, frequencies: ArrayLike) -> Array:
+    def mtf_at(self, frequencies: ArrayLike) -> Array:
         """The MTF at frequencies in cycles per pixel, linear between those that are known.
 
         Raises ValueError beyond the last.
@@ -47,7 +47,7 @@ class EdgeResponse:
         return np.interp(asked, self.frequencies, self.mtf)
 
 
-def slanted_edge(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
+def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
     """What a straight edge's picture tells of the system across it.
 
     picture: (rows, columns) of linear numbers, of one edge between two even sides that goes
@@ -69,13 +69,13 @@ def slanted_edge(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
     horizontal = bool(down > across)
     if horizontal:
         values = values.T
-    offset, slope = _line(values)
+    offset, slope = _fit_edge_line(values)
     places, edge = _edge_spread(values, offset, slope, oversampling)
-    frequencies, mtf = _transfer(edge, oversampling)
+    frequencies, mtf = _mtf_from_edge_spread(edge, oversampling)
     return EdgeResponse(frequencies, mtf, math.atan(slope), horizontal, places, edge)
 
 
-def _line(values: Array) -> tuple[float, float]:
+def _fit_edge_line(values: Array) -> tuple[float, float]:
     """Column at row 0, and columns a row, of the edge."""
     derivative = np.diff(values, axis=1)
     if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
@@ -84,14 +84,18 @@ def _line(values: Array) -> tuple[float, float]:
     rows = np.arange(len(values))
     weights = np.ones_like(derivative)
     offset = slope = 0.0
-    for _ in range(_PASSES):
+    for _ in range(_EDGE_FIT_PASSES):
         strength = (derivative * weights).sum(1)
         if (strength == 0).any() or (np.sign(strength) != np.sign(strength[0])).any():
             raise ValueError("picture has rows without the edge; cut it out so that it is in all")
         centroid = (derivative * weights * columns).sum(1) / strength
         slope, offset = np.polyfit(rows, centroid, 1)
         away = columns - (offset + slope * rows)[:, None]
-        weights = np.where(np.abs(away) < _NEAR, np.cos(np.pi * away / (2 * _NEAR)) ** 2, 0.0)
+        weights = np.where(
+            np.abs(away) < _EDGE_FIT_HALF_WIDTH,
+            np.cos(np.pi * away / (2 * _EDGE_FIT_HALF_WIDTH)) ** 2,
+            0.0,
+        )
     return float(offset), float(slope)
 
 
@@ -123,9 +127,9 @@ def _edge_spread(
     return (np.arange(2 * half) - half + 0.5) / oversampling, total / count
 
 
-def _transfer(edge: Array, oversampling: int) -> tuple[Array, Array]:
+def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]:
     spread = np.diff(edge)
-    window = _window(len(spread))
+    window = _tukey_window(len(spread))
     transform = np.abs(np.fft.rfft(spread * window))
     frequencies = np.fft.rfftfreq(len(spread), 1 / oversampling)
     known = frequencies <= min(1.0, oversampling / 2)
@@ -133,7 +137,7 @@ def _transfer(edge: Array, oversampling: int) -> tuple[Array, Array]:
     return np.asarray(frequencies[known], dtype=np.float64), np.asarray(mtf[known])
 
 
-def _window(count: int) -> Array:
+def _tukey_window(count: int) -> Array:
     """Flat, with ends that fall off as a cosine (Tukey)."""
     place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
     fall = np.clip((place - (1 - _TAPER)) / _TAPER, 0, 1)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Camera
-from optics.edge import as_number, require_positive
 from optics.gauss_legendre import gauss_legendre
+from optics.validation import as_number, require_positive
 
 Array = NDArray[np.float64]
 
-_NODES = 320
+_QUADRATURE_LINES = 320
 """Lines across the pupil, and so many more for each wave of defocus between two of its points."""
 
 
@@ -28,16 +28,16 @@ def system_mtf(
 
     frequencies: any shape, not negative. angle: radians, of the direction in which the pattern
     changes, from x (along rows) towards y. distance: metres from the panel to the object, on
-    the axis; what is in focus by default. The modulus of optical_transfer() times sinc(p fx)
+    the axis; what is in focus by default. The modulus of neutral_panel_otf() times sinc(p fx)
     sinc(p fy) of square pixels.
     """
     along = np.asarray(frequencies, dtype=np.float64)
     pitch = camera.sensor.pitch
     pixel = np.sinc(pitch * along * math.cos(angle)) * np.sinc(pitch * along * math.sin(angle))
-    return np.abs(optical_transfer(camera, wavelength, along, angle, distance) * pixel)
+    return np.abs(neutral_panel_otf(camera, wavelength, along, angle, distance) * pixel)
 
 
-def optical_transfer(
+def neutral_panel_otf(
     camera: Camera,
     wavelength: float,
     frequencies: ArrayLike,
@@ -62,10 +62,10 @@ def optical_transfer(
     shift = wavelength * pupil.image_distance * along
     curvature = 2 * math.pi * pupil.defocus / wavelength
     values = [
-        pupil.overlap(one * math.sin(angle), one * math.cos(angle), curvature)
+        pupil.autocorrelation(one * math.sin(angle), one * math.cos(angle), curvature)
         for one in shift.ravel()
     ]
-    return np.array(values).reshape(along.shape) / pupil.overlap(0.0, 0.0, 0.0)
+    return np.array(values).reshape(along.shape) / pupil.autocorrelation(0.0, 0.0, 0.0)
 
 
 class _Pupil:
@@ -77,7 +77,7 @@ class _Pupil:
 
     def __init__(self, camera: Camera, distance: float | None) -> None:
         lens, panel = camera.lens, camera.panel
-        if not (lens.clear and lens.quadratic):
+        if not (lens.has_clear_stop and lens.has_quadratic_phase):
             raise ValueError(
                 "the transfer function of this lens isn't known in closed form; give a thin lens "
                 "with a round, clear stop and no aberrations"
@@ -90,23 +90,23 @@ class _Pupil:
         wider = 1.0 if math.isinf(seen) else from_lens / seen
         self.radius = 0.5 * as_number(lens.stop_diameter)
         rows, columns = panel.shape
-        self.height = min(0.5 * rows * panel.pitch * wider, self.radius)
-        self.width = 0.5 * columns * panel.pitch * wider
+        self.half_height = min(0.5 * rows * panel.pitch * wider, self.radius)
+        self.half_width = 0.5 * columns * panel.pitch * wider
         self.image_distance = as_number(lens.image_distance)
         self.defocus = 1 / from_lens - 1 / focus
 
-    def overlap(self, dy: float, dx: float, curvature: float) -> float:
+    def autocorrelation(self, dy: float, dx: float, curvature: float) -> float:
         """Of the pupil and itself moved by (dy, dx) metres, with the phase curvature (dy y + dx x)
         that defocus makes; square metres."""
-        half = self.height - abs(dy) / 2
+        half = self.half_height - abs(dy) / 2
         if half <= 0:
             return 0.0
         waves = abs(curvature) * math.hypot(dy, dx) * 2 * self.radius / (2 * math.pi)
-        nodes, weights = gauss_legendre(_NODES + 8 * math.ceil(waves))
+        nodes, weights = gauss_legendre(_QUADRATURE_LINES + 8 * math.ceil(waves))
         # Denser at both ends, where a circle's chord ends as a square root.
         y = half * np.sin(0.5 * np.pi * nodes)
         step = 0.5 * np.pi * half * np.cos(0.5 * np.pi * nodes) * weights
-        above, below = self._chord(y + dy / 2), self._chord(y - dy / 2)
+        above, below = self._half_chord(y + dy / 2), self._half_chord(y - dy / 2)
         low = np.maximum(-above - dx / 2, -below + dx / 2)
         high = np.minimum(above - dx / 2, below + dx / 2)
         length = np.maximum(high - low, 0.0)
@@ -114,7 +114,7 @@ class _Pupil:
         line = length * np.sinc(turn * length / (2 * np.pi))
         return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
 
-    def _chord(self, y: Array) -> Array:
+    def _half_chord(self, y: Array) -> Array:
         """Half the pupil's width at a height."""
         round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
-        return np.minimum(round_part, self.width)
+        return np.minimum(round_part, self.half_width)

@@ -7,8 +7,8 @@ import math
 from scipy import constants
 
 from optics.camera import Camera
-from optics.edge import require_positive
 from optics.pupil import open_area
+from optics.validation import require_positive
 
 
 def electron_rate(

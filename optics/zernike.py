@@ -6,11 +6,11 @@ import math
 
 import torch
 
-from optics.edge import tensors_inside
-from optics.zernike_order import require_zernike as require_zernike
+from optics.validation import accepts_numpy
+from optics.zernike_order import require_zernike_indices as require_zernike_indices
 
 
-@tensors_inside
+@accepts_numpy
 def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     """Z(n, m) at points (y, x) in units of the disc's radius, also beyond it.
 
@@ -20,7 +20,7 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     10.1364/JOSA.66.000207, for the normalisation; Born and Wolf 9.2). Differentiable.
     Raises ValueError for an (n, m) that doesn't exist.
     """
-    require_zernike(n, m)
+    require_zernike_indices(n, m)
     order = abs(m)
     r2 = y * y + x * x
     radial = (-1) ** ((n - order) // 2) * _jacobi((n - order) // 2, order, 1 - 2 * r2)

@@ -18,15 +18,15 @@ class Cache:
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, causes: Hashable, compute: Callable[[], T]) -> T:
+    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
         with self._lock:
-            if causes in self._kept:
-                self._kept.move_to_end(causes)
-                return self._kept[causes]  # type: ignore[return-value]
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]  # type: ignore[return-value]
         # A camera that was given up may still compute when the next one does.
         result = compute()
         with self._lock:
-            self._kept[causes] = result
+            self._kept[key] = result
             while len(self._kept) > self._size:
                 self._kept.popitem(last=False)
         return result

@@ -28,7 +28,7 @@ class VirtualClock:
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time_`, or soon after `cancelled()` turns true."""
+        """Return at `time_`, or soon after `is_cancelled()` turns true."""
         started, at_start = time.monotonic(), self._time
         while self._time < time_ and not cancelled():
             left = (time_ - self._time) / self._speed

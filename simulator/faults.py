@@ -90,7 +90,7 @@ class FaultScript:
         self.frame = 0
         """Index of the planned frame that the bench is at."""
 
-    def strike(self, role: str, frame: bool) -> Fault | None:
+    def take_fault(self, role: str, frame: bool) -> Fault | None:
         """The fault that strikes this call, if one does. frame: whether it asks for a frame."""
         for pending in self._pending:
             fault = pending.fault
@@ -105,7 +105,7 @@ class FaultScript:
         next(pending for pending in self._pending if pending.fault is fault).left += 1
 
     @property
-    def untouched(self) -> bool:
+    def is_unused(self) -> bool:
         """Whether no fault has struck yet."""
         return all(pending.left == pending.fault.times for pending in self._pending)
 
@@ -116,7 +116,7 @@ class FaultScript:
         return now < self._away_until.get(role, -_EVER)
 
 
-class Faulty:
+class FaultInjector:
     """The bad luck of one opened device.
 
     What strikes it is decided at the beginning of each call, so that nothing is half done.
@@ -137,7 +137,7 @@ class Faulty:
         self.require_alive(command)
         if self._unplugged:
             raise self._error(command, "the device is disconnected", "Plug it in")
-        fault = self._script.strike(self._role, frame)
+        fault = self._script.take_fault(self._role, frame)
         if fault is None or fault.kind in FRAME_KINDS:
             return fault
         now = self._clock.now()
@@ -165,12 +165,12 @@ class Faulty:
         self._killed.set()
 
     @property
-    def killed(self) -> bool:
+    def is_killed(self) -> bool:
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
         """DeviceError once the device was killed: whoever called it is gone."""
-        if self.killed:
+        if self.is_killed:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:

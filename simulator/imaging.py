@@ -13,17 +13,17 @@ from optics.caching import ByteCache
 from optics.sensor import moments
 from optics.slm import max_phase
 from simulator.caching import Cache
-from simulator.effects.floor import floor
+from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.registry import EFFECTS
-from simulator.formation import expected
+from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
 from simulator.planning import EffectPlan
-from simulator.planning.forcing import forced_level, settled
-from simulator.planning.plan import planned, require_tolerance
-from simulator.probing.pattern import PatternProbe
+from simulator.planning.effect_plan import plan_effects, require_tolerance
+from simulator.planning.forcing import forced_level, resolve_forced_levels
+from simulator.probing.pattern_probe import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
-from simulator.streaming import Stream
+from simulator.streaming import FrameSimulator
 
 MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4)
 """Bytes of light, spectra and kernels that are kept because they may be asked for again: a quarter
@@ -35,7 +35,7 @@ _PATTERNS = 3
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureMoments:
     """What a sensor makes of light, without any chance, (rows, columns).
 
     electrons: that the light frees on each pixel over the exposure, in the mean. mean, variance:
@@ -67,7 +67,7 @@ class Imaging:
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
         self._pictures, self._patterns = Cache(4), Cache(_PATTERNS)
 
-    def at(self, tol: float) -> Imaging:
+    def with_tolerance(self, tol: float) -> Imaging:
         """The same to another tolerance, with nothing forced; the two share what is kept."""
         require_tolerance(tol)
         other = copy.copy(self)
@@ -86,7 +86,7 @@ class Imaging:
         is on and requires one that is off. Nothing is planned for that.
         """
         levels = {name: forced_level(EFFECTS, s, name, wanted) for name, wanted in forced.items()}
-        settled(EFFECTS, levels)
+        resolve_forced_levels(EFFECTS, levels)
         self.forced = dict(forced)
 
     def plan(self, s: Situation) -> EffectPlan:
@@ -95,58 +95,62 @@ class Imaging:
         # Whoever has changed the two wants another plan.
         tol, forced = self.tol, dict(self.forced)
         return self._plans.get(
-            (tol, tuple(sorted(forced.items())), causes(s)),
-            lambda: self._planned(s, tol, forced),
+            (tol, tuple(sorted(forced.items())), picture_key(s)),
+            lambda: self._compute_plan(s, tol, forced),
         )
 
-    def _planned(self, s: Situation, tol: float, forced: Mapping[str, str | bool]) -> EffectPlan:
-        self._look(s)
-        return planned(EFFECTS, s, floor(s), tol, forced)
+    def _compute_plan(
+        self, s: Situation, tol: float, forced: Mapping[str, str | bool]
+    ) -> EffectPlan:
+        self._attach_probes(s)
+        return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
-    def _look(self, s: Situation) -> None:
+    def _attach_probes(self, s: Situation) -> None:
         """Let a situation know what is known already of its picture and its pattern, which
         don't follow from the exposure."""
         picture = self._pictures.get(
-            (s.target, s.camera, s.band, s.picture.shift), lambda: s.picture
+            (s.target, s.camera, s.band, s.picture_probe.shift), lambda: s.picture_probe
         )
-        s.facts.picture = picture
-        shown = (s.shown.names, s.shown.frame_time)
+        s.cache.picture_probe = picture
+        shown = (s.panel_content.names, s.panel_content.frame_time)
         looked_at = (s.camera, shown, s.wavelength, picture.distances)
-        s.facts.pattern = self._patterns.get(
+        s.cache.pattern_probe = self._patterns.get(
             looked_at,
-            lambda: PatternProbe(s.camera, s.shown, s.wavelength, picture.distances, self._cache),
+            lambda: PatternProbe(
+                s.camera, s.panel_content, s.wavelength, picture.distances, self._cache
+            ),
         )
 
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:
         """That light frees on each pixel over the exposure, in the mean, (rows, columns)."""
-        return expected(s, recipe, self._cache, self.ledger, check)
+        return expected_electrons(s, recipe, self._cache, self.ledger, check)
 
-    def picture(
+    def picture_moments(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
-    ) -> Picture:
+    ) -> PictureMoments:
         """Mean and variance of every pixel."""
         electrons = self.electrons(s, recipe, check)
         mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
-        return Picture(electrons, mean, variance)
+        return PictureMoments(electrons, mean, variance)
 
     def stream(
         self, s: Situation, plan: EffectPlan, check: Callable[[], None] = lambda: None
-    ) -> Stream:
+    ) -> FrameSimulator:
         """Frames of a picture; what they share is kept while nothing changes."""
 
-        def compute() -> Stream:
+        def compute() -> FrameSimulator:
             recipe = plan.recipe
             electrons = self.electrons(s, recipe, check)
-            return Stream(electrons, s.exposure, s.camera.sensor, recipe)
+            return FrameSimulator(electrons, s.exposure, s.camera.sensor, recipe)
 
-        return self._streams.get((causes(s), tuple(plan.levels.items())), compute)
+        return self._streams.get((picture_key(s), tuple(plan.levels.items())), compute)
 
 
-def causes(s: Situation) -> Hashable:
+def picture_key(s: Situation) -> Hashable:
     """All that a picture follows from; the time only where something changes with it."""
-    changes = s.shown.moves or s.target.lamp is not None
+    changes = s.panel_content.is_changing or s.target.lamp is not None
     beats = complex(s.path.interference) if s.path else 0j
     return (
         s.camera,
@@ -154,8 +158,8 @@ def causes(s: Situation) -> Hashable:
         s.target,
         # Devices count in hundredths of a nanometre; the last digit is nobody's.
         replace(s.band, centre=round(s.band.centre, 14)),
-        (s.shown.names, s.shown.frame_time),
-        s.moment if changes else 0.0,
+        (s.panel_content.names, s.panel_content.frame_time),
+        s.exposure_start if changes else 0.0,
         s.exposure,
         beats,
         s.numerics,

@@ -10,7 +10,7 @@ from collections import defaultdict
 class Ledger:
     """Counts operations and bytes by the effect that they are for; nothing is ever timed.
 
-    entered: the effects whose code was called. Threads may share one.
+    effects_called: the effects whose code was called. Threads may share one.
     """
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class Ledger:
             self._bytes[effect] += bytes
 
     @property
-    def entered(self) -> frozenset[str]:
+    def effects_called(self) -> frozenset[str]:
         with self._lock:
             return frozenset(self._operations)
 
@@ -48,7 +48,7 @@ class Ledger:
         with self._lock:
             return sum(self._bytes.values())
 
-    def of(self, effect: str) -> float:
+    def operations_of(self, effect: str) -> float:
         """Operations for one effect; 0 for one that wasn't entered."""
         with self._lock:
             return self._operations.get(effect, 0.0)

@@ -22,7 +22,7 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape
 
 Array = NDArray[np.float64]
 
-_SLOPE = 96
+_FADE_SAMPLES = 96
 """Samples over which a PSF fades out beyond the window that is wanted: a Fourier series
 repeats itself, and must not jump there. Of a PSF that fills the window, and has 1.05 times the
 samples that its fringes need, 2e-6 are lost."""
@@ -48,7 +48,7 @@ class Mount:
             raise ValueError(f"rotation is {self.rotation:g} rad; it must be finite")
 
     @property
-    def aligned(self) -> bool:
+    def is_aligned(self) -> bool:
         """Whether the panel sits as if there were nothing to say about it."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
@@ -62,7 +62,7 @@ class Mount:
         """Radians of the rotation beyond its quarter turns."""
         return self.rotation - self._quarters * math.pi / 2
 
-    def lens(self, lens: Lens) -> Lens:
+    def lens_in_panel_axes(self, lens: Lens) -> Lens:
         """The lens, which stays with the sensor, in the panel's axes."""
         stop = replace(
             lens.stop,
@@ -78,10 +78,10 @@ class Mount:
 
     def _point(self, point: Point) -> Point:
         """A place (y, x) before the sensor, in the panel's axes: turned back, and mirrored."""
-        y, x = self.turned_back(*(np.asarray(one) for one in point))
+        y, x = self.to_panel_axes(*(np.asarray(one) for one in point))
         return float(y), float(x)
 
-    def turned_back(self, y: Array, x: Array) -> tuple[Array, Array]:
+    def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
         """Places on the sensor, or frequencies of what falls on it, in the panel's axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
@@ -103,31 +103,31 @@ class Mount:
                     turned[n, order] = turned.get((n, order), 0.0) + part
         return tuple((n, m, path) for (n, m), path in turned.items())
 
-    def place(self, place: Point) -> Point:
+    def place_in_panel_axes(self, place: Point) -> Point:
         """A place (y, x) on the sensor, in the panel's axes."""
         return self._point(place)
 
-    def plane(self, plane: Plane) -> Plane:
+    def plane_in_panel_axes(self, plane: Plane) -> Plane:
         """Where a PSF must be known in the panel's axes, to be known on a square plane around
         the axis in the sensor's. It has as many samples on both sides of the origin."""
         side = max(plane.shape)
         if self._rest:
             turned = abs(math.cos(self._rest)) + abs(math.sin(self._rest))
-            side = math.ceil(side * turned) + 2 * _SLOPE
+            side = math.ceil(side * turned) + 2 * _FADE_SAMPLES
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
-    def turned(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-        """A PSF on `self.plane(plane)`, as the sensor sees it, (rows, columns) of `plane`."""
+    def to_sensor_axes(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
+        """A PSF on `plane_in_panel_axes(plane)`, as the sensor has it, (rows, columns)."""
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
         for _ in range(self._quarters % 4):
             psf = psf.flip(-2).mT
         if self._rest:
-            return _rotated(psf, self._rest, plane)
+            return _resample_rotated(psf, self._rest, plane)
         return centred_crop(psf, plane.shape)
 
 
-def _rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
+def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
     """The Fourier series of a square PSF at the samples of a plane that is turned back."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
@@ -138,17 +138,22 @@ def _rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
     frequencies = Plane((side, side), (1 / (side * pitch),) * 2)
     # They aren't few, but not many either: its way is measured to be nearly three times quicker.
     series = NonuniformTransform(
-        (y * cos - x * sin).ravel(), (x * cos + y * sin).ravel(), frequencies, 1.0, _ERROR, few=True
+        (y * cos - x * sin).ravel(),
+        (x * cos + y * sin).ravel(),
+        frequencies,
+        1.0,
+        _ERROR,
+        few_points=True,
     )
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)
 
 
 def _fading(side: int) -> torch.Tensor:
     """One within, and smoothly down to zero at both ends: Vorbis' window, which decays fast."""
-    ramp = torch.linspace(0, 1, _SLOPE + 1, dtype=torch.float64)
+    ramp = torch.linspace(0, 1, _FADE_SAMPLES + 1, dtype=torch.float64)
     for _ in range(2):
         ramp = torch.sin(math.pi / 2 * ramp) ** 2
     fading = torch.ones(side, dtype=torch.float64)
-    fading[: _SLOPE + 1] *= ramp
-    fading[-_SLOPE - 1 :] *= ramp.flip(0)
+    fading[: _FADE_SAMPLES + 1] *= ramp
+    fading[-_FADE_SAMPLES - 1 :] *= ramp.flip(0)
     return fading

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from optics.camera import Panel
-from optics.sensor import Shot, Stages
+from optics.sensor import ShotNoise, Stages
 from simulator.situation import Situation
 
 SMALLEST_WINDOW = 64
@@ -25,20 +25,20 @@ class Recipe:
     0 of the leak is none; 1 of the others is one.
 
     Light: `occlusion` whether near things hide far ones at their blurred edges, or are added;
-    `wave` diffraction, or the geometric blur of the same wavefront; `orders` of the pixel grid on
+    `diffraction` it, or the geometric blur of the same wavefront; `orders` of the pixel grid on
     each side; `vignetting`; `lamp` whether the lamp's waveform weighs times and rows; `rolling`
     whether rows are exposed in turn; `glare` whether a part of the light veils all pixels.
 
     Window: PSF's side in sensor pixels, and samples of the light in a pixel along each axis;
-    `drawn`: of pictures before they are blurred, if that is more.
+    `picture_samples_per_pixel`: of pictures before they are blurred, if that is more.
 
     Sensor: in the order of the physics.
     """
 
     panel: Panel
     window: int
-    finer: int
-    drawn: int = 1
+    samples_per_pixel: int
+    picture_samples_per_pixel: int = 1
     dispersion: bool = False
     crystal: bool = False
     interference: bool = False
@@ -48,7 +48,7 @@ class Recipe:
     occlusion: bool = False
     places: int = 1
     motion: int = 1
-    wave: bool = False
+    diffraction: bool = False
     orders: int = 0
     vignetting: bool = False
     lamp: bool = False
@@ -58,13 +58,13 @@ class Recipe:
     mosaic: bool = False
     dark_current: bool = False
     fixed_pattern: bool = False
-    shot: Shot = "none"
+    shot: ShotNoise = "none"
     clipping: bool = False
     read_noise: bool = False
     quantisation: bool = False
 
     @staticmethod
-    def barest(s: Situation) -> Recipe:
+    def minimal(s: Situation) -> Recipe:
         """An ideal panel and lens at one wavelength, place and time, and a sensor that counts
         electrons."""
         return Recipe(s.ideal_panel, SMALLEST_WINDOW, s.coarsest_sampling)
@@ -81,6 +81,6 @@ class Recipe:
             self.quantisation,
         )
 
-    def having(self, **changes: object) -> Recipe:
+    def with_changes(self, **changes: object) -> Recipe:
         """The same with some entries changed."""
         return replace(self, **changes)  # type: ignore[arg-type]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from optics.camera import Sensor
 from optics.sensor import Stages
-from optics.sensor.chain import FEW, Collected, collected
-from optics.sensor.drawing import electrons_of
+from optics.sensor.frame_sampling import electrons_from_normal
+from optics.sensor.stages import FEW_ELECTRONS, CollectedCharge, collect_electrons
 from optics.threads import single_threaded
 from simulator.recipe import Recipe
 
@@ -36,7 +36,7 @@ _SURELY_SKEWED = 1e4
 as it is: they are 1e-8 apart, and 1e-6 together with read noise."""
 
 
-class Stream:
+class FrameSimulator:
     """Draws frames of one picture, exposure and set of stages; keeps all that they share.
 
     electrons: expected from light on each pixel over the exposure, (rows, columns). recipe:
@@ -57,7 +57,7 @@ class Stream:
     ) -> None:
         if threads < 1:
             raise ValueError(f"threads is {threads}; one at least has to draw")
-        held = collected(electrons, exposure, sensor, recipe.stages)
+        held = collect_electrons(electrons, exposure, sensor, recipe.stages)
         self._shape = tuple(electrons.shape)
         mean, offset = held.electrons.flatten(), _offsets(held)
         self._blocks = [
@@ -99,7 +99,7 @@ def _parts(count: int) -> list[slice]:
     return [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
 
 
-def _offsets(held: Collected) -> torch.Tensor | None:
+def _offsets(held: CollectedCharge) -> torch.Tensor | None:
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
@@ -154,7 +154,7 @@ class _Stepwise:
         self._mean = mean.to(torch.float32)
         self._offset = None if offset is None else offset.to(torch.float32)
         self._shot: Literal["Gaussian", "skewed"] = _shot(stages)
-        self._few = (mean < _poisson_below(stages)).nonzero().flatten()
+        self._few = (mean < _poisson_limit(stages)).nonzero().flatten()
         self._well = sensor.full_well if stages.clipping else math.inf
         self._read = sensor.read_noise if stages.read_noise else 0.0
         self._gain, self._black = sensor.gain, sensor.black_level
@@ -177,7 +177,7 @@ class _Stepwise:
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
-        held = electrons_of(self._mean, noise, self._shot)
+        held = electrons_from_normal(self._mean, noise, self._shot)
         if len(self._few):
             held[self._few] = torch.poisson(self._mean[self._few], generator=generator)
         return held
@@ -186,8 +186,8 @@ class _Stepwise:
 _Block = _Still | _Normal | _Stepwise
 
 
-def _poisson_below(stages: Stages) -> float:
-    return _SURELY_SKEWED if stages.shot == "Poisson" else FEW
+def _poisson_limit(stages: Stages) -> float:
+    return _SURELY_SKEWED if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
@@ -207,7 +207,9 @@ def _block(
     held = mean.clamp(max=sensor.full_well) if stages.clipping else mean
     reach = _SURELY * (mean + 1).sqrt()
     full = mean - reach > sensor.full_well if stages.clipping else mean < 0
-    if chancy and bool(((mean > 0) & ~full & ~_plain(mean, reach, read, sensor, stages)).any()):
+    if chancy and bool(
+        ((mean > 0) & ~full & ~_can_merge_noises(mean, reach, read, sensor, stages)).any()
+    ):
         return _Stepwise(mean, offset, sensor, stages)
     shot = torch.where(full, 0.0, mean) if chancy else torch.zeros_like(mean)
     number = (held if offset is None else held + offset) / sensor.gain + sensor.black_level
@@ -219,12 +221,12 @@ def _block(
     return _Normal(number, varied.sqrt() / sensor.gain, bend)
 
 
-def _plain(
+def _can_merge_noises(
     mean: torch.Tensor, reach: torch.Tensor, read: float, sensor: Sensor, stages: Stages
 ) -> torch.Tensor:
     """Where shot and read noise may be drawn as one: many electrons, of which nobody sees that
     they are whole, and surely no full well."""
-    many = mean >= max(_poisson_below(stages), _BENT_ALONE)
+    many = mean >= max(_poisson_limit(stages), _BENT_ALONE)
     smooth = read >= _SMOOTH
     clear = (mean + reach < sensor.full_well) if stages.clipping else torch.ones_like(many)
     return many & clear & smooth

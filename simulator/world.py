@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Clock
 from optics.camera import Camera
-from optics.edge import require_positive
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
+from optics.validation import require_positive
 from simulator.clock import VirtualClock
 from simulator.faults import Fault, FaultScript
 from simulator.imaging import MEMORY, Imaging
 from simulator.mount import Mount
+from simulator.panel_content import PanelContent
 from simulator.planning import EffectPlan
-from simulator.planning.plan import EFFECTS_SHARE
+from simulator.planning.effect_plan import EFFECTS_SHARE
 from simulator.scene import Scene
-from simulator.shown import Shown
 from simulator.situation import Situation
-from simulator.streaming import Stream
+from simulator.streaming import FrameSimulator
 
 TYPICAL_EXPOSURE = 0.01
 """Seconds for which a plan is made where nobody says another exposure."""
@@ -62,7 +62,7 @@ class World:
         self.faults = FaultScript(faults)
         self.band = Band(550e-9, 7e-9)
         self.target = next(iter(scene.targets))
-        self.begin(0, 0, 0)
+        self.begin_frame(0, 0, 0)
         self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
         self.force(forced or {})
 
@@ -96,15 +96,17 @@ class World:
     def bandwidth(self, bandwidth: float) -> None:
         self.band = replace(self.band, fwhm=bandwidth)
 
-    def begin(self, run: int, step: int, frame: int, *, index: int = 0, moment: float = 0) -> None:
+    def begin_frame(
+        self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
+    ) -> None:
         """A frame of a run is about to be taken: its chance and its time follow from this alone.
 
-        index: of the planned frame. moment: seconds of the plan at which its exposure begins.
+        index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
         self._seed, self._draws = [run, step, frame], 0
-        self.faults.frame, self._moment = index, moment
+        self.faults.frame, self._exposure_start = index, start_time
 
-    def chance(self) -> torch.Generator:
+    def random_generator(self) -> torch.Generator:
         """Chance for one picture; each that is asked for is another one."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
@@ -113,7 +115,7 @@ class World:
     @property
     def grey(self) -> NDArray[np.uint8]:
         """What the panel shows, (rows, columns); of a video, its first frame."""
-        return self._shown.first
+        return self._panel_content.first
 
     @grey.setter
     def grey(self, grey: NDArray[np.uint8]) -> None:
@@ -121,7 +123,7 @@ class World:
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
         """Show frames (n, rows, columns) in turn for `frame_time` seconds each."""
-        self._shown = Shown.of(video, frame_time)
+        self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
         """All that a picture of an exposure in seconds follows from, as things stand.
@@ -134,8 +136,8 @@ class World:
             self.mount,
             self.scene.targets[self.target],
             self.band,
-            self._shown,
-            self._moment,
+            self._panel_content,
+            self._exposure_start,
             exposure,
             self.path,
             numerics=max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5),
@@ -143,7 +145,7 @@ class World:
 
     def effect_plan(
         self,
-        shown: NDArray[np.uint8],
+        pattern: NDArray[np.uint8],
         wavelength: float,
         exposure: float = TYPICAL_EXPOSURE,
         target: str | None = None,
@@ -153,11 +155,13 @@ class World:
 
         target, bandwidth: those that are there now if None. Nothing is rendered.
         """
-        frames = shown if shown.ndim == 3 else shown[None]
-        video = Shown.of(frames, 1 / self.camera.panel.frame_rate if len(frames) > 1 else math.inf)
+        frames = pattern if pattern.ndim == 3 else pattern[None]
+        video = PanelContent.of(
+            frames, 1 / self.camera.panel.frame_rate if len(frames) > 1 else math.inf
+        )
         asked = replace(
             self.situation(exposure),
-            shown=video,
+            panel_content=video,
             band=replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth),
             target=self.scene.targets[target or self.target],
         )
@@ -168,11 +172,11 @@ class World:
 
         Seen through the filter where it passes best, as by an instrument behind it.
         """
-        lit = self.scene.targets[self.target].lit()
-        light: NDArray[np.float64] = lit.at(wavelengths) * self.band.passes(wavelengths)
+        lit = self.scene.targets[self.target].reflected_radiance()
+        light: NDArray[np.float64] = lit.at(wavelengths) * self.band.total_transmission(wavelengths)
         return light
 
-    def light(
+    def electron_rates(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
         """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan.
@@ -181,17 +185,19 @@ class World:
         check: is called between the steps of a long computation, and may raise.
         """
         # The devices may be set anew while the light of this state is still computed.
-        s, plan = self._planned(exposure, check)
+        s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.electrons(s, plan.recipe, check) / exposure, plan
 
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
-    ) -> tuple[Stream, EffectPlan]:
+    ) -> tuple[FrameSimulator, EffectPlan]:
         """What draws frames of an exposure, as things stand, and the plan."""
-        s, plan = self._planned(exposure, check)
+        s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 
-    def _planned(self, exposure: float, check: Callable[[], None]) -> tuple[Situation, EffectPlan]:
+    def _situation_and_plan(
+        self, exposure: float, check: Callable[[], None]
+    ) -> tuple[Situation, EffectPlan]:
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

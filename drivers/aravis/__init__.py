@@ -7,6 +7,6 @@ also runs on the system's Python where this one has no gi.
 from __future__ import annotations
 
 from drivers.aravis.camera import AravisCamera
-from drivers.aravis.link import found_cameras
+from drivers.aravis.library_process import find_cameras
 
-__all__ = ["AravisCamera", "found_cameras"]
+__all__ = ["AravisCamera", "find_cameras"]

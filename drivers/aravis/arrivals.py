@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-_DRIFT = 1e-4
+_MAX_CLOCK_DRIFT = 1e-4
 """By which part a camera's clock may be slow."""
 
 
-class Bad(Exception):
+class BadFrame(Exception):
     """A frame that can't be taken. kind: the name it is counted under."""
 
     def __init__(self, kind: str, words: str) -> None:
@@ -16,12 +16,12 @@ class Bad(Exception):
         self.kind = kind
 
 
-class Arrivals:
+class FrameArrivals:
     """Of a stream that has just begun. A note: what the library tells of a frame."""
 
     def __init__(self) -> None:
         self._last: int | None = None
-        self._between: tuple[float, float] | None = None
+        self._clock_offset: tuple[float, float] | None = None
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
         """Whether it is the one that was triggered: no other has come from this stream."""
@@ -31,11 +31,11 @@ class Arrivals:
         if last is not None and not follows(number, last):
             if number == last:
                 return False
-            raise Bad("out of order", f"number {number} after {last}")
+            raise BadFrame("out of order", f"number {number} after {last}")
         self._last = number
         return True
 
-    def gap_before(self, note: dict[str, Any]) -> int:
+    def frames_lost_before(self, note: dict[str, Any]) -> int:
         """How many frames never arrived before this one, by their numbers."""
         number, last = note["number"], self._last
         self._last = number
@@ -44,7 +44,7 @@ class Arrivals:
         around = 65535 if last < 65536 and number < last else 0
         return max(1, number + around - last - 1)
 
-    def left(self, note: dict[str, Any]) -> float:
+    def departure_time(self, note: dict[str, Any]) -> float:
         """When a frame left the camera, by both clocks: a busy computer notices it later.
 
         The camera's clock counts from anywhere; the least that one was ever behind the other
@@ -55,10 +55,10 @@ class Arrivals:
             return arrived
         stamp = note["stamp"] * 1e-9
         between = arrived - stamp
-        if self._between is not None:
-            least, when = self._between
-            between = min(between, least + _DRIFT * max(0.0, arrived - when))
-        self._between = between, arrived
+        if self._clock_offset is not None:
+            least, when = self._clock_offset
+            between = min(between, least + _MAX_CLOCK_DRIFT * max(0.0, arrived - when))
+        self._clock_offset = between, arrived
         return stamp + between
 
 

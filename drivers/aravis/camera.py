@@ -8,14 +8,20 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
-from drivers.aravis.link import Gone, Link, opened
-from drivers.aravis.options import Options, Trigger
-from drivers.aravis.settings import OFF, Settings
-from drivers.aravis.taking import ASKING, Taken, Taking, microseconds, set_exposure
+from drivers.aravis.acquisition import (
+    REPLY_TIMEOUT,
+    AcquiredFrame,
+    FrameAcquisition,
+    set_exposure,
+    to_microseconds,
+)
+from drivers.aravis.applied_settings import SETTING_TOLERANCE, AppliedSettings
+from drivers.aravis.camera_options import AravisOptions, Trigger
+from drivers.aravis.library_process import AravisProcess, CameraLost, open_camera
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
-_PATIENCE = 2.0
+_OPEN_TIMEOUT = 2.0
 """Seconds for which a camera is tried to be opened: one forgets its last owner after 1.5."""
 
 
@@ -37,7 +43,7 @@ class AravisCamera:
 
     The library has a process of its own, which is killed when it hangs; the next call starts
     another and opens the camera anew, which must have the same serial number. A frame is taken
-    only as `Taking` tells.
+    only as `FrameAcquisition` tells.
     """
 
     settling = 0.0
@@ -60,7 +66,7 @@ class AravisCamera:
         trigger_wait_s: float = 5.0,
         electrons_per_number: float = 1.0,
     ) -> None:
-        self._options = Options(
+        self._options = AravisOptions(
             address,
             pixel_format,
             gain_db,
@@ -78,10 +84,10 @@ class AravisCamera:
         )
         self._clock = surroundings.clock
         self._model = f"camera {address}".strip()
-        self._link: Link | None = None
-        self._made: Taking | None = None
-        self._set_so: Settings | None = None
-        self._asked: float | None = None
+        self._link: AravisProcess | None = None
+        self._open_acquisition: FrameAcquisition | None = None
+        self._applied_settings: AppliedSettings | None = None
+        self._requested_exposure: float | None = None
         self._counts: Counter[str] = Counter()
         self._number = self._camera_number = 0
         self.alive_at = 0.0
@@ -90,25 +96,25 @@ class AravisCamera:
 
     @property
     def identity(self) -> Identity:
-        set_ = self._set_so
+        set_ = self._applied_settings
         return Identity(self._model, "", simulated=False) if set_ is None else set_.identity
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self._taking.shape
+        return self._acquisition.shape
 
     @property
     def pixel_format(self) -> str:
-        return self._taking.form.name
+        return self._acquisition.pixel_format.name
 
     @property
     def bayer(self) -> str:
         """Colours of the mosaic's first two pixels, such as RG; empty if it has none."""
-        return self._taking.form.bayer
+        return self._acquisition.pixel_format.bayer
 
     @property
     def full_scale(self) -> int:
-        return self._taking.form.full_scale
+        return self._acquisition.pixel_format.full_scale
 
     @property
     def exposure_range(self) -> tuple[float, float]:
@@ -122,11 +128,11 @@ class AravisCamera:
     @property
     def exposure(self) -> float:
         """Seconds, as the camera itself reads it back."""
-        return self._taking.exposure
+        return self._acquisition.exposure
 
     @property
     def frame_time(self) -> float:
-        return self._taking.frame_time
+        return self._acquisition.frame_time
 
     @property
     def counts(self) -> Counter[str]:
@@ -135,32 +141,32 @@ class AravisCamera:
 
     def set_exposure(self, exposure: float) -> Setting[float]:
         command = f"expose {exposure * 1e3:g} ms"
-        with self._watched(command):
-            taking = self._ready()
+        with self._translate_errors(command):
+            taking = self._ensure_open()
             low, high = self.exposure_range
             if not low <= exposure <= high:
                 reply = f"out of range, {low * 1e3:g} to {high * 1e3:g} ms"
                 raise self._error(command, reply, "Choose an exposure in the range")
-            actual = taking.exposure = set_exposure(taking.link, microseconds(exposure))
-            taking.changed()
-            if abs(actual - exposure) > OFF * exposure:
+            actual = taking.exposure = set_exposure(taking.link, to_microseconds(exposure))
+            taking.mark_settings_changed()
+            if abs(actual - exposure) > SETTING_TOLERANCE * exposure:
                 reply = f"it has set {actual * 1e3:g} ms"
                 raise self._error(command, reply, "Look at its frame rate and its other limits")
-            self._asked = exposure
+            self._requested_exposure = exposure
             return Setting(exposure, actual, self._clock.now())
 
     def set_gain(self, gain_db: float) -> Setting[float]:
         """Decibels; the gain that stands when it is opened is the option's."""
-        with self._watched("set gain"):
-            taking = self._ready()
+        with self._translate_errors("set gain"):
+            taking = self._ensure_open()
             actual = self._settings.set_gain(gain_db)
-            taking.changed()
+            taking.mark_settings_changed()
             return Setting(gain_db, actual, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """A picture whose exposure begins after this is called."""
-        with self._watched("capture"):
-            return self._frame(self._ready().take(cancelled))
+        with self._translate_errors("capture"):
+            return self._build_frame(self._ensure_open().take(cancelled))
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
         """The next picture of a free-running camera, none left out that wasn't counted.
@@ -169,28 +175,28 @@ class AravisCamera:
         """
         if self._options.trigger == "software":
             raise self._error("next frame", "it isn't free-running", "Use capture()")
-        with self._watched("next frame"):
-            return self._frame(self._ready().following(cancelled))
+        with self._translate_errors("next frame"):
+            return self._build_frame(self._ensure_open().take_next(cancelled))
 
     def health(self) -> dict[str, str]:
-        with self._watched("health"):
-            link = self._ready().link
+        with self._translate_errors("health"):
+            link = self._ensure_open().link
             facts = self._settings.facts
             told = {name: str(facts[name]) for name in ("vendor", "model", "serial", "protocol")}
             told["pixel format"] = self.pixel_format
-            told["packet size"] = str(self._settings.packets)
-            told["tells exposure"] = "yes" if self._taking.tells else "no"
-            told |= link.ask("health", within=ASKING)
+            told["packet size"] = str(self._settings.packet_size)
+            told["tells exposure"] = "yes" if self._acquisition.reports_exposure else "no"
+            told |= link.ask("health", timeout=REPLY_TIMEOUT)
             told |= {f"frames {kind}": str(count) for kind, count in self._counts.items()}
-            counted = link.ask("counts", within=ASKING)
+            counted = link.ask("counts", timeout=REPLY_TIMEOUT)
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
         """Stop exposing."""
         if self._link is None:
             return
-        with self._watched("stop"):
-            self._taking.stop()
+        with self._translate_errors("stop"):
+            self._acquisition.stop()
 
     def kill(self) -> None:
         """End the library's process; from any thread. The next call starts another one."""
@@ -198,69 +204,73 @@ class AravisCamera:
         if link is not None:
             link.kill()
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
         link = self._link
-        return None if link is None else link.gone()
+        return None if link is None else link.unplugged_reason()
 
     def __enter__(self) -> Self:
-        with self._watched("open"):
-            self._ready()
+        with self._translate_errors("open"):
+            self._ensure_open()
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._let_go()
+        self._disconnect()
 
     @property
-    def _settings(self) -> Settings:
-        if self._set_so is None:
+    def _settings(self) -> AppliedSettings:
+        if self._applied_settings is None:
             raise self._error("ask", "it is not open", "Open it")
-        return self._set_so
+        return self._applied_settings
 
     @property
-    def _taking(self) -> Taking:
-        if self._made is None:
+    def _acquisition(self) -> FrameAcquisition:
+        if self._open_acquisition is None:
             raise self._error("ask", "it is not open", "Open it")
-        return self._made
+        return self._open_acquisition
 
-    def _ready(self) -> Taking:
+    def _ensure_open(self) -> FrameAcquisition:
         """The camera as it was set, opened again if it had gone."""
         if self._link is not None:
-            return self._taking
-        link = opened(self._model, self._options.address, _PATIENCE)
+            return self._acquisition
+        link = open_camera(self._model, self._options.address, _OPEN_TIMEOUT)
         try:
-            self._made = self._set_up(link)
+            self._open_acquisition = self._set_up(link)
         except BaseException:
             link.kill()
             link.close()
             raise
         self._link = link
-        return self._made
+        return self._open_acquisition
 
-    def _set_up(self, link: Link) -> Taking:
-        settings = Settings(link, self._options, self._set_so)
-        self._set_so, self._model = settings, link.model
-        first = link.ask("exposure", within=ASKING)
-        us = float(first) if self._asked is None else microseconds(self._asked)
-        return Taking(
+    def _set_up(self, link: AravisProcess) -> FrameAcquisition:
+        settings = AppliedSettings(link, self._options, self._applied_settings)
+        self._applied_settings, self._model = settings, link.model
+        first = link.ask("exposure", timeout=REPLY_TIMEOUT)
+        us = (
+            float(first)
+            if self._requested_exposure is None
+            else to_microseconds(self._requested_exposure)
+        )
+        return FrameAcquisition(
             link,
             self._options,
-            settings.form,
+            settings.pixel_format,
             settings.region,
             set_exposure(link, us),
-            settings.tells,
+            settings.reports_exposure,
             self.reply_time,
-            self._got_on,
+            self._note_progress,
             self._counts,
         )
 
-    def _frame(self, taken: Taken) -> Frame:
+    def _build_frame(self, taken: AcquiredFrame) -> Frame:
         began = self._clock.now() - (time.monotonic() - taken.began)
         gain = self._options.electrons_per_number / 10 ** (self._settings.gain / 20)
-        number = self._counted(taken.number)
-        return Frame(taken.image, self._taking.exposure, gain, began, number)
+        number = self._unwrap_number(taken.number)
+        return Frame(taken.image, self._acquisition.exposure, gain, began, number)
 
-    def _counted(self, number: int) -> int:
+    def _unwrap_number(self, number: int) -> int:
         """The camera's count, which may end at 65535 (GigE Vision 1) or begin anew, going on.
 
         What has the number of the frame before isn't taken in the first place.
@@ -270,26 +280,26 @@ class AravisCamera:
         self._camera_number = number
         return self._number
 
-    def _got_on(self, seconds: float) -> None:
+    def _note_progress(self, seconds: float) -> None:
         """It goes on, and will be busy for some seconds."""
         self.alive_at = time.monotonic() + seconds
 
-    def _let_go(self) -> None:
+    def _disconnect(self) -> None:
         link, self._link = self._link, None
         if link is not None:
             link.close()
 
     @contextlib.contextmanager
-    def _watched(self, command: str) -> Iterator[None]:
+    def _translate_errors(self, command: str) -> Iterator[None]:
         """What is gone is opened again at the next call."""
         try:
             yield
-        except Gone:
-            self._let_go()
+        except CameraLost:
+            self._disconnect()
             raise
         except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
             self.kill()
-            self._let_go()
+            self._disconnect()
             reply = f"{type(error).__name__}: {error}"
             raise self._error(command, reply, "Take it again") from error
 

@@ -15,10 +15,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cs2000.link import LONGEST, CodeError, Link
-from drivers.cs2000.measuring import COMMAND, OVERTIME, Measuring
-from drivers.cs2000.options import NDS, chosen
-from drivers.cs2000.spectrum import numbers, read_spectrum
+from drivers.cs2000.command_client import LONGEST_REPLY_BITS, CodeError, CS2000Client
+from drivers.cs2000.instrument_settings import NDS, settings_from_options
+from drivers.cs2000.measurement import COMMAND, OVERTIME, CS2000Measurement
+from drivers.cs2000.spectrum import parse_hex_floats, read_spectrum
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Spectrum, Surroundings
 from drivers.serial_line import SerialLine
@@ -62,7 +62,7 @@ class CS2000:
         close_up_lens: bool = False,
         rtscts: bool = True,
     ) -> None:
-        self._wanted = chosen(
+        self._requested_settings = settings_from_options(
             port,
             baudrate,
             mode=mode,
@@ -79,9 +79,9 @@ class CS2000:
         self._line = SerialLine(
             "Konica Minolta CS-2000", port, self._clock, baudrate=baudrate, rtscts=rtscts
         )
-        self._link = Link(self._line, baudrate, self._check)
+        self._link = CS2000Client(self._line, baudrate, self._check)
         # Time to come to rest, to answer once as late as it may, and to tell a spectrum thrice.
-        self.reply_time = 2 * self._link.patience + 10 + 12 * LONGEST / baudrate
+        self.reply_time = 2 * self._link.reply_timeout + 10 + 12 * LONGEST_REPLY_BITS / baudrate
         self._identity = Identity(self._line.model, "", simulated=False)
         self.alive_at = 0.0
 
@@ -102,17 +102,17 @@ class CS2000:
         DeviceError if the light is too bright or too irregular, if a value couldn't be
         computed, or if it was cancelled.
         """
-        measuring = Measuring(self._link, cancelled, self._got_on)
+        measuring = CS2000Measurement(self._link, cancelled, self._note_progress)
         began = self._clock.now()
         with self._line.within(self.reply_time):
-            seconds = self._link.persistently(COMMAND, measuring.start)
+            seconds = self._link.call_with_retry(COMMAND, measuring.start)
             started = self._clock.now()
         with self._line.within(seconds + OVERTIME + 1):
             measuring.await_end(seconds)
         spent = started - began
-        with self._line.within(max(self.reply_time - spent, self._link.patience)):
-            conditions = self._link.persistently(COMMAND, self._conditions)
-            values = self._link.persistently(COMMAND, lambda: read_spectrum(self._link, COMMAND))
+        with self._line.within(max(self.reply_time - spent, self._link.reply_timeout)):
+            conditions = self._link.call_with_retry(COMMAND, self._read_conditions)
+            values = self._link.call_with_retry(COMMAND, lambda: read_spectrum(self._link, COMMAND))
         integration, dimmed, angle = conditions
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
@@ -121,11 +121,11 @@ class CS2000:
         command = "read X, Y, Z"
 
         def read() -> list[float]:
-            found = self._link.agreed("MEDR,2,1,1", "([0-9A-F]{8},?){3}", command)
-            return numbers(self._link, found[0].split(","), command)
+            found = self._link.confirmed_reply("MEDR,2,1,1", "([0-9A-F]{8},?){3}", command)
+            return parse_hex_floats(self._link, found[0].split(","), command)
 
         with self._line.within(self.reply_time):
-            x, y, z = self._link.persistently(command, read)
+            x, y, z = self._link.call_with_retry(command, read)
         return x, y, z
 
     def health(self) -> dict[str, str]:
@@ -133,8 +133,10 @@ class CS2000:
         command = "health"
 
         def read() -> dict[str, str]:
-            angle = int(self._link.agreed("STSR", "[0-2]", command)[0])
-            date = self._link.agreed("DTCR", "([0-9]{4})([0-9]{2})([0-9]{2}),[0-9]{6}", command)
+            angle = int(self._link.confirmed_reply("STSR", "[0-2]", command)[0])
+            date = self._link.confirmed_reply(
+                "DTCR", "([0-9]{4})([0-9]{2})([0-9]{2}),[0-9]{6}", command
+            )
             return {
                 "serial number": self._identity.serial,
                 "measuring angle": f"{_ANGLES[angle]:g}°",
@@ -142,11 +144,11 @@ class CS2000:
             }
 
         with self._line.within(self.reply_time):
-            return self._link.persistently(command, read)
+            return self._link.call_with_retry(command, read)
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._line.gone()
+        return self._line.unplugged_reason()
 
     def make_safe(self) -> None:
         """Have it measure no more."""
@@ -181,7 +183,7 @@ class CS2000:
 
     def _check(self, command: str) -> None:
         """That it is the same instrument, and set as wanted."""
-        found = self._link.agreed(
+        found = self._link.confirmed_reply(
             "IDDR", "([A-Z]{2}-[0-9]{4}[A-Z ]{2}),([0-9]),([0-9]{7})", command
         )
         identity = Identity(f"Konica Minolta {found[1].strip()}", found[3], simulated=False)
@@ -195,32 +197,37 @@ class CS2000:
             )
         self._identity, self._line.model = identity, identity.model
         self._link.ask("MSWE,0", command)
-        self._link.set("NDFS", str(self._wanted.external_nd), "NDFR", command)
-        self._link.set("LNSS", str(self._wanted.lens), "LNSR", command)
-        self._link.set("SCMS", self._wanted.sync, "SCMR", command)
+        self._link.set("NDFS", str(self._requested_settings.external_nd), "NDFR", command)
+        self._link.set("LNSS", str(self._requested_settings.lens), "LNSR", command)
+        self._link.set("SCMS", self._requested_settings.sync, "SCMR", command)
         self._set_speed(command)
 
     def _set_speed(self, command: str) -> None:
         try:
-            self._link.set("SPMS", f"{self._wanted.speed},{self._wanted.nd}", "SPMR", command)
+            self._link.set(
+                "SPMS",
+                f"{self._requested_settings.speed},{self._requested_settings.nd}",
+                "SPMR",
+                command,
+            )
         except CodeError as error:
             if (
                 error.code != "00"
-                or self._wanted.nd != NDS["auto"]
-                or self._wanted.speed[0] not in "012"
+                or self._requested_settings.nd != NDS["auto"]
+                or self._requested_settings.speed[0] not in "012"
             ):
                 raise
             # Firmware up to 1.01 chooses its filter itself, and can't be told so.
-            self._link.set("SPMS", self._wanted.speed, "SPMR", command)
+            self._link.set("SPMS", self._requested_settings.speed, "SPMR", command)
 
-    def _got_on(self) -> None:
+    def _note_progress(self) -> None:
         self.alive_at = time.monotonic()
 
-    def _conditions(self) -> tuple[float, bool, float]:
+    def _read_conditions(self) -> tuple[float, bool, float]:
         """Integration time, whether the internal filter was in, and angle of a measurement."""
-        found = self._link.agreed("MEDR,0,0,1", _CONDITIONS, COMMAND)
+        found = self._link.confirmed_reply("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])
-        want = self._wanted
+        want = self._requested_settings
         wanted = (want.speed[0], want.sync[0], str(want.lens), str(want.external_nd))
         integration = int(found[3]) * 1e-6
         if told != wanted or not 0 < integration <= 121:

@@ -7,30 +7,30 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cs2000.link import Link
+from drivers.cs2000.command_client import CS2000Client
 
 _BLOCKS = (100, 100, 100, 101)
 """How many of the 401 values each block has. The last differs, so that blocks can't shift."""
 
-_FAILED = "D1BA43B6"
+_FAILED_VALUE = "D1BA43B6"
 """What it tells of a value that it couldn't compute."""
 
-_BRIGHTEST = 1e7
+_MAX_RADIANCE = 1e7
 """W/(sr m² nm) that nothing has which the instrument can look at, filters and all."""
 
 
-def read_spectrum(link: Link, command: str) -> NDArray[np.float64]:
+def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
     """The 401 values in W/(sr m² nm), told twice the same."""
-    before = _all_blocks(link, command)
+    before = _read_all_blocks(link, command)
     for _ in range(2):
-        texts = _all_blocks(link, command)
+        texts = _read_all_blocks(link, command)
         if texts == before:
             break
         before = texts
     else:
         raise link.line.error(command, "it tells the spectrum now so, now otherwise")
-    values = np.array(numbers(link, texts, command))
-    if values.max() > _BRIGHTEST or values.min() < -max(1e-4, 0.01 * values.max()):
+    values = np.array(parse_hex_floats(link, texts, command))
+    if values.max() > _MAX_RADIANCE or values.min() < -max(1e-4, 0.01 * values.max()):
         raise link.line.error(
             command,
             f"the radiance is from {values.min():.3g} to {values.max():.3g} W/(sr m² nm)",
@@ -39,19 +39,19 @@ def read_spectrum(link: Link, command: str) -> NDArray[np.float64]:
     return values
 
 
-def _all_blocks(link: Link, command: str) -> list[str]:
+def _read_all_blocks(link: CS2000Client, command: str) -> list[str]:
     texts: list[str] = []
     for number, count in enumerate(_BLOCKS, start=1):
-        block = link.ask(f"MEDR,1,1,{number}", command, long=True).split(",")
+        block = link.ask(f"MEDR,1,1,{number}", command, is_long=True).split(",")
         if len(block) != count or any(len(text) != 8 for text in block):
             raise link.line.error(command, f"block {number} has {len(block)} values")
         texts += block
     return texts
 
 
-def numbers(link: Link, texts: list[str], command: str) -> list[float]:
+def parse_hex_floats(link: CS2000Client, texts: list[str], command: str) -> list[float]:
     """What hexadecimal digits mean; DeviceError where that is no number."""
-    if _FAILED in texts:
+    if _FAILED_VALUE in texts:
         raise link.line.error(
             command, "it couldn't compute a value", "Measure again; check the light"
         )

@@ -5,39 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from drivers.hosted.failures import Failure
+from drivers.hosted.failures import RemoteFailure
 
 
-class Request(NamedTuple):
+class CallRequest(NamedTuple):
     """Something that the other process shall do."""
 
     name: str
-    given: Sequence[Any] = ()
+    arguments: Sequence[Any] = ()
 
 
-class News(NamedTuple):
+class Notification(NamedTuple):
     """The same, but nobody waits for what comes of it."""
 
     name: str
-    given: Sequence[Any] = ()
+    arguments: Sequence[Any] = ()
 
 
-class Answer(NamedTuple):
+class CallResult(NamedTuple):
     """What came of it, or of the whole process: a value, or an exception."""
 
     value: Any = None
-    failure: Failure | None = None
+    failure: RemoteFailure | None = None
 
     def result(self) -> Any:
         """The value. What was raised there is raised here if it is known, else RuntimeError."""
         if self.failure is None:
             return self.value
-        raise self.failure.known() or RuntimeError(self.failure.said)
+        raise self.failure.to_exception() or RuntimeError(self.failure.message)
 
 
-def answer_of(act: Callable[..., Any], *given: Any) -> Answer:
+def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
     """What a call gives back or raises, to be sent."""
     try:
-        return Answer(act(*given))
+        return CallResult(act(*given))
     except BaseException as error:
-        return Answer(failure=Failure.of(error))
+        return CallResult(failure=RemoteFailure.from_exception(error))

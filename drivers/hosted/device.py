@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted.calls import Answer, Request
-from drivers.hosted.channel import FLAGS, Channel
-from drivers.hosted.flags import replaced
+from drivers.hosted.calls import CallRequest, CallResult
+from drivers.hosted.child_process import ChildProcess, ProcessEnded
+from drivers.hosted.flags import replace_callable
 from drivers.hosted.parcels import Parcel, pack
-from drivers.hosted.process import Ended, Process
+from drivers.hosted.shared_memory_channel import FLAG_COUNT, SharedMemoryChannel
 
 if TYPE_CHECKING:
     from typing import Self
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 _REMEDY = "Look at the device and at what its process wrote, and open it again"
 
 
-class Hosted:
+class HostedDevice:
     """A device in a process of its own: whatever its library does, it can be killed.
 
     surroundings: of real devices; ValueError if they are virtual. model: the name in errors.
     factory: "module:attribute" of a callable `factory(surroundings, **options)`, which only
-    the device's process imports. opening: seconds that making it may take at most, and
-    entering it again. replying: seconds that any other call may take at most; for ever if
+    the device's process imports. open_timeout: seconds that making it may take at most, and
+    entering it again. reply_timeout: seconds that any other call may take at most; for ever if
     it isn't given.
 
     The constructor starts the process and makes the device: what the factory raises, or its
@@ -41,7 +41,7 @@ class Hosted:
 
     Public methods and attributes are the device's own, called and read there one at a time,
     in the process's main thread; attributes can't be set. A call waits for as long as the
-    device takes, unless `replying` says otherwise: whoever can't wait calls `kill()`.
+    device takes, unless `reply_timeout` says otherwise: whoever can't wait calls `kill()`.
     Arguments and answers are copies. A callable among a method's arguments (`cancelled`) is
     asked here every 20 ms, and its place is taken there by one that turns true after it, or
     when this process is gone. A device that has something to do between two calls has a
@@ -60,29 +60,29 @@ class Hosted:
         factory: str,
         options: Mapping[str, Any],
         *,
-        opening: float = 30.0,
-        replying: float = math.inf,
+        open_timeout: float = 30.0,
+        reply_timeout: float = math.inf,
     ) -> None:
-        began = _start_of(surroundings, model)
+        began = _clock_start(surroundings, model)
         if not all(factory.partition(":")):
             raise ValueError(f"factory is {factory!r}; write it as 'module:attribute'")
-        for word, seconds in (("opening", opening), ("replying", replying)):
+        for word, seconds in (("open_timeout", open_timeout), ("reply_timeout", reply_timeout)):
             if not seconds > 0:
                 raise ValueError(f"{word} is {seconds} s; it must be positive")
-        self._model, self._opening, self._replying = model, opening, replying
+        self._model, self._open_timeout, self._reply_timeout = model, open_timeout, reply_timeout
         self._names: dict[str, bool] = {}
         self._lock = threading.RLock()
-        self._busy = self._owed = self._lost = False
-        request = pack(Request("open", (factory, began, dict(options))))
-        self._process = Process("drivers.hosted.serving:serve", memory=mmap.PAGESIZE)
-        self._channel = Channel(self._process.line)
+        self._busy = self._reply_pending = self._lost = False
+        request = pack(CallRequest("open", (factory, began, dict(options))))
+        self._process = ChildProcess("drivers.hosted.serving:serve", memory=mmap.PAGESIZE)
+        self._channel = SharedMemoryChannel(self._process.line)
         self._release = weakref.finalize(self, _close, self._channel, self._process)
-        with self._or_ended():
-            self._names = self._exchange("open", request, within=opening)
+        with self._close_on_failure():
+            self._names = self._exchange("open", request, within=open_timeout)
 
     def __enter__(self) -> Self:
-        with self._or_ended():
-            self._names = self._ask("enter", within=self._opening)
+        with self._close_on_failure():
+            self._names = self._ask("enter", within=self._open_timeout)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -110,9 +110,9 @@ class Hosted:
         self._process.kill()
 
     @property
-    def dead(self) -> bool:
+    def is_dead(self) -> bool:
         """Whether the device's process has ended, or is about to, and answers no more."""
-        return self._lost or self._process.code() is not None
+        return self._lost or self._process.exit_code() is not None
 
     def __getattr__(self, name: str) -> Any:
         # Through __dict__: without names, as in a half-made object, this would ask itself.
@@ -120,12 +120,14 @@ class Hosted:
         if name not in names:
             raise AttributeError(f"{self.__dict__.get('_model', 'a device')} has no {name!r}")
         if not names[name]:
-            return self._exchange(name, pack(Request("get", (name,))), within=self._replying)
+            return self._exchange(
+                name, pack(CallRequest("get", (name,))), within=self._reply_timeout
+            )
 
-        def forwarded(*arguments: Any, **options: Any) -> Any:
+        def forward_call(*arguments: Any, **options: Any) -> Any:
             return self._call(name, arguments, options)
 
-        return forwarded
+        return forward_call
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not name.startswith("_"):
@@ -137,18 +139,18 @@ class Hosted:
 
     def _ask(self, command: str, *given: Any, within: float | None = None) -> Any:
         """What the device's process answers."""
-        seconds = self._replying if within is None else within
-        return self._exchange(command, pack(Request(command, given)), within=seconds)
+        seconds = self._reply_timeout if within is None else within
+        return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
         """What the device answers; what can't be sent raises here, and nothing was sent."""
         watched: list[Callable[[], Any]] = []
-        given = [replaced(value, watched) for value in arguments]
-        named = {key: replaced(value, watched) for key, value in options.items()}
-        if len(watched) > FLAGS:
-            raise ValueError(f"{name}: {len(watched)} callables; {FLAGS} can be given at most")
-        request = pack(Request("call", (name, given, named)))
-        return self._exchange(name, request, watched, self._replying)
+        given = [replace_callable(value, watched) for value in arguments]
+        named = {key: replace_callable(value, watched) for key, value in options.items()}
+        if len(watched) > FLAG_COUNT:
+            raise ValueError(f"{name}: {len(watched)} callables; {FLAG_COUNT} can be given at most")
+        request = pack(CallRequest("call", (name, given, named)))
+        return self._exchange(name, request, watched, self._reply_timeout)
 
     def _exchange(
         self,
@@ -159,16 +161,16 @@ class Hosted:
     ) -> Any:
         """One request and its answer. words: the command's name in errors."""
         with self._turn(words):
-            if self._owed:  # to a call that was broken off: nobody wants that answer
+            if self._reply_pending:  # to a call that was broken off: nobody wants that answer
                 self._receive(words, within)
-            self._channel.lower()
-            self._owed = True
-            self._process.tell(self._channel.write(request))
+            self._channel.lower_flags()
+            self._reply_pending = True
+            self._process.send(self._channel.write(request))
             try:
                 parcel = self._receive(words, within, watched)
             except BaseException:
                 # By Ctrl-C, for example: the device, too, needs to wait no longer.
-                self._channel.raise_all()
+                self._channel.raise_all_flags()
                 raise
             return self._result(words, parcel)
 
@@ -196,32 +198,32 @@ class Hosted:
                 del deaf[index]
 
         try:
-            note = self._process.next(within, look if deaf else None)
-        except Ended as error:
+            note = self._process.receive(within, look if deaf else None)
+        except ProcessEnded as error:
             self._lost = True
             raise DeviceError(self._model, words, str(error), _REMEDY) from None
-        self._owed = False
+        self._reply_pending = False
         # An answer without a note is the last one: the whole process has failed.
-        return pack(note) if isinstance(note, Answer) else self._channel.read(note)
+        return pack(note) if isinstance(note, CallResult) else self._channel.read(note)
 
     def _result(self, words: str, parcel: Parcel) -> Any:
         """The answer itself, or what it says that went wrong."""
         try:
-            answer: Answer = parcel.unpacked()
+            answer: CallResult = parcel.unpack()
         except Exception as error:
             reply = f"its answer can't be read in this process: {error!r}"
             raise DeviceError(self._model, words, reply, _REMEDY) from error
         failure = answer.failure
         if failure is None:
             return answer.value
-        raised = failure.known()
+        raised = failure.to_exception()
         if raised is None:
-            raised = DeviceError(self._model, words, failure.said, _REMEDY)
+            raised = DeviceError(self._model, words, failure.message, _REMEDY)
         raised.add_note(f"In the device's process:\n{failure.trace}")
         raise raised
 
     @contextlib.contextmanager
-    def _or_ended(self) -> Iterator[None]:
+    def _close_on_failure(self) -> Iterator[None]:
         """What fails to open is never left: nobody else would end its process."""
         try:
             yield
@@ -234,13 +236,13 @@ class Hosted:
             raise
 
 
-def _close(channel: Channel, process: Process) -> None:
+def _close(channel: SharedMemoryChannel, process: ChildProcess) -> None:
     """Let the process end, which makes its device safe first if it was never left."""
     channel.close()
     process.close()
 
 
-def _start_of(surroundings: Surroundings, model: str) -> float:
+def _clock_start(surroundings: Surroundings, model: str) -> float:
     """When the bench's clock started; ValueError if it can't be shown in another process."""
     if surroundings.world is None and isinstance(surroundings.clock, RealClock):
         return surroundings.clock.start

@@ -10,15 +10,15 @@ import traceback
 from typing import Any, NamedTuple
 
 
-class Failure(NamedTuple):
+class RemoteFailure(NamedTuple):
     """An exception on its way: pickled if it can be, in words, and how it came about."""
 
     pickled: bytes | None
-    said: str
+    message: str
     trace: str
 
     @staticmethod
-    def of(error: BaseException) -> Failure:
+    def from_exception(error: BaseException) -> RemoteFailure:
         pickled = None
         # SystemExit and its kind would end the process that asked.
         if isinstance(error, Exception):
@@ -27,16 +27,20 @@ class Failure(NamedTuple):
                 # Many can be pickled but not made again, for want of their arguments.
                 if type(pickle.loads(pickled)) is not type(error):
                     pickled = None
-        return Failure(pickled, repr(error), "".join(traceback.format_exception(error)))
+        return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
-    def known(self) -> Exception | None:
+    def to_exception(self) -> Exception | None:
         """The exception itself; None if nobody here could expect it."""
         with contextlib.suppress(Exception):
-            return None if self.pickled is None else _Known(io.BytesIO(self.pickled)).load()
+            return (
+                None
+                if self.pickled is None
+                else _LoadedModulesUnpickler(io.BytesIO(self.pickled)).load()
+            )
         return None
 
 
-class _Known(pickle.Unpickler):
+class _LoadedModulesUnpickler(pickle.Unpickler):
     """Makes only what this process knows: a library's own errors would load the library."""
 
     def find_class(self, module: str, name: str) -> Any:

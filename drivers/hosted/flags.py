@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from drivers.hosted.channel import Channel
+from drivers.hosted.shared_memory_channel import SharedMemoryChannel
 
 
-class Flag:
+class RemoteFlag:
     """Stands for a callable of the other process; true as well when that is gone.
 
     Its word holds for one call: afterwards it is true, so that whoever still asks may go.
@@ -17,14 +17,14 @@ class Flag:
 
     def __init__(self, index: int) -> None:
         self._index = index
-        self._channel: Channel | None = None
+        self._channel: SharedMemoryChannel | None = None
 
     def __call__(self) -> bool:
         channel = self._channel
-        return channel is None or channel.raised(self._index) or channel.abandoned()
+        return channel is None or channel.is_raised(self._index) or channel.is_peer_closed()
 
     @contextlib.contextmanager
-    def heard(self, channel: Channel) -> Iterator[None]:
+    def listening_on(self, channel: SharedMemoryChannel) -> Iterator[None]:
         self._channel = channel
         try:
             yield
@@ -32,9 +32,9 @@ class Flag:
             self._channel = None
 
 
-def replaced(value: Any, watched: list[Callable[[], Any]]) -> Any:
+def replace_callable(value: Any, callables: list[Callable[[], Any]]) -> Any:
     """A flag in place of a callable. A class is a value: np.uint16 isn't asked anything."""
     if not callable(value) or isinstance(value, type):
         return value
-    watched.append(value)
-    return Flag(len(watched) - 1)
+    callables.append(value)
+    return RemoteFlag(len(callables) - 1)

@@ -13,7 +13,7 @@ class Parcel(NamedTuple):
     body: Any
     buffers: Sequence[Any]
 
-    def unpacked(self) -> Any:
+    def unpack(self) -> Any:
         return pickle.loads(self.body, buffers=self.buffers)
 
 

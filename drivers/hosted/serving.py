@@ -10,35 +10,37 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drivers.clock import RealClock
-from drivers.hosted.calls import Answer, Request, answer_of
-from drivers.hosted.channel import Channel, Note
-from drivers.hosted.failures import Failure
-from drivers.hosted.flags import Flag
-from drivers.hosted.line import Line
+from drivers.hosted.calls import CallRequest, CallResult, capture_result
+from drivers.hosted.failures import RemoteFailure
+from drivers.hosted.flags import RemoteFlag
+from drivers.hosted.message_socket import MessageSocket
 from drivers.hosted.parcels import pack
+from drivers.hosted.shared_memory_channel import ParcelHeader, SharedMemoryChannel
 
 
-def serve(line: Line) -> None:
+def serve(line: MessageSocket) -> None:
     """Do what is asked until the line is closed; then leave the device safe."""
-    _Host(Channel(line)).run()
+    _Host(SharedMemoryChannel(line)).run()
 
 
 class _Host:
     """Where the device lives. A request is named as the method that answers it."""
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: SharedMemoryChannel) -> None:
         self._channel = channel
         self._device: Any = None
         # What is to be done before this process ends, the last first.
         self._duties = contextlib.ExitStack()
-        self._left = False
+        self._device_closed = False
 
     def run(self) -> None:
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
-            while not self._left:
+            while not self._device_closed:
                 self._attend()
                 request = self._channel.read(self._channel.line.receive())
-                self._channel.line.send(self._note_of(answer_of(self._obey, request.unpacked)))
+                self._channel.line.send(
+                    self._write_result(capture_result(self._obey, request.unpack))
+                )
 
     def _attend(self) -> None:
         """Let a device that has something to do between two calls do it, until one comes."""
@@ -46,33 +48,33 @@ class _Host:
         if attend is not None:
             attend(self._device, self._channel.line.fileno())
 
-    def _note_of(self, answer: Answer) -> Note:
+    def _write_result(self, answer: CallResult) -> ParcelHeader:
         try:
             return self._channel.write(pack(answer))
         except Exception as error:
             said = f"its answer can't leave its process: {error!r}"
-            failure = Failure(None, said, "".join(traceback.format_exception(error)))
-            return self._channel.write(pack(Answer(failure=failure)))
+            failure = RemoteFailure(None, said, "".join(traceback.format_exception(error)))
+            return self._channel.write(pack(CallResult(failure=failure)))
 
     def _obey(self, unpacked: Any) -> Any:
-        request: Request = unpacked()
-        return getattr(self, f"_{request.name}")(*request.given)
+        request: CallRequest = unpacked()
+        return getattr(self, f"_{request.name}")(*request.arguments)
 
     def _open(self, factory: str, start: float, options: Mapping[str, Any]) -> dict[str, bool]:
         from drivers.interfaces import Surroundings
 
         self._manager = pkgutil.resolve_name(factory)(Surroundings(RealClock(start)), **options)
         self._device = self._manager
-        return _public(self._device)
+        return _public_names(self._device)
 
     def _enter(self) -> dict[str, bool]:
         self._device = self._manager.__enter__()
         self._duties.push(self._manager.__exit__)
         self._duties.callback(self._device.make_safe)
-        return _public(self._device)
+        return _public_names(self._device)
 
     def _leave(self) -> None:
-        self._left = True
+        self._device_closed = True
         self._duties.pop_all()
         self._manager.__exit__(None, None, None)
 
@@ -82,12 +84,12 @@ class _Host:
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
         with contextlib.ExitStack() as heard:
             for value in (*arguments, *options.values()):
-                if isinstance(value, Flag):
-                    heard.enter_context(value.heard(self._channel))
+                if isinstance(value, RemoteFlag):
+                    heard.enter_context(value.listening_on(self._channel))
             return getattr(self._device, name)(*arguments, **options)
 
 
-def _public(device: Any) -> dict[str, bool]:
+def _public_names(device: Any) -> dict[str, bool]:
     """The names that others may use, and whether each is a method; no property is read."""
     names = {}
     for name in dir(device):

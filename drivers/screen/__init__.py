@@ -7,7 +7,7 @@ only the window's process does.
 from __future__ import annotations
 
 from drivers.screen.driver import ScreenSLM
-from drivers.screen.identify import identify, screens
+from drivers.screen.identify import identify_screens, list_screens
 from drivers.screen.player import Presentations
 
-__all__ = ["Presentations", "ScreenSLM", "identify", "screens"]
+__all__ = ["Presentations", "ScreenSLM", "identify_screens", "list_screens"]

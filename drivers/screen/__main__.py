@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from drivers.errors import DeviceError
-from drivers.screen.identify import listed, screens, show_names
+from drivers.screen.identify import format_listing, list_screens, show_names
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=5.0, help="for which the names stand")
     asked = parser.parse_args()
     try:
-        print(listed(screens(asked.display)), flush=True)
+        print(format_listing(list_screens(asked.display)), flush=True)
         show_names(asked.display, asked.seconds)
     except DeviceError as error:
         print(error, file=sys.stderr)

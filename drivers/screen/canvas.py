@@ -18,19 +18,19 @@ from PySide6.QtGui import (
     QWindow,
 )
 
-from drivers.screen.session import forbid_scaling
+from drivers.screen.session import disable_scaling
 from drivers.x11 import libxcb
 
-_MAPPING = 1.0
+_MAP_TIMEOUT = 1.0
 """Seconds in which a window must be on the screen."""
 
 
-def application(display: str) -> QGuiApplication:
+def qt_application(display: str) -> QGuiApplication:
     """Qt of this process, which draws pixel for pixel."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
-    forbid_scaling(os.environ, display)
+    disable_scaling(os.environ, display)
     made = QGuiApplication(["labapp-slm"])
     made.setQuitOnLastWindowClosed(False)
     return made
@@ -64,9 +64,9 @@ class Canvas(QWindow):
 
     def appear(self, grey: NDArray[uint8]) -> None:
         """Come up on the screen with this picture."""
-        self._image = image_of(grey)
+        self._image = grey_image(grey)
         self.setVisible(True)
-        late = time.monotonic() + _MAPPING
+        late = time.monotonic() + _MAP_TIMEOUT
         while not self.isExposed() and time.monotonic() < late:
             QGuiApplication.processEvents()
             time.sleep(0.001)
@@ -98,7 +98,7 @@ class Canvas(QWindow):
             self._flush()
 
 
-def image_of(grey: NDArray[uint8]) -> QImage:
+def grey_image(grey: NDArray[uint8]) -> QImage:
     """A picture in the array's own memory, which must live as long."""
     rows, columns = grey.shape
     image = QImage(grey.data, columns, rows, columns, QImage.Format.Format_Grayscale8)

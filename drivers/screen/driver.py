@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted import Hosted
+from drivers.hosted import HostedDevice
 from drivers.interfaces import Identity, Setting, Surroundings
-from drivers.options import require_within
-from drivers.screen.choosing import Wanted
-from drivers.screen.lookout import Lookout
+from drivers.option_checks import require_within
 from drivers.screen.player import Presentations
+from drivers.screen.screen_choice import ScreenRequest
+from drivers.screen.screen_watcher import ScreenWatcher
 from drivers.screen.session import ServerGone
 
 T = TypeVar("T")
 
-_OPENING = 30.0
-_AGAIN = 4.0
+_OPEN_TIMEOUT = 30.0
+_REOPEN_TIMEOUT = 4.0
 """Seconds in which a window that died must be back: its files lie in memory by then."""
 
-_CALL = 4.0
+_CALL_TIMEOUT = 4.0
 """Seconds in which the window must answer: it may be given a long video."""
 
-_MOST = 1 << 30
+_MAX_VIDEO_BYTES = 1 << 30
 """Bytes of a video: 517 frames of 1920x1080."""
 
 
@@ -50,7 +50,7 @@ class ScreenSLM:
     Once the window is closed, the desktop is seen: give it a black background there.
     """
 
-    reply_time = _AGAIN + _CALL
+    reply_time = _REOPEN_TIMEOUT + _CALL_TIMEOUT
 
     def __init__(
         self,
@@ -77,24 +77,24 @@ class ScreenSLM:
             if not isinstance(word, bool):
                 raise ValueError(f"{name} is {word!r}; write true or false")
         self._clock = surroundings.clock
-        wanted = Wanted(screen, width, height, float(refresh_hz), allow_primary)
+        wanted = ScreenRequest(screen, width, height, float(refresh_hz), allow_primary)
         self._model = screen or "SLM on a screen"
         self._options = {
             "model": self._model,
-            "wanted": wanted,
+            "request": wanted,
             "display": display,
             "allow_ramp": allow_ramp,
         }
         self.shape = (height, width)
         self.settling = settling_ms * 1e-3
-        self._window: Hosted | None = None
-        self._lookout = Lookout(wanted, display)
+        self._window: HostedDevice | None = None
+        self._lookout = ScreenWatcher(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
         self.frame_time = 1 / refresh_hz
         self._entered = self._killed = False
 
     def __enter__(self) -> Self:
-        self._open(_OPENING)
+        self._open(_OPEN_TIMEOUT)
         self._entered = True
         return self
 
@@ -109,26 +109,26 @@ class ScreenSLM:
         return self._identity
 
     @property
-    def shown(self) -> str:
+    def displayed_pattern(self) -> str:
         """The identifier of what is on the screen: "neutral" if it was unplugged since.
 
         A still is read back again: DeviceError if something covers it.
         """
-        return self._ask("shown", lambda window: window.state())
+        return self._ask("shown", lambda window: window.displayed_pattern())
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
         """Show uint8 (rows, columns) as they are, and read them back from the screen."""
         command = f"show {identifier}"
-        picture = self._require(command, np.asarray(grey), 2)
+        picture = self._require_grey_levels(command, np.asarray(grey), 2)
         seen = self._ask(command, lambda window: window.show(identifier, picture))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
         """Show frames, uint8 (n, rows, columns), one at each refresh, again and again."""
         command = f"play {identifier}"
-        frames = self._require(command, np.asarray(video), 3)
+        frames = self._require_grey_levels(command, np.asarray(video), 3)
         # A screen that is gone is told before so much is handed over.
-        self._ask(command, lambda window: window.make_way(command))
+        self._ask(command, lambda window: window.prepare_to_show(command))
         seen = self._ask(command, lambda window: window.play(identifier, frames))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
@@ -146,12 +146,12 @@ class ScreenSLM:
         """Grey 0 on the whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why the screen counts as unplugged, empty while it is there; see Device.
 
         Seen by a connection of its own: neither the window nor what plays there is disturbed.
         """
-        return self._lookout.gone() if self._entered and not self._killed else None
+        return self._lookout.unplugged_reason() if self._entered and not self._killed else None
 
     def kill(self) -> None:
         """End the window's process at once, from any thread."""
@@ -159,12 +159,12 @@ class ScreenSLM:
         if self._window is not None:
             self._window.kill()
 
-    def _open(self, within: float) -> Hosted:
+    def _open(self, within: float) -> HostedDevice:
         # Times from there are time.monotonic()'s, whatever clock the bench has.
         told = Surroundings(RealClock(0.0))
-        place, half = "drivers.screen.panel:Panel", within / 2
-        window = Hosted(
-            told, self._model, place, self._options, opening=half, replying=_CALL
+        place, half = "drivers.screen.panel_device:PanelDevice", within / 2
+        window = HostedDevice(
+            told, self._model, place, self._options, open_timeout=half, reply_timeout=_CALL_TIMEOUT
         ).__enter__()
         self._window = window
         found: Identity = window.identity
@@ -181,9 +181,9 @@ class ScreenSLM:
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
         window = self._window
-        if window is None or window.dead:
+        if window is None or window.is_dead:
             self._drop()
-            window = self._open(_AGAIN)
+            window = self._open(_REOPEN_TIMEOUT)
         try:
             return call(window)
         except ServerGone:
@@ -203,13 +203,15 @@ class ScreenSLM:
     def _bench_time(self, monotonic: float) -> float:
         return self._clock.now() + monotonic - time.monotonic()
 
-    def _require(self, command: str, grey: NDArray[Any], axes: int) -> NDArray[np.uint8]:
+    def _require_grey_levels(
+        self, command: str, grey: NDArray[Any], axes: int
+    ) -> NDArray[np.uint8]:
         right = grey.ndim == axes and grey.shape[-2:] == self.shape and grey.size
         if grey.dtype != np.uint8 or not right:
             wanted = "x".join(("frames", *map(str, self.shape))[-axes:])
             reply = f"{grey.dtype} of shape {grey.shape} isn't uint8 of {wanted}"
             raise DeviceError(self._model, command, reply, "Compute it again")
-        if grey.nbytes > _MOST:
-            reply = f"{grey.nbytes >> 20} MiB are more than {_MOST >> 20}"
+        if grey.nbytes > _MAX_VIDEO_BYTES:
+            reply = f"{grey.nbytes >> 20} MiB are more than {_MAX_VIDEO_BYTES >> 20}"
             raise DeviceError(self._model, command, reply, "Show fewer frames")
         return np.ascontiguousarray(grey)

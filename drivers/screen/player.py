@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_KEPT = 1 << 16
+_MAX_HISTORY = 1 << 16
 """Presentations whose times are kept: 18 minutes at 60 Hz. All are counted."""
 
-_FOLLOWING = 0.05
+_TRACKING_GAIN = 0.05
 """Share of a refresh's delay by which the even times follow it: no clock is the screen's."""
 
 
@@ -34,7 +34,7 @@ class Presentations:
     missed: int
 
 
-class Player:
+class VideoPlayer:
     """Says which frame is to be drawn at a refresh, and keeps account.
 
     draw: draws the frame of an index, and returns when the server has it. now: the time that
@@ -46,30 +46,30 @@ class Player:
     ) -> None:
         self._count, self._period = frames, period
         self._draw, self._now = draw, now
-        self._shown: deque[tuple[int, float]] = deque(maxlen=_KEPT)
+        self._shown: deque[tuple[int, float]] = deque(maxlen=_MAX_HISTORY)
         self._presented = self._missed = 0
-        self._even = 0.0
+        self._smoothed_time = 0.0
 
-    def refreshed(self, number: int, time: float) -> int:
+    def on_refresh(self, number: int, time: float) -> int:
         """Refresh `number` was at `time`: draw the next frame. The refresh that shows it."""
         index = self._presented % self._count
         self._draw(index)
         # Drawn after that refresh, it is seen from the next one on that is still to come.
         later = max(1, math.ceil((self._now() - time) / self._period))
-        self._account(index, time + later * self._period)
+        self._record_presentation(index, time + later * self._period)
         return number + later
 
-    def _account(self, index: int, time: float) -> None:
+    def _record_presentation(self, index: int, time: float) -> None:
         if self._shown:
             # By time and not by the server's count, which stands still for a dark screen. And
             # by even times: a busy server that makes refreshes up tells some of them late,
             # and from each to the next one would now be lost, now be counted twice.
-            steps = round((time - self._even) / self._period)
+            steps = round((time - self._smoothed_time) / self._period)
             self._missed += abs(steps - 1)
-            self._even += steps * self._period
-            self._even += _FOLLOWING * (time - self._even)
+            self._smoothed_time += steps * self._period
+            self._smoothed_time += _TRACKING_GAIN * (time - self._smoothed_time)
         else:
-            self._even = time
+            self._smoothed_time = time
         self._shown.append((index, time))
         self._presented += 1
 

@@ -23,29 +23,31 @@ class Refresh(NamedTuple):
     time: float
 
 
-class Refreshes:
+class RefreshEvents:
     """A connection of its own, for events only: nothing else may take them off its socket."""
 
     def __init__(self, display: str, window: int) -> None:
         """XError if the server can't tell."""
         self.x = XConnection(display)
         try:
-            self.x.call("Present", 0, "II", 1, 0)
+            self.x.query_extension("Present", 0, "II", 1, 0)
             self._major, _ = self.x.extension("Present")
             self._window = window
-            self.x.order("Present", 3, "III", self.x.new_id(), window, _COMPLETE)
+            self.x.send_extension_request("Present", 3, "III", self.x.new_id(), window, _COMPLETE)
         except BaseException:
             self.x.close()
             raise
         self._serial = 0
 
-    def ask_for(self, number: int) -> None:
+    def request_refresh(self, number: int) -> None:
         """Have refresh `number` told, or the latest if it has been. Earlier wishes are void."""
         self._serial = (self._serial + 1) & 0xFFFFFFFF
         layout = "II4xQQQ"
-        self.x.order("Present", 2, layout, self._window, self._serial, number, 0, 0)
+        self.x.send_extension_request(
+            "Present", 2, layout, self._window, self._serial, number, 0, 0
+        )
 
-    def told(self) -> Refresh | None:
+    def poll_refresh(self) -> Refresh | None:
         """The refresh that was asked for, if it has been."""
         found = None
         for event in self.x.events():

@@ -21,7 +21,7 @@ class ServerGone(DeviceError):
     """The X server has ended, and all windows with it."""
 
 
-def connect(model: str, display: str | None) -> XConnection:
+def connect_display(model: str, display: str | None) -> XConnection:
     """The X server; DeviceError if there is none, or it isn't master of its screens.
 
     display: as in DISPLAY; that of the environment if None.
@@ -49,7 +49,7 @@ def connect(model: str, display: str | None) -> XConnection:
     return x
 
 
-def forbid_scaling(environment: MutableMapping[str, str], display: str) -> None:
+def disable_scaling(environment: MutableMapping[str, str], display: str) -> None:
     """Change this process's environment so that Qt draws pixel for pixel on that display."""
     for name in _SCALING:
         environment.pop(name, None)

@@ -8,15 +8,15 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QSocketNotifier, Qt, QTimer
 
-from drivers.screen.player import Player
-from drivers.screen.refreshes import Refresh, Refreshes
+from drivers.screen.player import VideoPlayer
+from drivers.screen.refreshes import Refresh, RefreshEvents
 from drivers.x11 import XError
 
-_LATE = 0.25
+_REFRESH_TIMEOUT = 0.25
 """Seconds after which a refresh that isn't told is taken by the clock."""
 
 
-class Video(QObject):
+class VideoPlayback(QObject):
     """Plays from its start to its stop, while Qt's event loop runs."""
 
     def __init__(
@@ -28,65 +28,67 @@ class Video(QObject):
         window: int,
     ) -> None:
         super().__init__()
-        self.player = Player(frames, period, draw, time.monotonic)
+        self.player = VideoPlayer(frames, period, draw, time.monotonic)
         self._period = period
         self._last = Refresh(0, time.monotonic())
         self._wanted = 0
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._by_clock)
-        self._refreshes: Refreshes | None = None
+        self._timer.timeout.connect(self._on_timeout)
+        self._refreshes: RefreshEvents | None = None
         try:
-            self._refreshes = Refreshes(display, window)
+            self._refreshes = RefreshEvents(display, window)
         except XError:
             # By the clock then, which can't know the phase of the screen's own.
-            self._wish(0)
+            self._request_refresh(0)
             return
         self._notifier = QSocketNotifier(
             self._refreshes.x.fileno(), QSocketNotifier.Type.Read, self
         )
-        self._notifier.activated.connect(self.attend)
-        self._wish(0)
+        self._notifier.activated.connect(self.process_refreshes)
+        self._request_refresh(0)
 
     @property
     def paced_by(self) -> str:
         return "the clock" if self._refreshes is None else "the screen's refreshes"
 
-    def attend(self, *_: object) -> None:
+    def process_refreshes(self, *_: object) -> None:
         """Do what is due."""
         try:
-            while self._refreshes is not None and (told := self._refreshes.told()) is not None:
-                self._refreshed(told)
+            while (
+                self._refreshes is not None and (told := self._refreshes.poll_refresh()) is not None
+            ):
+                self._on_refresh(told)
         except XError:
-            self._give_up_refreshes()
+            self._close_refreshes()
 
     def stop(self) -> None:
         self._timer.stop()
-        self._give_up_refreshes()
+        self._close_refreshes()
 
-    def _refreshed(self, refresh: Refresh) -> None:
+    def _on_refresh(self, refresh: Refresh) -> None:
         self._last = refresh
-        self._wish(self.player.refreshed(*refresh))
+        self._request_refresh(self.player.on_refresh(*refresh))
 
-    def _wish(self, number: int) -> None:
+    def _request_refresh(self, number: int) -> None:
         self._wanted = number
         due = self._last.time + (number - self._last.number) * self._period - time.monotonic()
         if self._refreshes is not None:
-            self._refreshes.ask_for(number)
-            due += _LATE
+            self._refreshes.request_refresh(number)
+            due += _REFRESH_TIMEOUT
         self._timer.start(max(0, round(due * 1e3)))
 
-    def _by_clock(self) -> None:
+    def _on_timeout(self) -> None:
         """The latest refresh by the clock; the same count goes on."""
         now = time.monotonic()
         passed = math.floor((now - self._last.time) / self._period)
         # A timer may be half a millisecond early.
         number = max(self._wanted, self._last.number + passed)
         since = (number - self._last.number) * self._period
-        self._refreshed(Refresh(number, self._last.time + since))
+        self._on_refresh(Refresh(number, self._last.time + since))
 
-    def _give_up_refreshes(self) -> None:
+    def _close_refreshes(self) -> None:
         if self._refreshes is not None:
             self._notifier.setEnabled(False)
             self._refreshes.close()

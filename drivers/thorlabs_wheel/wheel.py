@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.serial_line import SerialLine
-from drivers.thorlabs_wheel.link import PATIENCE, Link
+from drivers.thorlabs_wheel.prompt_client import REPLY_TIMEOUT, ThorlabsClient
 from drivers.wheel import Wheel, steps_between
 
 log = logging.getLogger(__name__)
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 _STEP_MS = {True: 2000.0, False: 4000.0}
 """Milliseconds for a slot, fast and slow: twice what others have seen it need."""
 
-_MODES = {"input": 0, "output": 1}
+_TRIGGER_MODES = {"input": 0, "output": 1}
 
 
 class ThorlabsWheel(Wheel):
@@ -56,8 +56,8 @@ class ThorlabsWheel(Wheel):
                 raise ValueError(f"{name} is {value!r}; give true or false")
         if type(baudrate) is not int or baudrate not in (9600, 115200):
             raise ValueError(f"baudrate is {baudrate!r}; the wheel has 115200 or 9600")
-        if not isinstance(trigger, str) or trigger not in _MODES:
-            raise ValueError(f"trigger is {trigger!r}; choose {' or '.join(_MODES)}")
+        if not isinstance(trigger, str) or trigger not in _TRIGGER_MODES:
+            raise ValueError(f"trigger is {trigger!r}; choose {' or '.join(_TRIGGER_MODES)}")
         step = _STEP_MS[fast] if step_ms is None else step_ms
         super().__init__(surroundings, slots_nm, names, avoid, step, settling_ms)
         if len(self._slots) not in (6, 12):
@@ -67,10 +67,14 @@ class ThorlabsWheel(Wheel):
         self.model = "Thorlabs FW102C" if len(self._slots) == 6 else "Thorlabs FW212C"
         self._line = SerialLine(self.model, port, self._clock, baudrate=baudrate)
         turning = len(self._slots) // 2 * self._step
-        self._link = Link(self._line, turning, self._check)
-        self._wanted = {"speed": int(fast), "sensors": int(sensors), "trig": _MODES[trigger]}
+        self._link = ThorlabsClient(self._line, turning, self._check)
+        self._requested_settings = {
+            "speed": int(fast),
+            "sensors": int(sensors),
+            "trig": _TRIGGER_MODES[trigger],
+        }
         self._firmware = ""
-        self._last = 1
+        self._last_slot = 1
 
     @property
     def identity(self) -> Identity:
@@ -92,25 +96,26 @@ class ThorlabsWheel(Wheel):
 
         def read() -> dict[str, str]:
             return {
-                name: self._link.agreed(f"{name}?", "health") for name in ("pos", *self._settable)
+                name: self._link.confirmed_reply(f"{name}?", "health")
+                for name in ("pos", *self._setting_names)
             }
 
         with self._line.within(self.reply_time):
-            told = self._link.persistently("health", read)
+            told = self._link.call_with_retry("health", read)
         return {"firmware": self._firmware, "slot": told.pop("pos"), **told}
 
     def save(self) -> None:
         """Have the wheel keep its settings for when it is switched on again."""
         with self._line.within(self.reply_time):
-            self._link.persistently("save", lambda: self._link.tell("save", "save"))
+            self._link.call_with_retry("save", lambda: self._link.ask("save", "save"))
 
     def kill(self) -> None:
         """End a call that goes on, and all later ones; from any thread."""
         self._line.cancel()
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._line.gone()
+        return self._line.unplugged_reason()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         try:
@@ -130,30 +135,30 @@ class ThorlabsWheel(Wheel):
         self._line.close()
 
     @property
-    def _settable(self) -> tuple[str, ...]:
+    def _setting_names(self) -> tuple[str, ...]:
         return ("trig",) if self._firmware == "1.0" else ("speed", "sensors", "trig", "pcount")
 
-    def _where(self, command: str) -> int:
+    def _read_slot(self, command: str) -> int:
         count = len(self._slots)
-        self._last = self._link.persistently(
-            command, lambda: self._link.number("pos?", command, count)
+        self._last_slot = self._link.call_with_retry(
+            command, lambda: self._link.query_integer("pos?", command, count)
         )
-        return self._last
+        return self._last_slot
 
-    def _go(self, command: str, number: int) -> None:
-        turning = steps_between(self._last, number, len(self._slots)) * self._step
+    def _turn_to(self, command: str, number: int) -> None:
+        turning = steps_between(self._last_slot, number, len(self._slots)) * self._step
         self._link.get_ready(command)
         failure = None
         try:
-            self._link.tell(f"pos={number}", command, turning + PATIENCE)
+            self._link.ask(f"pos={number}", command, turning + REPLY_TIMEOUT)
         except DeviceError as error:
-            if self._line.cancelled or not self._line.is_open:
+            if self._line.is_cancelled or not self._line.is_open:
                 raise
             failure = error
         try:
-            stands = self._where(command)
+            stands = self._read_slot(command)
         except DeviceError:
-            if self._line.cancelled or failure is None:
+            if self._line.is_cancelled or failure is None:
                 raise
             # It may be on its way yet, and says nothing until it is there.
             raise self._refuse(
@@ -170,7 +175,7 @@ class ThorlabsWheel(Wheel):
 
     def _check(self, command: str) -> None:
         """That it is the same wheel, set as wanted."""
-        firmware = self._link.firmware(command)
+        firmware = self._link.read_firmware(command)
         if self._firmware not in ("", firmware):
             raise self._line.error(
                 command,
@@ -179,15 +184,18 @@ class ThorlabsWheel(Wheel):
             )
         self._firmware = firmware
         if firmware != "1.0":
-            count = self._link.number("pcount?", command, 12)
+            count = self._link.query_integer("pcount?", command, 12)
             if count != len(self._slots):
                 raise self._line.error(
                     command,
                     f"the wheel has {count} slots, and slots_nm {len(self._slots)}",
                     "Give slots_nm an entry for every slot, empty ones too",
                 )
-        for name, value in self._wanted.items():
-            if name in self._settable and self._link.number(f"{name}?", command, 1, 0) != value:
-                self._link.tell(f"{name}={value}", command)
-                if self._link.number(f"{name}?", command, 1, 0) != value:
+        for name, value in self._requested_settings.items():
+            if (
+                name in self._setting_names
+                and self._link.query_integer(f"{name}?", command, 1, 0) != value
+            ):
+                self._link.ask(f"{name}={value}", command)
+                if self._link.query_integer(f"{name}?", command, 1, 0) != value:
                     raise self._line.error(command, f"{name} doesn't become {value}")

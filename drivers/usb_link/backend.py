@@ -25,7 +25,7 @@ def require_backend_name(backend: object) -> None:
         )
 
 
-class Missing(Exception):
+class BackendMissing(Exception):
     """There is no such backend. remedy: what helps."""
 
     def __init__(self, reply: str, remedy: str) -> None:
@@ -34,7 +34,7 @@ class Missing(Exception):
 
 
 def load_backend(backend: str) -> Any:
-    """The backend of that name; Missing if there is none."""
+    """The backend of that name; BackendMissing if there is none."""
     if not backend:
         return _libusb()
     name, _, address = backend.partition("@")
@@ -42,13 +42,13 @@ def load_backend(backend: str) -> Any:
         thing = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
         reply = f"the backend {name} can't be loaded ({error})"
-        raise Missing(reply, _CORRECT) from error
+        raise BackendMissing(reply, _CORRECT) from error
     try:
         if address:
             return thing(address)
         return thing() if callable(thing) else thing
     except Exception as error:
-        raise Missing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
+        raise BackendMissing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
 
 
 def _libusb() -> Any:
@@ -56,9 +56,11 @@ def _libusb() -> Any:
         import libusb_package
     except ImportError as error:
         reply = "pyusb has no backend"
-        raise Missing(reply, "Install the package libusb-package, which brings libusb") from error
+        raise BackendMissing(
+            reply, "Install the package libusb-package, which brings libusb"
+        ) from error
     backend = libusb_package.get_libusb1_backend()
     if backend is None:
         reply = "pyusb has no backend: the libusb of libusb-package can't be loaded"
-        raise Missing(reply, "Reinstall the package libusb-package")
+        raise BackendMissing(reply, "Reinstall the package libusb-package")
     return backend

@@ -10,14 +10,19 @@ from typing import Any
 
 from drivers.errors import DeviceError
 from drivers.usb_link.backend import load_backend, require_backend_name
-from drivers.usb_link.explaining import CABLE, explained
-from drivers.usb_link.telling import SAYING, Told, string_of, words_for
+from drivers.usb_link.device_strings import (
+    STRING_TIMEOUT,
+    UsbIdentity,
+    describe_identity,
+    read_string,
+)
+from drivers.usb_link.error_messages import CABLE, explain_usb_error
 
 
 class UsbLink:
     """The way to one USB device, by vendor and product and, if there are several, by serial.
 
-    Every failure is a DeviceError, and comes `patience` seconds after a transfer's beginning at
+    Every failure is a DeviceError, and comes `timeout` seconds after a transfer's beginning at
     the latest; opening the device, where that is needed, takes 3 seconds at most besides. A
     device that was unplugged is opened again by the next call; if another one answers then,
     that is a DeviceError, too. backend: see drivers.usb_link.backend.
@@ -31,35 +36,35 @@ class UsbLink:
         serial: str = "",
         backend: str = "",
         interface: int = 0,
-        patience: float = 1.0,
+        timeout: float = 1.0,
     ) -> None:
         if not isinstance(serial, str):
             raise ValueError(f"serial is {serial!r}; give it in quotes, or none")
         require_backend_name(backend)
-        self.patience = patience
-        self.doubtful = False
+        self.timeout = timeout
+        self.may_have_late_replies = False
         """Whether a call has failed since this was last set to false: answers may be late."""
         self._model, self._vendor, self._product = model, vendor, product
         self._serial, self._backend_name = serial, backend
         self._interface = interface
         self._backend: Any = None
         self._device: Any = None
-        self._detached = False
-        self._known: Told | None = None
-        self._fitting = 0
+        self._kernel_driver_detached = False
+        self._first_identity: UsbIdentity | None = None
+        self._matching_count = 0
         self._cancelled = threading.Event()
 
     @property
-    def told(self) -> Told:
+    def identity(self) -> UsbIdentity:
         """What the device said of itself when it was opened first."""
-        return self._known or Told("", "", "", "")
+        return self._first_identity or UsbIdentity("", "", "", "")
 
     @property
     def is_open(self) -> bool:
         return self._device is not None
 
     @property
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         """Whether somebody has given the device up."""
         return self._cancelled.is_set()
 
@@ -69,34 +74,34 @@ class UsbLink:
 
     def open(self, command: str = "open") -> None:
         """Find and claim the device, if that isn't done."""
-        self._require_wanted(command)
+        self._require_not_cancelled(command)
         if self._device is not None:
             return
-        self.doubtful = True
+        self.may_have_late_replies = True
         try:
-            with self._explaining(command, SAYING):
+            with self._translate_errors(command, STRING_TIMEOUT):
                 if self._backend is None:
                     self._backend = load_backend(self._backend_name)
                 self._device = self._find(command)
                 self._claim()
-                self._require_the_same(command)
-                self._fitting = self._count()
+                self._require_same_device(command)
+                self._matching_count = self._count_matching()
         except BaseException:
             self.close()
             raise
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why the device counts as unplugged, empty while it is there; from any thread.
 
         Told by the system's list of devices, and nothing is said to it; None before it was found.
         """
-        if self._backend is None or not self._fitting:
+        if self._backend is None or not self._matching_count:
             return None
         try:
-            there = self._count()
+            there = self._count_matching()
         except Exception:
             return None
-        return "" if there >= self._fitting else "it was unplugged"
+        return "" if there >= self._matching_count else "it was unplugged"
 
     def close(self) -> None:
         """Give the device back to the system; never fails."""
@@ -107,10 +112,10 @@ class UsbLink:
 
         with contextlib.suppress(Exception):
             usb.util.release_interface(device, self._interface)
-        if self._detached:
+        if self._kernel_driver_detached:
             with contextlib.suppress(Exception):
                 device.attach_kernel_driver(self._interface)
-            self._detached = False
+            self._kernel_driver_detached = False
         with contextlib.suppress(Exception):
             usb.util.dispose_resources(device)
 
@@ -160,15 +165,15 @@ class UsbLink:
 
     def _require_all(self, command: str, taken: int, data: bytes) -> None:
         if taken != len(data):
-            self.doubtful = True
+            self.may_have_late_replies = True
             raise self._error(command, f"it took {taken} of {len(data)} bytes", CABLE)
 
     def drain(
-        self, command: str, endpoint: int, length: int, quiet: float, late: Callable[[], bool]
+        self, command: str, endpoint: int, length: int, quiet: float, is_overdue: Callable[[], bool]
     ) -> int:
         """Read and forget what comes until nothing has for `quiet` seconds; how many reports.
 
-        DeviceError if it goes on when it's `late`, or if the device has gone.
+        DeviceError if it goes on when it's `is_overdue`, or if the device has gone.
         """
         import usb.core
 
@@ -176,13 +181,13 @@ class UsbLink:
         count = 0
         while True:
             try:
-                with self._explaining(command, quiet, endpoint, usb.core.USBTimeoutError):
+                with self._translate_errors(command, quiet, endpoint, usb.core.USBTimeoutError):
                     self._device.read(endpoint, length, max(round(quiet * 1000), 1))
             except usb.core.USBTimeoutError:
                 return count
             count += 1
-            self._require_wanted(command)
-            if late():
+            self._require_not_cancelled(command)
+            if is_overdue():
                 raise self._error(command, "it doesn't stop sending", CABLE)
 
     def _transfer(
@@ -194,14 +199,14 @@ class UsbLink:
     ) -> Any:
         """transfer: of a device of pyusb's, with a time-out in milliseconds."""
         self.open(command)
-        seconds = self.patience if seconds is None else min(max(seconds, 0.0), self.patience)
-        with self._explaining(command, seconds, endpoint):
+        seconds = self.timeout if seconds is None else min(max(seconds, 0.0), self.timeout)
+        with self._translate_errors(command, seconds, endpoint):
             # 0 would be for ever.
             answer = transfer(self._device, max(round(seconds * 1000), 1))
-        self._require_wanted(command)
+        self._require_not_cancelled(command)
         return answer
 
-    def _require_wanted(self, command: str) -> None:
+    def _require_not_cancelled(self, command: str) -> None:
         """DeviceError once the device was given up: whoever opens it anew must find it free."""
         if self._cancelled.is_set():
             self.close()
@@ -230,7 +235,7 @@ class UsbLink:
             )
         return devices[0]
 
-    def _count(self) -> int:
+    def _count_matching(self) -> int:
         """How many devices of this kind the system knows of; none is opened."""
         return sum(
             (told.idVendor, told.idProduct) == (self._vendor, self._product)
@@ -245,7 +250,7 @@ class UsbLink:
         fitting, hindrance = [], None
         for device in devices:
             try:
-                if string_of(device, device.iSerialNumber) == self._serial:
+                if read_string(device, device.iSerialNumber) == self._serial:
                     fitting.append(device)
                     continue
             except (usb.core.USBError, ValueError) as error:
@@ -263,7 +268,7 @@ class UsbLink:
         with contextlib.suppress(NotImplementedError):
             if device.is_kernel_driver_active(self._interface):
                 device.detach_kernel_driver(self._interface)
-                self._detached = True
+                self._kernel_driver_detached = True
         try:
             device.get_active_configuration()
         except usb.core.USBError as error:
@@ -273,52 +278,56 @@ class UsbLink:
             device.set_configuration()
         usb.util.claim_interface(device, self._interface)
 
-    def _require_the_same(self, command: str) -> None:
-        known = self._known
-        told = self._tell(twice=known is None)
-        if known is not None and told != known and (told := self._tell(twice=True)) != known:
+    def _require_same_device(self, command: str) -> None:
+        known = self._first_identity
+        told = self._read_identity(twice=known is None)
+        if (
+            known is not None
+            and told != known
+            and (told := self._read_identity(twice=True)) != known
+        ):
             raise self._error(
                 command,
-                f"another device has taken its place: {words_for(told)} where "
-                f"{words_for(known)} was",
+                f"another device has taken its place: {describe_identity(told)} where "
+                f"{describe_identity(known)} was",
                 "Plug the right one in, or open the bench again",
             )
-        self._known = told
+        self._first_identity = told
 
-    def _tell(self, twice: bool) -> Told:
+    def _read_identity(self, twice: bool) -> UsbIdentity:
         device = self._device
         indices = (device.iManufacturer, device.iProduct, device.iSerialNumber)
-        maker, product, serial = (string_of(device, index, twice) for index in indices)
+        maker, product, serial = (read_string(device, index, twice) for index in indices)
         release = f"{device.bcdDevice >> 8:x}.{device.bcdDevice & 0xFF:02x}"
-        return Told(maker, product, serial, release)
+        return UsbIdentity(maker, product, serial, release)
 
     @contextlib.contextmanager
-    def _explaining(
+    def _translate_errors(
         self,
         command: str,
         seconds: float,
         endpoint: int = 0,
-        passed: type[Exception] | tuple[()] = (),
+        let_through: type[Exception] | tuple[()] = (),
     ) -> Iterator[None]:
-        """Make a DeviceError of whatever pyusb raises, but for what is `passed` on."""
+        """Make a DeviceError of whatever pyusb raises, but for what is `let_through` on."""
         try:
             yield
         except DeviceError:
-            self.doubtful = True
+            self.may_have_late_replies = True
             self.close()
             raise
-        except passed:
+        except let_through:
             raise
         except Exception as error:
-            self.doubtful = True
-            self._require_wanted(command)
+            self.may_have_late_replies = True
+            self._require_not_cancelled(command)
             code = getattr(error, "errno", None)
             if code == errno.EPIPE and endpoint and self._device is not None:
                 with contextlib.suppress(Exception):
                     self._device.clear_halt(endpoint)
             if code not in (errno.ETIMEDOUT, errno.EPIPE):
                 self.close()
-            words = explained(error, seconds, self._vendor, self._product)
+            words = explain_usb_error(error, seconds, self._vendor, self._product)
             raise self._error(command, *words) from error
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:

@@ -18,17 +18,23 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
-from drivers.uvc.accepting import InForce
-from drivers.uvc.capture import Mode, Source, resolve, set_units, units_of
-from drivers.uvc.connection import OPENING, Connection
-from drivers.uvc.latency import latency_of
-from drivers.uvc.pixels import FULL_SCALES, to_numbers
-from drivers.uvc.stream import QUEUED, Shot, Stopped, Stream
+from drivers.uvc.camera_connection import CALL_TIMEOUT, CameraConnection
+from drivers.uvc.capture import (
+    CaptureFactory,
+    CaptureMode,
+    read_exposure_units,
+    resolve_source,
+    set_exposure_units,
+)
+from drivers.uvc.frame_selection import ExposureInForce
+from drivers.uvc.latency import count_old_frames
+from drivers.uvc.pixel_decoding import FULL_SCALES, decode_pixels
+from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
 
-_STALL = 0.8
+_STALL_MARGIN = 0.8
 """Seconds beyond a frame's time after which a stream that gives none has stopped."""
 
-_SETTING = 1.5
+_SET_TIMEOUT_MARGIN = 1.5
 """Seconds beyond a frame's time for an exposure to be set."""
 
 
@@ -36,7 +42,7 @@ class UVCCamera:
     """A UVC camera that runs freely, as a camera that takes one picture when asked.
 
     device: "/dev/video0", a lasting name such as "/dev/v4l/by-id/...", or a number. width,
-    height: in pixels. pixel_format: see drivers.uvc.pixels. frame_rate: in Hz, 0 for the
+    height: in pixels. pixel_format: see drivers.uvc.pixel_decoding. frame_rate: in Hz, 0 for the
     camera's own. exposure_range_ms: shortest and longest. exposure_unit_us: the camera's unit.
     discard_frames: frames begun after a new exposure was set that may still have the old one;
     measure_latency() finds it. gain: in the camera's units, left alone by default.
@@ -46,7 +52,7 @@ class UVCCamera:
 
     model = "UVC camera"
     settling = 0.0
-    reply_time = 2 * OPENING
+    reply_time = 2 * CALL_TIMEOUT
 
     def __init__(
         self,
@@ -61,9 +67,9 @@ class UVCCamera:
         discard_frames: int = 3,
         gain: float | None = None,
         electrons_per_number: float = 1.0,
-        source: str | Source = "",
+        source: str | CaptureFactory = "",
     ) -> None:
-        self._mode = Mode(
+        self._mode = CaptureMode(
             device, width, height, pixel_format, frame_rate, exposure_unit_us / 1e6, gain
         )
         self._range = _range(exposure_range_ms)
@@ -78,12 +84,14 @@ class UVCCamera:
         self.discard_frames = discard_frames
         self.alive_at = 0.0
         """When a measurement last got on; see Device."""
-        self._in_force = InForce()
-        self._connection = Connection(self.model, self._mode, resolve(source), self._set_again)
+        self._in_force = ExposureInForce()
+        self._connection = CameraConnection(
+            self.model, self._mode, resolve_source(source), self._restore_exposure
+        )
 
     @property
     def identity(self) -> Identity:
-        told = self._connection.told
+        told = self._connection.description
         return Identity(self._connection.model, told.get("serial number", ""), simulated=False)
 
     @property
@@ -101,7 +109,7 @@ class UVCCamera:
     @property
     def frame_time(self) -> float:
         """Seconds for all frames that are let pass, and for the one that is kept."""
-        return (self.discard_frames + QUEUED + 4) * self._period
+        return (self.discard_frames + QUEUE_LENGTH + 4) * self._period
 
     @property
     def _period(self) -> float:
@@ -111,12 +119,12 @@ class UVCCamera:
 
     def health(self) -> dict[str, str]:
         """What the camera tells about itself, and how its stream goes."""
-        stream = self._connection.ready("read its state")
+        stream = self._connection.ensure_stream("read its state")
         return {
-            **self._connection.told,
+            **self._connection.description,
             "seconds a frame": f"{self._period:.4f}",
-            "frames taken": str(stream.frames),
-            "frames missed": str(stream.gaps),
+            "frames taken": str(stream.frame_count),
+            "frames missed": str(stream.missing_count),
             "frames discarded after a new exposure": str(self.discard_frames),
         }
 
@@ -130,7 +138,7 @@ class UVCCamera:
                 f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
                 "Choose an exposure in the range",
             )
-        stream = self._connection.ready(command)
+        stream = self._connection.ensure_stream(command)
         self._set(command, stream, max(round(exposure / self._mode.unit), 1))
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
@@ -139,10 +147,10 @@ class UVCCamera:
 
         DeviceError if the stream stops for a second, or if it's cancelled.
         """
-        stream = self._connection.ready("capture")
-        shot = self._accepted(stream, cancelled)
+        stream = self._connection.ensure_stream("capture")
+        shot = self._next_valid_frame(stream, cancelled)
         try:
-            image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
+            image = decode_pixels(shot.image, self._mode.pixel_format, self._mode.shape)
         except (ValueError, TypeError) as error:
             raise self._connection.refuse("capture", str(error), "Ask for it again") from error
         begun = self._clock.now() - (time.monotonic() - shot.time) - self._in_force.exposure
@@ -163,8 +171,8 @@ class UVCCamera:
             for step in range(2 * steps):
                 exposure = exposures[(step + 1) % 2]
                 self.set_exposure(exposure)
-                levels = self._levels(command, 2 * frames)
-                latency = max(latency, latency_of(before, levels))
+                levels = self._mean_levels(command, 2 * frames)
+                latency = max(latency, count_old_frames(before, levels))
                 before = levels[-1][1]
         except ValueError as error:
             self.discard_frames = waiting
@@ -181,46 +189,46 @@ class UVCCamera:
         """Stop the stream; the next command starts it again."""
         self._connection.stop()
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._connection.gone()
+        return self._connection.unplugged_reason()
 
     def __enter__(self) -> Self:
-        self._connection.ready("open")
+        self._connection.ensure_stream("open")
         return self
 
     def __exit__(self, *error: object) -> None:
         self._connection.stop()
 
-    def _levels(self, command: str, count: int) -> list[tuple[int, float]]:
+    def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
         """Mean numbers of the next frames, and how many came since the exposure was set."""
-        stream, number = self._connection.ready(command), 0
+        stream, number = self._connection.ensure_stream(command), 0
         levels: list[tuple[int, float]] = []
         while len(levels) < count:
-            shot = self._next(stream, number, _never)
+            shot = self._next_shot(stream, number, _never)
             number, self.alive_at = shot.number, time.monotonic()
-            between = stream.since(self._in_force.since, number) - 1
+            between = stream.count_frames_since(self._in_force.set_at, number) - 1
             if between >= 0:
-                image = to_numbers(shot.image, self._mode.pixel_format, self._mode.shape)
+                image = decode_pixels(shot.image, self._mode.pixel_format, self._mode.shape)
                 levels.append((between, float(image.mean())))
         return levels
 
-    def _accepted(self, stream: Stream, cancelled: Callable[[], bool]) -> Shot:
+    def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
         """The first frame that must be what was asked for."""
-        called, number, now = time.monotonic(), stream.frames, self._in_force
-        late = called + now.exposure + self.frame_time + OPENING
+        called, number, now = time.monotonic(), stream.frame_count, self._in_force
+        late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:
-            shot = self._next(stream, number, cancelled)
+            shot = self._next_shot(stream, number, cancelled)
             number = shot.number
-            shows = now.shows(stream, shot, self.discard_frames)
+            shows = now.is_in_frame(stream, shot, self.discard_frames)
             if shows and now.is_begun_after(called, stream, shot):
-                self._require_time_for_it(stream, shot)
+                self._require_frame_interval(stream, shot)
                 return shot
-        raise self._connection.lost("capture", "no frame of the new exposure came")
+        raise self._connection.end_with_error("capture", "no frame of the new exposure came")
 
-    def _require_time_for_it(self, stream: Stream, shot: Shot) -> None:
+    def _require_frame_interval(self, stream: Stream, shot: StreamFrame) -> None:
         """DeviceError if frames come so fast that none can be exposed for as long as was set."""
-        gap = self._in_force.too_fast(stream, shot)
+        gap = self._in_force.too_short_interval(stream, shot)
         if gap:
             raise self._connection.refuse(
                 "capture",
@@ -230,7 +238,7 @@ class UVCCamera:
                 "exposure_dynamic_framerate=1",
             )
 
-    def _next(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> Shot:
+    def _next_shot(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> StreamFrame:
         """The next frame; DeviceError if there is none for a second, or if it's cancelled."""
         began = time.monotonic()
         while True:
@@ -238,24 +246,26 @@ class UVCCamera:
                 raise self._connection.refuse("capture", "it was cancelled", "Take it again")
             try:
                 shot = stream.next_shot(after, 0.02)
-            except Stopped as stopped:
-                raise self._connection.lost("capture", str(stopped)) from None
+            except StreamStopped as stopped:
+                raise self._connection.end_with_error("capture", str(stopped)) from None
             if shot is not None:
                 return shot
-            if time.monotonic() - max(began, stream.last_at) > self._period + _STALL:
-                raise self._connection.lost("capture", "the stream has stopped")
+            if time.monotonic() - max(began, stream.last_frame_at) > self._period + _STALL_MARGIN:
+                raise self._connection.end_with_error("capture", "the stream has stopped")
 
     def _set(self, command: str, stream: Stream, units: int) -> None:
-        seconds = self._period + _SETTING
+        seconds = self._period + _SET_TIMEOUT_MARGIN
         actual = self._connection.ask(
-            command, stream, lambda capture: set_units(capture, units), seconds
+            command, stream, lambda capture: set_exposure_units(capture, units), seconds
         )
-        self._in_force = self._in_force.changed(units, actual * self._mode.unit)
+        self._in_force = self._in_force.with_exposure(units, actual * self._mode.unit)
 
-    def _set_again(self, command: str, stream: Stream) -> None:
+    def _restore_exposure(self, command: str, stream: Stream) -> None:
         """The exposure that was set last, or at first the camera's own, if that is in the range."""
         low, high = (round(limit / self._mode.unit) for limit in self._range)
-        units = self._in_force.units or round(self._connection.ask(command, stream, units_of))
+        units = self._in_force.units or round(
+            self._connection.ask(command, stream, read_exposure_units)
+        )
         self._set(command, stream, min(max(units, low, 1), high))
 
 

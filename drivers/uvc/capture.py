@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.uvc.pixels import FULL_SCALES, is_decoded
-from drivers.uvc.stream import Stopped
+from drivers.uvc.pixel_decoding import FULL_SCALES, is_decoded
+from drivers.uvc.stream import StreamStopped
 
-Source = Callable[[str | int], Any]
+CaptureFactory = Callable[[str | int], Any]
 """Opens a device: gives what behaves as cv2.VideoCapture does."""
 
-_MANUAL = 1.0
+_EXPOSURE_MANUAL = 1.0
 """V4L2_EXPOSURE_MANUAL"""
 
 
 @dataclass(frozen=True)
-class Mode:
+class CaptureMode:
     """How a camera is to run. unit: of its exposures, in seconds."""
 
     device: str | int
@@ -57,12 +57,12 @@ class Mode:
         return self.height, self.width
 
 
-def path_of(device: str | int) -> Path:
+def device_path(device: str | int) -> Path:
     """Where the system shows it."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
-def resolve(source: str | Source) -> Source:
+def resolve_source(source: str | CaptureFactory) -> CaptureFactory:
     """What opens a device: OpenCV, or another by its name "module:name"; ValueError if none."""
     if callable(source):
         return source
@@ -82,29 +82,29 @@ def _open_v4l2(device: str | int) -> Any:
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
     import cv2
 
-    path = path_of(device)
+    path = device_path(device)
     if not path.exists():
-        raise Stopped(f"there is no {path}")
+        raise StreamStopped(f"there is no {path}")
     if not os.access(path, os.R_OK | os.W_OK):
-        raise Stopped(f"the system denies access to {path}; join the group video")
+        raise StreamStopped(f"the system denies access to {path}; join the group video")
     return cv2.VideoCapture(device, cv2.CAP_V4L2)
 
 
-def configured(mode: Mode, source: Source) -> Any:
-    """An open VideoCapture that runs as it should; Stopped says what it doesn't do."""
+def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
+    """An open VideoCapture that runs as it should; StreamStopped says what it doesn't do."""
     capture = source(mode.device)
     try:
         if not capture.isOpened():
-            raise Stopped(f"{mode.device} is in use by another program, or is no camera")
+            raise StreamStopped(f"{mode.device} is in use by another program, or is no camera")
         _set_format(capture, mode)
-        _switch_off(capture, mode)
+        _disable_automatics(capture, mode)
     except BaseException:
         capture.release()
         raise
     return capture
 
 
-def _set_format(capture: Any, mode: Mode) -> None:
+def _set_format(capture: Any, mode: CaptureMode) -> None:
     import cv2
 
     capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*mode.pixel_format))
@@ -118,17 +118,17 @@ def _set_format(capture: Any, mode: Mode) -> None:
     code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
     letters = code.to_bytes(4, "little").decode("ascii", errors="replace")
     if (width, height, letters) != (mode.width, mode.height, mode.pixel_format):
-        raise Stopped(
+        raise StreamStopped(
             f"it gives {width} x {height} pixels of {letters!r}, not {mode.width} x "
             f"{mode.height} of {mode.pixel_format!r}: choose what it has"
         )
 
 
-def _switch_off(capture: Any, mode: Mode) -> None:
+def _disable_automatics(capture: Any, mode: CaptureMode) -> None:
     """All that would change pictures by itself."""
     import cv2
 
-    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _EXPOSURE_MANUAL)
     _require_manual(capture)
     for name, number in (
         ("white balance", cv2.CAP_PROP_AUTO_WB),
@@ -137,43 +137,45 @@ def _switch_off(capture: Any, mode: Mode) -> None:
         # What a camera hasn't got can't be set, and reads as 0 or -1.
         capture.set(number, 0.0)
         if capture.get(number) == 1:
-            raise Stopped(f"its automatic {name} can't be switched off")
+            raise StreamStopped(f"its automatic {name} can't be switched off")
     if mode.gain is not None:
         capture.set(cv2.CAP_PROP_GAIN, mode.gain)
         if capture.get(cv2.CAP_PROP_GAIN) != mode.gain:
-            raise Stopped(f"its gain reads {capture.get(cv2.CAP_PROP_GAIN):g}, not {mode.gain:g}")
+            raise StreamStopped(
+                f"its gain reads {capture.get(cv2.CAP_PROP_GAIN):g}, not {mode.gain:g}"
+            )
 
 
 def _require_manual(capture: Any) -> None:
     import cv2
 
-    if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) != _MANUAL:
-        raise Stopped("its automatic exposure can't be switched off")
+    if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) != _EXPOSURE_MANUAL:
+        raise StreamStopped("its automatic exposure can't be switched off")
 
 
-def units_of(capture: Any) -> float:
+def read_exposure_units(capture: Any) -> float:
     """Its exposure in its own units, as it reads."""
     import cv2
 
     units = float(capture.get(cv2.CAP_PROP_EXPOSURE))
     if not 0 < units < math.inf:
-        raise Stopped(f"its exposure reads {units:g}, which is none")
+        raise StreamStopped(f"its exposure reads {units:g}, which is none")
     return units
 
 
-def set_units(capture: Any, units: int) -> float:
+def set_exposure_units(capture: Any, units: int) -> float:
     """Set its exposure in its own units; what it then reads."""
     import cv2
 
     if not capture.set(cv2.CAP_PROP_EXPOSURE, float(units)):
-        raise Stopped(f"it refuses the exposure {units}")
+        raise StreamStopped(f"it refuses the exposure {units}")
     _require_manual(capture)
-    return units_of(capture)
+    return read_exposure_units(capture)
 
 
-def describe(capture: Any, device: str | int) -> dict[str, str]:
+def describe_camera(capture: Any, device: str | int) -> dict[str, str]:
     """Who the camera is, as the system and OpenCV tell."""
-    path = path_of(device).resolve()
+    path = device_path(device).resolve()
     told = {"device": str(path), "backend": str(capture.getBackendName())}
     if not re.fullmatch(r"video\d+", path.name):
         return told

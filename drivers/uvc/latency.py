@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_NEAR = 0.1
+_LEVEL_TOLERANCE = 0.1
 """Share of a step within which a level has arrived."""
 
 
-def latency_of(before: float, levels: Sequence[tuple[int, float]]) -> int:
+def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
     """The frames that still have the old exposure.
 
     before: mean number of pictures of the old exposure. levels: of pictures after the change,
@@ -26,7 +26,7 @@ def latency_of(before: float, levels: Sequence[tuple[int, float]]) -> int:
             f"pictures of {before:.0f} became pictures of {after:.0f}; give two exposures that "
             "differ more, neither of them too dark or clipped"
         )
-    late = [index for index, level in levels if abs(level - after) > _NEAR * abs(step)]
+    late = [index for index, level in levels if abs(level - after) > _LEVEL_TOLERANCE * abs(step)]
     latency = late[-1] + 1 if late else 0
     if latency > levels[len(levels) // 2][0]:
         raise ValueError("the pictures don't settle; see that the light is steady")

@@ -23,15 +23,15 @@ T = TypeVar("T")
 POS_MSEC = 0
 """cv2.CAP_PROP_POS_MSEC: with V4L2 the frame's time by time.monotonic(), in milliseconds."""
 
-QUEUED = 4
+QUEUE_LENGTH = 4
 """Frames that V4L2 may hold ready, as OpenCV asks it to."""
 
-_MANY = 1000
+_MAX_HISTORY = 1000
 """Frame times that are kept, for a look back."""
 
 
 @dataclass(frozen=True)
-class Shot:
+class StreamFrame:
     """A frame as it came: when, by time.monotonic(), and whether the camera itself said so."""
 
     number: int
@@ -40,81 +40,81 @@ class Shot:
     image: Any
 
 
-class Stopped(Exception):
+class StreamStopped(Exception):
     """The stream has ended, in words."""
 
 
 class Stream:
     """Frames of an opened VideoCapture, from start() to stop().
 
-    make: opens one, in the thread. Frames that nobody waits for are taken and forgotten.
+    open_capture: opens one, in the thread. Frames that nobody waits for are taken and forgotten.
     """
 
-    def __init__(self, make: Callable[[], Any]) -> None:
-        self._make = make
+    def __init__(self, open_capture: Callable[[], Any]) -> None:
+        self._make = open_capture
         self._jobs: SimpleQueue[tuple[Callable[[Any], Any], Future[Any]]] = SimpleQueue()
         self._changed = threading.Condition()
-        self._shot: Shot | None = None
-        self.ended = ""
+        self._shot: StreamFrame | None = None
+        self.end_reason = ""
         """Why it has ended; empty while it goes on."""
         self._stopping = False
         self._wanted = 0
-        self.frames = 0
-        self.gaps = 0
+        self.frame_count = 0
+        self.missing_count = 0
         """Frames that are missing, as the times of the others tell."""
-        self._times: deque[tuple[int, float]] = deque(maxlen=_MANY)
+        self._times: deque[tuple[int, float]] = deque(maxlen=_MAX_HISTORY)
         self._last = 0.0
         self.period = 0.0
         """Seconds from frame to frame, as they come; 0 before there are two."""
-        self.last_at = time.monotonic()
+        self.last_frame_at = time.monotonic()
         """When the last frame came, by time.monotonic()."""
         self._thread = threading.Thread(target=self._run, name="UVC stream", daemon=True)
         self._thread.start()
 
-    def since(self, time_: float, number: int) -> int:
+    def count_frames_since(self, time_: float, number: int) -> int:
         """How many frames have times after `time_`, up to the one of that number."""
         with self._changed:
             return sum(1 for count, at in self._times if at > time_ and count <= number)
 
-    def gap_before(self, number: int) -> float:
+    def interval_before(self, number: int) -> float:
         """Seconds from the frame before to the one of that number; infinite where unknown."""
         with self._changed:
             times = dict(self._times)
         return times.get(number, math.inf) - times.get(number - 1, -math.inf)
 
-    def ask(self, work: Callable[[Any], T], seconds: float) -> T:
+    def run_between_frames(self, work: Callable[[Any], T], seconds: float) -> T:
         """Have something done with the VideoCapture between two frames.
 
-        Stopped if the stream has ended or doesn't come to it in time.
+        StreamStopped if the stream has ended or doesn't come to it in time.
         """
         done: Future[T] = Future()
         self._jobs.put((work, done))
         late = time.monotonic() + seconds
-        while not self.ended:
+        while not self.end_reason:
             try:
                 return done.result(timeout=min(0.05, max(late - time.monotonic(), 0.001)))
             except TookTooLong:
                 if time.monotonic() > late:
-                    raise Stopped(f"it doesn't answer within {seconds:.2g} s") from None
+                    raise StreamStopped(f"it doesn't answer within {seconds:.2g} s") from None
         if done.done():
             return done.result()
-        raise Stopped(self.ended)
+        raise StreamStopped(self.end_reason)
 
-    def next_shot(self, after: int, seconds: float) -> Shot | None:
+    def next_shot(self, after: int, seconds: float) -> StreamFrame | None:
         """The first frame of a number greater than `after` that comes; None if none does.
 
-        Stopped if the stream has ended.
+        StreamStopped if the stream has ended.
         """
         with self._changed:
             self._wanted += 1
             try:
-                self._changed.wait_for(lambda: self._has(after) or self.ended, seconds)
+                self._changed.wait_for(lambda: self._has(after) or self.end_reason, seconds)
             finally:
                 self._wanted -= 1
             if self._has(after):
                 return self._shot
-            if self.ended:
-                raise Stopped(self.ended)
+            if self.end_reason:
+                raise StreamStopped(self.end_reason)
             return None
 
     def _has(self, after: int) -> bool:
@@ -132,9 +132,9 @@ class Stream:
             capture = self._make()
             while not self._stopping:
                 self._do_jobs(capture)
-                self._take(capture)
+                self._grab_frame(capture)
             why = "it was stopped"
-        except Stopped as stopped:
+        except StreamStopped as stopped:
             why = str(stopped)
         except Exception as error:
             why = f"{type(error).__name__}: {error}"
@@ -142,7 +142,7 @@ class Stream:
             if capture is not None:
                 capture.release()
         with self._changed:
-            self.ended = why
+            self.end_reason = why
             self._changed.notify_all()
 
     def _do_jobs(self, capture: Any) -> None:
@@ -156,34 +156,34 @@ class Stream:
             except Exception as error:
                 done.set_exception(error)
 
-    def _take(self, capture: Any) -> None:
+    def _grab_frame(self, capture: Any) -> None:
         """One frame: decoded only if somebody wants it."""
         if not capture.grab():
-            raise Stopped("the stream broke off")
+            raise StreamStopped("the stream broke off")
         now = time.monotonic()
         stamp = float(capture.get(POS_MSEC) or 0.0) * 1e-3
         # Some drivers stamp nothing, or by another clock.
         stamped = self._last < stamp <= now and now - stamp < 60
         at = stamp if stamped else now
-        self.last_at = now
-        self.frames += 1
+        self.last_frame_at = now
+        self.frame_count += 1
         with self._changed:
-            self._times.append((self.frames, at))
-        self._note_period(at)
+            self._times.append((self.frame_count, at))
+        self._update_period(at)
         if not self._wanted:
             return
         good, image = capture.retrieve()
         with self._changed:
             if good and image is not None:
-                self._shot = Shot(self.frames, at, stamped, image)
+                self._shot = StreamFrame(self.frame_count, at, stamped, image)
             self._changed.notify_all()
 
-    def _note_period(self, at: float) -> None:
+    def _update_period(self, at: float) -> None:
         gap, self._last = at - self._last, at
-        if self.frames < 2:
+        if self.frame_count < 2:
             return
         if self.period and gap > 1.5 * self.period:
-            self.gaps += round(gap / self.period) - 1
+            self.missing_count += round(gap / self.period) - 1
         # Slowly upwards, for a gap is no period; a shorter one is believed sooner.
         share = 0.05 if gap > self.period else 0.3
         self.period = gap if not self.period else self.period + share * (gap - self.period)

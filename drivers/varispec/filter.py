@@ -11,20 +11,20 @@ from typing import Self, TypeVar
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Setting, Surroundings
 from drivers.serial_line import SerialLine
-from drivers.varispec.health import Health
-from drivers.varispec.opening import Opening
-from drivers.varispec.options import Options, as_tuple
+from drivers.varispec.echo_client import FilterRefusal, VariSpecClient
+from drivers.varispec.health import VariSpecHealth
+from drivers.varispec.options import VariSpecOptions, as_tuple
 from drivers.varispec.palette import Palette
 from drivers.varispec.protocol import Version
-from drivers.varispec.settling import COLDEST, slowdown
-from drivers.varispec.talk import Refusal, Talk
+from drivers.varispec.settling import COLDEST, settling_factor
+from drivers.varispec.startup import VariSpecStartup
 from drivers.varispec.tuning import Tuning
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_HEAT = 600.0
+_TEMPERATURE_MAX_AGE = 600.0
 """Seconds after which the temperature is read again when it is tuned."""
 
 
@@ -48,7 +48,7 @@ class VariSpec:
     """
 
     reply_time = 3.0
-    _patience = reply_time - 0.1
+    _call_timeout = reply_time - 0.1
 
     def __init__(
         self,
@@ -63,29 +63,29 @@ class VariSpec:
         serial: str = "",
         terminator: str = "\r",
     ) -> None:
-        self._options = Options(
+        self._options = VariSpecOptions(
             port, baudrate, settling_ms, bandwidth_nm, recalibrate, exercise,
             as_tuple("palette_nm", palette_nm), serial, terminator,
         )  # fmt: skip
         self._clock = surroundings.clock
         self._line = SerialLine("VariSpec", port, self._clock, baudrate=baudrate)
-        self._talk = Talk(self._line, terminator)
-        self._opening = Opening(self._talk, self._options, self._report)
-        self._palette = Palette(self._talk)
+        self._client = VariSpecClient(self._line, terminator)
+        self._startup = VariSpecStartup(self._client, self._options, self._report)
+        self._palette = Palette(self._client)
         self._version: Version | None = None
-        self._temperature, self._heat_at = COLDEST, 0.0
-        self._tuning = Tuning(self._talk)
+        self._temperature, self._temperature_read_at = COLDEST, 0.0
+        self._tuning = Tuning(self._client)
         self.progress: Callable[[str, float], None] | None = None
         self.alive_at = 0.0
 
     def __enter__(self) -> Self:
         try:
-            self._version = self._opening.begin()
-            self._note_temperature(self._opening.temperature)
+            self._version = self._startup.begin()
+            self._note_temperature(self._startup.temperature)
             self._palette.forget()
             if self._options.palette_nm:
                 self.define_palette([nm * 1e-9 for nm in self._options.palette_nm])
-            self._tuning.nm = self._do("read the wavelength", self._tuning.read)
+            self._tuning.nm = self._run("read the wavelength", self._tuning.read)
         except BaseException:
             self._close()
             raise
@@ -108,21 +108,21 @@ class VariSpec:
         """End the call that goes on, from any thread; the filter can't be used any more."""
         self._line.cancel()
 
-    def gone(self) -> str | None:
+    def unplugged_reason(self) -> str | None:
         """Why it counts as unplugged, empty while it is there; see Device."""
-        return self._line.gone()
+        return self._line.unplugged_reason()
 
     @property
     def identity(self) -> Identity:
-        return Identity("VariSpec", self._told.serial, simulated=False)
+        return Identity("VariSpec", self._known_version.serial, simulated=False)
 
     @property
     def settling(self) -> float:
-        return self._options.settling_ms * 1e-3 * slowdown(self._temperature)
+        return self._options.settling_ms * 1e-3 * settling_factor(self._temperature)
 
     @property
     def wavelength_range(self) -> tuple[float, float]:
-        return _metres(self._told.shortest), _metres(self._told.longest)
+        return _metres(self._known_version.shortest), _metres(self._known_version.longest)
 
     @property
     def bandwidth(self) -> float:
@@ -131,19 +131,19 @@ class VariSpec:
     @property
     def wavelength(self) -> float:
         """What the filter says it is tuned to, in metres."""
-        return _metres(self._do("read the wavelength", self._tuning.read))
+        return _metres(self._run("read the wavelength", self._tuning.read))
 
     @property
     def temperature(self) -> float:
         """Of the liquid crystals, in degrees Celsius."""
-        return self._do("read the temperature", self._read_temperature)
+        return self._run("read the temperature", self._read_temperature)
 
     @property
     def palette(self) -> tuple[float, ...]:
         """The wavelengths that the filter has calculated, in metres."""
         # Over RS-232 a full one takes longer than anything else.
         self.alive_at = time.monotonic()
-        told = self._do("read the palette", self._palette.read, self.reply_time + 5.0)
+        told = self._run("read the palette", self._palette.read, self.reply_time + 5.0)
         return tuple(map(_metres, told))
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
@@ -153,11 +153,11 @@ class VariSpec:
         self._require_in_range(nm, command)
 
         def tune() -> None:
-            if self._clock.now() - self._heat_at > _HEAT:
+            if self._clock.now() - self._temperature_read_at > _TEMPERATURE_MAX_AGE:
                 self._read_temperature()
             self._tuning.tune(nm, self._palette.find(nm), command)
 
-        self._do(command, tune)
+        self._run(command, tune)
         return self._setting(wavelength)
 
     def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
@@ -168,10 +168,10 @@ class VariSpec:
         given = [round(wavelength * 1e9, 2) for wavelength in wavelengths]
         for nm in given:
             self._require_in_range(nm, f"palette with {nm:.2f} nm")
-        self._do("clear the palette", self._palette.clear)
+        self._run("clear the palette", self._palette.clear)
         for element, nm in enumerate(given):
             self._report("defining the palette", element / len(given))
-            self._do(f"palette with {nm:.2f} nm", partial(self._palette.define, element, nm))
+            self._run(f"palette with {nm:.2f} nm", partial(self._palette.define, element, nm))
         held = self.palette
         if held != tuple(map(_metres, given)):
             self._palette.forget()
@@ -179,13 +179,13 @@ class VariSpec:
         return held
 
     def clear_palette(self) -> None:
-        self._do("clear the palette", self._palette.clear)
+        self._run("clear the palette", self._palette.clear)
 
     def choose(self, element: int) -> Setting[float]:
         """Tune to an element of the palette, counted from 0."""
         command = f"tune to element {element} of the palette"
 
-        nm = self._do(command, lambda: self._tuning.choose(element, command))
+        nm = self._run(command, lambda: self._tuning.choose(element, command))
         return self._setting(_metres(nm))
 
     def refresh(self, *, completely: bool = True) -> None:
@@ -193,78 +193,80 @@ class VariSpec:
 
         Not between pictures that are to be compared. 30 s more if its plug was just out.
         """
-        self._rest("initialise")
-        self._opening.initialise(completely)
-        self._note_temperature(self._opening.temperature)
-        self.set_wavelength(_metres(self._tuning.nm or self._told.shortest))
+        self._synchronise("initialise")
+        self._startup.initialise(completely)
+        self._note_temperature(self._startup.temperature)
+        self.set_wavelength(_metres(self._tuning.nm or self._known_version.shortest))
 
     def exercise(self, cycles: int = 3) -> None:
         """Exercise the liquid crystals, 12 s a cycle; 3 are enough, says the manual."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
-        self._rest("exercise")
-        self._opening.exercise(cycles)
+        self._synchronise("exercise")
+        self._startup.exercise(cycles)
 
     def sleep(self) -> None:
         """The filter then answers nothing until it is awakened."""
-        self._do("sleep", lambda: self._talk.sleep(self._told.serial))
+        self._run("sleep", lambda: self._client.sleep(self._known_version.serial))
 
     def awaken(self) -> None:
-        self._line.in_step = False
-        self._do("awaken", lambda: None)
+        self._line.in_sync = False
+        self._run("awaken", lambda: None)
 
     def health(self) -> dict[str, str]:
         """What the filter tells about itself, and what should be done about it."""
-        with self._line.within(self._patience):
-            status = self._do("read the status", lambda: self._talk.status("read the status"))
+        with self._line.within(self._call_timeout):
+            status = self._run(
+                "read the status", lambda: self._client.read_status("read the status")
+            )
             temperature = self.temperature
-        return Health(
-            version=self._told,
+        return VariSpecHealth(
+            version=self._known_version,
             status=status,
             temperature=temperature,
-            temperature_then=self._opening.temperature,
-            age=self._clock.now() - self._opening.since,
-            how=self._opening.how,
+            initialised_temperature=self._startup.temperature,
+            age=self._clock.now() - self._startup.initialised_at,
+            initialisation=self._startup.initialisation,
             specified=self._options.settling_ms * 1e-3,
             settling=self.settling,
-            failures=self._talk.failures,
-        ).words
+            failures=self._client.failures,
+        ).report
 
     def make_safe(self) -> None:
         self.set_wavelength(self.wavelength_range[0])
 
     @property
-    def _told(self) -> Version:
+    def _known_version(self) -> Version:
         if self._version is None:
             raise DeviceError("VariSpec", "identity", "it is not open", "Open it first")
         return self._version
 
     def _require_in_range(self, nm: float, command: str) -> None:
-        low, high = self._told.shortest, self._told.longest
+        low, high = self._known_version.shortest, self._known_version.longest
         if not low <= nm <= high:
-            raise Refusal(
+            raise FilterRefusal(
                 "VariSpec",
                 command,
                 f"out of range, {low:.2f} to {high:.2f} nm",
                 "Choose a wavelength in the range",
             )
 
-    def _do(self, command: str, work: Callable[[], T], seconds: float = _patience) -> T:
+    def _run(self, command: str, work: Callable[[], T], seconds: float = _call_timeout) -> T:
         """Do something in step; once or twice again, if the line is noisy and time is left."""
-        told = self._told
+        told = self._known_version
 
         def rest() -> None:
-            if not self._opening.come_to_rest(command, told).palette:
+            if not self._startup.resynchronise(command, told).palette:
                 self._palette.forget()
 
         with self._line.within(seconds):
-            return self._talk.persist(rest, work)
+            return self._client.call_with_retry(rest, work)
 
-    def _rest(self, command: str) -> None:
+    def _synchronise(self, command: str) -> None:
         """In step, with nothing going on, before something that lasts."""
-        _ = self._told
-        self._opening.wait_if_plugged_in_again(command)
-        self._do(command, lambda: None)
+        _ = self._known_version
+        self._startup.wait_if_plugged_in_again(command)
+        self._run(command, lambda: None)
 
     def _report(self, what: str, share: float) -> None:
         self.alive_at = time.monotonic()
@@ -278,11 +280,11 @@ class VariSpec:
         return Setting(asked, actual, self._clock.now() + self.settling)
 
     def _read_temperature(self) -> float:
-        self._note_temperature(self._opening.read_temperature("read the temperature"))
+        self._note_temperature(self._startup.read_temperature("read the temperature"))
         return self._temperature
 
     def _note_temperature(self, temperature: float) -> None:
-        self._temperature, self._heat_at = temperature, self._clock.now()
+        self._temperature, self._temperature_read_at = temperature, self._clock.now()
 
 
 def _metres(nm: float) -> float:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.options import require_within
-from drivers.varispec.protocol import PALETTE
+from drivers.option_checks import require_within
+from drivers.varispec.protocol import PALETTE_SIZE
 
 RECALIBRATE = ("if needed", "correct", "always")
 
@@ -16,7 +16,7 @@ _BAUD_RATES = (9600, 19200, 115200)
 
 
 @dataclass(frozen=True)
-class Options:
+class VariSpecOptions:
     """What VariSpec() takes; see there."""
 
     port: str
@@ -37,7 +37,7 @@ class Options:
         require_within("bandwidth_nm", self.bandwidth_nm, 0.01, 200)
         _require_one_of("recalibrate", self.recalibrate, RECALIBRATE)
         _require_one_of("exercise", self.exercise, (False, True))
-        if len(self.palette_nm) > PALETTE:
+        if len(self.palette_nm) > PALETTE_SIZE:
             raise ValueError(f"palette_nm has {len(self.palette_nm)} elements; 128 are most")
         for wavelength in self.palette_nm:
             require_within("palette_nm's element", wavelength, 100, 9999)
@@ -46,11 +46,11 @@ class Options:
         _require_one_of("terminator", self.terminator, ("\r", "\n"))
 
 
-def as_tuple(name: str, given: Any) -> tuple[Any, ...]:
+def as_tuple(name: str, values: Any) -> tuple[Any, ...]:
     """ValueError where an option isn't a list."""
-    if isinstance(given, (str, bytes)) or not isinstance(given, Sequence):
-        raise ValueError(f"{name} is {given!r}; give a list of numbers")
-    return tuple(given)
+    if isinstance(values, (str, bytes)) or not isinstance(values, Sequence):
+        raise ValueError(f"{name} is {values!r}; give a list of numbers")
+    return tuple(values)
 
 
 def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from drivers.varispec.protocol import ELEMENT, PALETTE
-from drivers.varispec.talk import Talk
+from drivers.varispec.echo_client import VariSpecClient
+from drivers.varispec.protocol import ELEMENT_REPLY, PALETTE_SIZE
 
 
 class Palette:
     """What the filter was told to hold, and what it says that it holds. Nanometres."""
 
-    def __init__(self, talk: Talk) -> None:
+    def __init__(self, talk: VariSpecClient) -> None:
         self._talk = talk
         self._defined: dict[float, int] = {}
 
@@ -22,22 +22,24 @@ class Palette:
 
     def clear(self) -> None:
         self.forget()
-        self._talk.set("C 1", "clear the palette")
+        self._talk.send_and_check("C 1", "clear the palette")
 
     def define(self, element: int, nm: float) -> None:
-        self._talk.set(f"D {nm:.2f},{element}", f"palette with {nm:.2f} nm")
+        self._talk.send_and_check(f"D {nm:.2f},{element}", f"palette with {nm:.2f} nm")
         self._defined[nm] = element
 
     def read(self) -> tuple[float, ...]:
         """One answer is enough where it is what was defined here."""
-        held = self._ask()
+        held = self._read_once()
         if held and held == tuple(self._defined):
             return held
-        return self._talk.agreed(self._ask, "read the palette")
+        return self._talk.confirmed_reply(self._read_once, "read the palette")
 
-    def _ask(self) -> tuple[float, ...]:
+    def _read_once(self) -> tuple[float, ...]:
         command = "read the palette"
-        count = float(self._talk.ask("D ?", ELEMENT, command)[1])
-        if count != int(count) or count > PALETTE:
+        count = float(self._talk.ask("D ?", ELEMENT_REPLY, command)[1])
+        if count != int(count) or count > PALETTE_SIZE:
             raise self._talk.line.error(command, f"it says it has {count} elements")
-        return tuple(float(self._talk.read_answer(ELEMENT, command)[1]) for _ in range(int(count)))
+        return tuple(
+            float(self._talk.read_reply(ELEMENT_REPLY, command)[1]) for _ in range(int(count))
+        )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 ESCAPE, BUSY, STATUS = b"\x1b", b"!", b"@"
 
-PALETTE = 128
+PALETTE_SIZE = 128
 """Elements of the palette at most."""
 
 ERRORS = {
@@ -40,13 +40,13 @@ REMEDIES = {
 
 _NUMBER = r"(\d{1,4}\.\d{1,3})"
 
-VERSION = re.compile(rf"[vV] *([\d.]{{1,8}}) +{_NUMBER} +{_NUMBER} +(\d{{1,5}})")
-WAVELENGTH = re.compile(rf"[wW] *(?:{_NUMBER}|(\*))")
-TEMPERATURE = re.compile(r"[yY] *(-?\d{1,3}(?:\.\d{1,3})?)")
-ELEMENT = re.compile(r"[dD] *(\d{1,4}(?:\.\d{1,3})?)")
+VERSION_REPLY = re.compile(rf"[vV] *([\d.]{{1,8}}) +{_NUMBER} +{_NUMBER} +(\d{{1,5}})")
+WAVELENGTH_REPLY = re.compile(rf"[wW] *(?:{_NUMBER}|(\*))")
+TEMPERATURE_REPLY = re.compile(r"[yY] *(-?\d{1,3}(?:\.\d{1,3})?)")
+ELEMENT_REPLY = re.compile(r"[dD] *(\d{1,4}(?:\.\d{1,3})?)")
 
 
-def whole(letter: str) -> re.Pattern[str]:
+def integer_reply_pattern(letter: str) -> re.Pattern[str]:
     """What a query of a whole number is answered with."""
     return re.compile(rf"[{letter.lower()}{letter.upper()}] *(\d{{1,5}})")
 
@@ -72,7 +72,7 @@ class Status:
     error: bool
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         told = {
             "initialised": self.initialised,
             "exercised": self.exercised,
@@ -83,14 +83,14 @@ class Status:
         return ", ".join(word for word, so in told.items() if so) or "not initialised"
 
 
-def read_status(byte: int) -> Status | None:
+def parse_status(byte: int) -> Status | None:
     """None if it is no status: bit 7 and bit 4 are always 0, bit 6 is always 1."""
     if byte & 0b11010000 != 0b01000000:
         return None
     return Status(*(bool(byte >> place & 1) for place in (0, 1, 2, 3, 5)))
 
 
-def explain(code: int) -> tuple[str, str]:
+def explain_error(code: int) -> tuple[str, str]:
     """An error code in words, and what to do about it."""
     words = ERRORS.get(code, "an error that the manual doesn't know")
     remedy = REMEDIES.get(code, "Try again; if it comes again, switch the filter off and on")

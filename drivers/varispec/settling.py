@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-ZERO = 273.15
+ZERO_CELSIUS = 273.15
 """0 degrees Celsius, in kelvin."""
 
 COLDEST, WARMEST = 10.0, 40.0
@@ -13,11 +13,11 @@ COLDEST, WARMEST = 10.0, 40.0
 _NOMINAL = 20.0
 """Degrees Celsius from which on the specified response time holds."""
 
-_ACTIVATION = math.log(2.0) / (1 / (_NOMINAL + ZERO) - 1 / (35.0 + ZERO))
+_ACTIVATION = math.log(2.0) / (1 / (_NOMINAL + ZERO_CELSIUS) - 1 / (35.0 + ZERO_CELSIUS))
 """Kelvin. At 35 degrees the viscosity is half of what it is at 20."""
 
 
-def slowdown(temperature: float) -> float:
+def settling_factor(temperature: float) -> float:
     """By how much settling takes longer than specified, at degrees Celsius.
 
     The response time goes with the viscosity of the liquid crystals, which halves from 20 to
@@ -25,5 +25,7 @@ def slowdown(temperature: float) -> float:
     Arrhenius' law between and beyond. The specified time counts as that at 20 degrees, below
     which the manual says it is longer; that it is shorter above is not made use of.
     """
-    cold = 1 / (max(temperature, -ZERO + 1.0) + ZERO) - 1 / (_NOMINAL + ZERO)
+    cold = 1 / (max(temperature, -ZERO_CELSIUS + 1.0) + ZERO_CELSIUS) - 1 / (
+        _NOMINAL + ZERO_CELSIUS
+    )
     return max(1.0, math.exp(_ACTIVATION * cold))

@@ -7,7 +7,7 @@ as in the X.Org documents "X Window System Protocol", "RandR", "Present" and "DA
 
 from __future__ import annotations
 
-from drivers.x11.connection import XConnection, XError, XGone
+from drivers.x11.connection import XConnection, XError, XServerGone
 from drivers.x11.reader import ScreenReader
 
-__all__ = ["ScreenReader", "XConnection", "XError", "XGone"]
+__all__ = ["ScreenReader", "XConnection", "XError", "XServerGone"]

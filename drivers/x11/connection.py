@@ -15,16 +15,16 @@ from typing import Self
 
 from drivers.x11 import libxcb
 
-PATIENCE = 2.0
+REPLY_TIMEOUT = 2.0
 """Seconds after which a server that doesn't answer is taken for a hung one."""
 
-_REFUSALS = {
+_CONNECTION_ERRORS = {
     5: "{!r} is no name of a display, which is such as ':0'",
     6: "the X server at {!r} has no screen of that number",
 }
 """XCB_CONN_CLOSED_PARSE_ERR and XCB_CONN_CLOSED_INVALID_SCREEN of xcb.h."""
 
-_BAD = {
+_ERROR_NAMES = {
     1: "bad request",
     2: "bad value",
     3: "bad window",
@@ -38,15 +38,15 @@ class XError(Exception):
     """What an X server, or its absence, has to say."""
 
 
-class XGone(XError):
+class XServerGone(XError):
     """The server has ended, or the connection to it: it never answers there again."""
 
 
 @dataclass(frozen=True)
-class Setup:
+class ServerSetup:
     """What a server tells of itself when it is greeted, for one of its screens.
 
-    masks: of red, green and blue in a pixel. bits: bits per pixel that a picture of the
+    masks: of red, green and blue in a pixel. bits_per_pixel: bits per pixel that a picture of the
     root window takes, by its depth.
     """
 
@@ -54,7 +54,7 @@ class Setup:
     root: int
     depth: int
     masks: tuple[int, int, int]
-    bits: dict[int, int]
+    bits_per_pixel: dict[int, int]
     little_endian: bool
 
 
@@ -67,18 +67,20 @@ class XConnection:
     def __init__(self, display: str) -> None:
         self.display = display
         try:
-            xcb = libxcb.library()
+            xcb = libxcb.load_library()
         except OSError as error:
             raise XError("libxcb isn't installed (Debian: libxcb1)") from error
         screen = ctypes.c_int(0)
-        self._at: int | None = _connected(display, screen)
+        self._at: int | None = _connect(display, screen)
         if refusal := xcb.xcb_connection_has_error(self._at):
             self.close()
-            raise XError(_REFUSALS.get(refusal, "no X server answers at {!r}").format(display))
+            raise XError(
+                _CONNECTION_ERRORS.get(refusal, "no X server answers at {!r}").format(display)
+            )
         self._opcodes: dict[str, tuple[int, int]] = {}
         self._lock = threading.RLock()
         try:
-            self.setup = _setup(xcb.xcb_get_setup(self._at), screen.value)
+            self.setup = _read_setup(xcb.xcb_get_setup(self._at), screen.value)
         except BaseException:
             self.close()
             raise
@@ -91,43 +93,43 @@ class XConnection:
 
     def close(self) -> None:
         if self._at is not None:
-            libxcb.library().xcb_disconnect(self._at)
+            libxcb.load_library().xcb_disconnect(self._at)
             self._at = None
 
     def fileno(self) -> int:
         """What becomes readable when events come."""
-        return int(libxcb.library().xcb_get_file_descriptor(self._open()))
+        return int(libxcb.load_library().xcb_get_file_descriptor(self._require_open()))
 
     def new_id(self) -> int:
-        return int(libxcb.library().xcb_generate_id(self._open()))
+        return int(libxcb.load_library().xcb_generate_id(self._require_open()))
 
-    def tell(self, opcode: int, body: bytes) -> None:
+    def send_request(self, opcode: int, body: bytes) -> None:
         """Send a request that has no reply; its errors come among the events."""
         with self._lock:
-            if not libxcb.send(self._open(), opcode, body, answered=False):
-                raise self._lost()
-            libxcb.library().xcb_flush(self._open())
+            if not libxcb.send(self._require_open(), opcode, body, has_reply=False):
+                raise self._gone_error()
+            libxcb.load_library().xcb_flush(self._require_open())
 
-    def ask(self, opcode: int, body: bytes) -> bytes:
+    def query(self, opcode: int, body: bytes) -> bytes:
         """The reply to a request. body: from the opcode's place on; its length is filled in."""
         with self._lock:
-            return self._ask(self._open(), opcode, body)
+            return self._query_unlocked(self._require_open(), opcode, body)
 
-    def _ask(self, at: int, opcode: int, body: bytes) -> bytes:
-        sequence = libxcb.send(at, opcode, body, answered=True)
+    def _query_unlocked(self, at: int, opcode: int, body: bytes) -> bytes:
+        sequence = libxcb.send(at, opcode, body, has_reply=True)
         if not sequence:
-            raise self._lost()
-        libxcb.library().xcb_flush(at)
-        late = time.monotonic() + PATIENCE
+            raise self._gone_error()
+        libxcb.load_library().xcb_flush(at)
+        late = time.monotonic() + REPLY_TIMEOUT
         while True:
             done, reply, error = libxcb.reply_or_error(at, sequence)
             if error:
-                words = _BAD.get(error, f"error {error}")
+                words = _ERROR_NAMES.get(error, f"error {error}")
                 raise XError(f"{self.display} refuses request {opcode}.{body[1]}: {words}")
             if done and reply:
                 return reply
-            if done or libxcb.library().xcb_connection_has_error(at):
-                raise self._lost()
+            if done or libxcb.load_library().xcb_connection_has_error(at):
+                raise self._gone_error()
             left = late - time.monotonic()
             if left <= 0:
                 raise XError(f"the X server {self.display} doesn't answer")
@@ -137,16 +139,16 @@ class XConnection:
 
     def events(self) -> Iterator[bytes]:
         """What has arrived, without waiting; XError if the server has gone."""
-        while (event := libxcb.next_event(self._open())) is not None:
+        while (event := libxcb.next_event(self._require_open())) is not None:
             yield event
-        if libxcb.library().xcb_connection_has_error(self._open()):
-            raise self._lost()
+        if libxcb.load_library().xcb_connection_has_error(self._require_open()):
+            raise self._gone_error()
 
     def extension(self, name: str) -> tuple[int, int]:
         """Its major opcode and first event; XError if the server hasn't got it."""
         if name not in self._opcodes:
             word = name.encode()
-            reply = self.ask(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
+            reply = self.query(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
             if not reply[8]:
                 raise XError(f"the X server {self.display} has no {name} extension")
             self._opcodes[name] = (reply[9], reply[10])
@@ -159,31 +161,35 @@ class XConnection:
             return False
         return True
 
-    def call(self, name: str, minor: int, layout: str = "", *values: int | bytes) -> bytes:
+    def query_extension(
+        self, name: str, minor: int, layout: str = "", *values: int | bytes
+    ) -> bytes:
         """The reply to an extension's request."""
         major, _ = self.extension(name)
-        return self.ask(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
+        return self.query(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
-    def order(self, name: str, minor: int, layout: str = "", *values: int | bytes) -> None:
+    def send_extension_request(
+        self, name: str, minor: int, layout: str = "", *values: int | bytes
+    ) -> None:
         """Send an extension's request that has no reply."""
         major, _ = self.extension(name)
-        self.tell(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
+        self.send_request(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def atom(self, name: str) -> int:
         word = name.encode()
-        reply = self.ask(16, struct.pack("<BBHHxx", 16, 0, 0, len(word)) + word)
+        reply = self.query(16, struct.pack("<BBHHxx", 16, 0, 0, len(word)) + word)
         return int(struct.unpack_from("<I", reply, 8)[0])
 
-    def _open(self) -> int:
+    def _require_open(self) -> int:
         if self._at is None:
             raise XError(f"the connection to {self.display} is closed")
         return self._at
 
-    def _lost(self) -> XGone:
-        return XGone(f"the X server {self.display} has gone")
+    def _gone_error(self) -> XServerGone:
+        return XServerGone(f"the X server {self.display} has gone")
 
 
-def _connected(display: str, screen: ctypes.c_int) -> int:
+def _connect(display: str, screen: ctypes.c_int) -> int:
     """The library's connection, good or bad; XError if the server doesn't say a word."""
     made: queue.SimpleQueue[int] = queue.SimpleQueue()
     unwanted = threading.Event()
@@ -191,24 +197,24 @@ def _connected(display: str, screen: ctypes.c_int) -> int:
     def forget() -> None:
         """Let go of what came too late; who of both takes it does."""
         with contextlib.suppress(queue.Empty):
-            libxcb.library().xcb_disconnect(made.get_nowait())
+            libxcb.load_library().xcb_disconnect(made.get_nowait())
 
     def connect() -> None:
-        made.put(libxcb.library().xcb_connect(display.encode(), ctypes.byref(screen)))
+        made.put(libxcb.load_library().xcb_connect(display.encode(), ctypes.byref(screen)))
         if unwanted.is_set():
             forget()
 
     # The library waits for a greeting for ever: then the thread does, and nobody else.
     threading.Thread(target=connect, name=f"connect to {display}", daemon=True).start()
     try:
-        return made.get(timeout=PATIENCE)
+        return made.get(timeout=REPLY_TIMEOUT)
     except queue.Empty:
         unwanted.set()
         forget()
         raise XError(f"the X server {display} doesn't answer") from None
 
 
-def _setup(address: int, number: int) -> Setup:
+def _read_setup(address: int, number: int) -> ServerSetup:
     """Read the server's greeting; see "Connection Setup" of the protocol."""
     words = struct.unpack("<H", ctypes.string_at(address + 6, 2))[0]
     told = ctypes.string_at(address, 8 + 4 * words)
@@ -218,13 +224,13 @@ def _setup(address: int, number: int) -> Setup:
     bits = {told[at + 8 * i]: told[at + 8 * i + 1] for i in range(formats)}
     at += 8 * formats
     for _ in range(number):
-        at = _after_screen(told, at)[0]
-    visuals = _after_screen(told, at)[1]
+        at = _parse_screen(told, at)[0]
+    visuals = _parse_screen(told, at)[1]
     root, visual = struct.unpack_from("<I28xI", told, at)
-    return Setup(vendor, root, told[at + 38], visuals.get(visual, (0, 0, 0)), bits, not order)
+    return ServerSetup(vendor, root, told[at + 38], visuals.get(visual, (0, 0, 0)), bits, not order)
 
 
-def _after_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
+def _parse_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
     """Where the next screen begins, and the colour masks of this one's visuals."""
     masks = {}
     depths, at = told[at + 39], at + 40

@@ -9,7 +9,7 @@ from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_ubyte, c_uint, c
 from typing import Any
 
 
-class Protocol(ctypes.Structure):
+class ProtocolRequest(ctypes.Structure):
     """xcb_protocol_request_t of xcbext.h; without `ext`, `opcode` is the major opcode."""
 
     _fields_ = (
@@ -20,7 +20,7 @@ class Protocol(ctypes.Structure):
     )
 
 
-class Vector(ctypes.Structure):
+class IoVector(ctypes.Structure):
     """struct iovec."""
 
     _fields_ = (("base", c_void_p), ("length", c_size_t))
@@ -31,7 +31,7 @@ CHECKED = 1
 
 
 @functools.cache
-def library() -> Any:
+def load_library() -> Any:
     """OSError where libxcb isn't installed."""
     xcb = ctypes.CDLL("libxcb.so.1")
     for name, result, given in (
@@ -59,7 +59,7 @@ def _free() -> Any:
     return free
 
 
-def taken(address: int, length: int) -> bytes:
+def copy_and_free(address: int, length: int) -> bytes:
     """A copy of what the library allocated, which is freed."""
     try:
         return ctypes.string_at(address, length)
@@ -67,27 +67,29 @@ def taken(address: int, length: int) -> bytes:
         _free()(address)
 
 
-def send(connection: int, opcode: int, body: bytes, answered: bool) -> int:
+def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
     """Send a request; its length is filled in. Its sequence number, 0 if it can't be sent."""
     padded = ctypes.create_string_buffer(body + bytes(-len(body) % 4))
     # The library uses the two vectors before the first.
-    vectors = (Vector * 3)()
-    vectors[2] = Vector(ctypes.cast(padded, c_void_p), len(body) + -len(body) % 4)
-    protocol = Protocol(1, None, opcode, not answered)
-    where = ctypes.addressof(vectors) + 2 * ctypes.sizeof(Vector)
-    return int(library().xcb_send_request(connection, CHECKED * answered, where, byref(protocol)))
+    vectors = (IoVector * 3)()
+    vectors[2] = IoVector(ctypes.cast(padded, c_void_p), len(body) + -len(body) % 4)
+    protocol = ProtocolRequest(1, None, opcode, not has_reply)
+    where = ctypes.addressof(vectors) + 2 * ctypes.sizeof(IoVector)
+    return int(
+        load_library().xcb_send_request(connection, CHECKED * has_reply, where, byref(protocol))
+    )
 
 
 def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
     """Whether a request is done, its reply, and the code of its error or 0."""
     reply, error = c_void_p(), c_void_p()
-    done = library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
+    done = load_library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
     if error.value:
-        return True, b"", taken(error.value, 32)[1]
+        return True, b"", copy_and_free(error.value, 32)[1]
     if not reply.value:
         return bool(done), b"", 0
     length = 32 + 4 * c_uint32.from_address(reply.value + 4).value
-    return True, taken(reply.value, length), 0
+    return True, copy_and_free(reply.value, length), 0
 
 
 def round_trip(connection: int) -> None:
@@ -95,18 +97,18 @@ def round_trip(connection: int) -> None:
     get_input_focus = 43
     sequence = send(connection, get_input_focus, struct.pack("<BxH", get_input_focus, 0), True)
     error = c_void_p()
-    reply = library().xcb_wait_for_reply(connection, sequence, byref(error))
+    reply = load_library().xcb_wait_for_reply(connection, sequence, byref(error))
     for answer in (reply, error.value):
         if answer:
-            taken(answer, 32)
+            copy_and_free(answer, 32)
 
 
 def next_event(connection: int) -> bytes | None:
     """The next event that has arrived, without waiting."""
-    event = library().xcb_poll_for_event(connection)
+    event = load_library().xcb_poll_for_event(connection)
     if not event:
         return None
     length = 36  # the library puts the full sequence number behind the first 32 bytes
     if ctypes.string_at(event, 1)[0] & 0x7F == 35:  # a generic event may be longer
         length += 4 * c_uint32.from_address(event + 4).value
-    return taken(event, length)
+    return copy_and_free(event, length)

@@ -27,7 +27,7 @@ _ANY = 0
 class Output:
     """A connector with a lit screen: x, y, width, height in pixels of the X screen.
 
-    refresh: hertz, 0 where the server doesn't know. distorted: what the graphics card does
+    refresh: hertz, 0 where the server doesn't know. distortion: what the graphics card does
     to its pixels (scaling, turning), in words; empty if it sends them as they are. crtc:
     the server's number of the part that scans the picture out.
     """
@@ -40,7 +40,7 @@ class Output:
     height: int
     refresh: float
     primary: bool
-    distorted: str = ""
+    distortion: str = ""
     number: int = 0
     crtc: int = 0
 
@@ -64,18 +64,18 @@ class Output:
         return words + (", primary" if self.primary else "")
 
 
-def outputs(x: XConnection) -> list[Output]:
+def list_outputs(x: XConnection) -> list[Output]:
     """The screens that are lit now, in the server's order. XError if it has no RandR."""
-    x.call("RANDR", 0, "II", 1, 5)
+    x.query_extension("RANDR", 0, "II", 1, 5)
     root = x.setup.root
-    told = x.call("RANDR", 25, "I", root)
+    told = x.query_extension("RANDR", 25, "I", root)
     _, stamp, crtcs, count, modes = struct.unpack_from("<IIHHH", told, 8)
     at = 32 + 4 * crtcs
     numbers = struct.unpack_from(f"<{count}I", told, at)
-    rates = _modes(told, at + 4 * count, modes)
-    (primary,) = struct.unpack_from("<I", x.call("RANDR", 31, "I", root), 8)
+    rates = _parse_modes(told, at + 4 * count, modes)
+    (primary,) = struct.unpack_from("<I", x.query_extension("RANDR", 31, "I", root), 8)
     edid = x.atom("EDID")
-    found = (_output(x, number, stamp, rates, number == primary, edid) for number in numbers)
+    found = (_read_output(x, number, stamp, rates, number == primary, edid) for number in numbers)
     lit = [output for output in found if output is not None]
     if lit and not any(output.primary for output in lit):
         # Where a desktop begins: the screen that it takes for its first.
@@ -86,10 +86,10 @@ def outputs(x: XConnection) -> list[Output]:
 
 def watch_changes(x: XConnection) -> None:
     """Have the server tell, as events, when screens come, go or change."""
-    x.order("RANDR", 4, "IHxx", x.setup.root, _CHANGES)
+    x.send_extension_request("RANDR", 4, "IHxx", x.setup.root, _CHANGES)
 
 
-def was_lost(x: XConnection, output: Output) -> bool:
+def has_been_lost(x: XConnection, output: Output) -> bool:
     """Whether a screen was dark or unplugged since this was asked, even if it is back.
 
     x: told by `watch_changes` to watch, and used for nothing else.
@@ -109,14 +109,14 @@ def was_lost(x: XConnection, output: Output) -> bool:
     return lost
 
 
-def ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
+def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
     """What the graphics card makes of grey levels: (3, n) of 0 to 65535; n is 0 without one."""
-    told = x.call("RANDR", 23, "I", crtc)
+    told = x.query_extension("RANDR", 23, "I", crtc)
     (size,) = struct.unpack_from("<H", told, 8)
     return np.frombuffer(told, "<u2", 3 * size, 32).reshape(3, size).astype(np.uint16)
 
 
-def _modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
+def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
     """Width, height and refresh rate of each mode."""
     found = {}
     for _ in range(count):
@@ -130,7 +130,7 @@ def _modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]
     return found
 
 
-def _output(
+def _read_output(
     x: XConnection,
     number: int,
     stamp: int,
@@ -138,40 +138,40 @@ def _output(
     primary: bool,
     edid: int,
 ) -> Output | None:
-    told = x.call("RANDR", 9, "II", number, stamp)
+    told = x.query_extension("RANDR", 9, "II", number, stamp)
     (crtc,) = struct.unpack_from("<I", told, 12)
     if not crtc or told[24] == _DISCONNECTED:
         return None
     crtcs, many, _, clones, length = struct.unpack_from("<HHHHH", told, 26)
     at = 36 + 4 * (crtcs + many + clones)
     name = told[at : at + length].decode("latin-1")
-    seen = x.call("RANDR", 20, "II", crtc, stamp)
+    seen = x.query_extension("RANDR", 20, "II", crtc, stamp)
     left, top, width, height, mode, turned = struct.unpack_from("<hhHHIH", seen, 12)
     if not mode:
         return None
     columns, rows, rate = modes.get(mode, (width, height, 0.0))
-    distorted = _distortion(x, crtc, (columns, rows), (width, height), turned)
-    monitor = read_edid(_property(x, number, edid))
+    distorted = _describe_distortion(x, crtc, (columns, rows), (width, height), turned)
+    monitor = read_edid(_read_property(x, number, edid))
     return Output(name, monitor, left, top, width, height, rate, primary, distorted, number, crtc)
 
 
-def _distortion(
-    x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], turned: int
+def _describe_distortion(
+    x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], rotation: int
 ) -> str:
-    if turned != _UPRIGHT:
+    if rotation != _UPRIGHT:
         return "it is turned or mirrored"
     if mode != size:
         return f"{size[0]}x{size[1]} pixels are scaled to {mode[0]}x{mode[1]}"
-    told = x.call("RANDR", 27, "I", crtc)
+    told = x.query_extension("RANDR", 27, "I", crtc)
     if struct.unpack_from("<9i", told, 48) != _UNSCALED:
         return "its pixels are scaled or shifted by a transform"
     return ""
 
 
-def _property(x: XConnection, output: int, name: int) -> bytes:
+def _read_property(x: XConnection, output: int, name: int) -> bytes:
     """An output's property; empty if it hasn't got it."""
     try:
-        told = x.call("RANDR", 15, "IIIIIBB2x", output, name, _ANY, 0, 128, 0, 0)
+        told = x.query_extension("RANDR", 15, "IIIIIBB2x", output, name, _ANY, 0, 128, 0, 0)
     except XError:
         return b""
     (count,) = struct.unpack_from("<I", told, 16)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.x11.connection import XConnection, XError
-from drivers.x11.shared import SharedMemory
+from drivers.x11.shared_memory import XSharedMemory
 
 _RGB = (0xFF0000, 0x00FF00, 0x0000FF)
 
@@ -26,19 +26,23 @@ class ScreenReader:
 
     def __init__(self, display: str, region: tuple[int, int, int, int] | None = None) -> None:
         self._x = XConnection(display)
-        self._memory: SharedMemory | None = None
+        self._memory: XSharedMemory | None = None
         self._damage, self._before = 0, False
         try:
             setup = self._x.setup
             self._region = region or (0, 0, *self._size())
-            if setup.masks != _RGB or not setup.little_endian or setup.bits[setup.depth] != 32:
+            if (
+                setup.masks != _RGB
+                or not setup.little_endian
+                or setup.bits_per_pixel[setup.depth] != 32
+            ):
                 raise XError(
                     f"{display} isn't a screen of 8 bits a colour (depth {setup.depth}, "
                     f"masks {', '.join(f'{m:06x}' for m in setup.masks)})"
                 )
             self._require_inside()
-            self._memory = self._share()
-            self._watch()
+            self._memory = self._attach_shared_memory()
+            self._watch_damage()
         except BaseException:
             self.close()
             raise
@@ -76,10 +80,10 @@ class ScreenReader:
             return self._memory.bytes[: 4 * width * height].reshape(height, width, 4)
         whole, pixmap, root = 0xFFFFFFFF, 2, self._x.setup.root
         body = struct.pack("<BBHIhhHHI", 73, pixmap, 0, root, x, y, width, height, whole)
-        pixels = np.frombuffer(self._x.ask(73, body), np.uint8, 4 * width * height, 32)
+        pixels = np.frombuffer(self._x.query(73, body), np.uint8, 4 * width * height, 32)
         return pixels.reshape(height, width, 4)
 
-    def changed(self) -> bool:
+    def has_changed(self) -> bool:
         """Whether anything was drawn on the screen since the last time it was asked.
 
         True at first. Nothing is missed: what is drawn between this and reading the pixels
@@ -90,14 +94,14 @@ class ScreenReader:
         _, first = self._x.extension("DAMAGE")
         told = [event for event in self._x.events() if event[0] & 0x7F == first]
         if told:
-            self._x.order("DAMAGE", 3, "III", self._damage, 0, 0)
+            self._x.send_extension_request("DAMAGE", 3, "III", self._damage, 0, 0)
         before, self._before = self._before, True
         return bool(told) or not before
 
     def _size(self) -> tuple[int, int]:
         """Columns and rows: they may have changed since the server greeted us."""
         root = struct.pack("<BBHI", 14, 0, 0, self._x.setup.root)
-        columns, rows = struct.unpack_from("<HH", self._x.ask(14, root), 16)
+        columns, rows = struct.unpack_from("<HH", self._x.query(14, root), 16)
         return columns, rows
 
     def _require_inside(self) -> None:
@@ -109,15 +113,17 @@ class ScreenReader:
                 f"{columns}x{rows} pixels"
             )
 
-    def _watch(self) -> None:
+    def _watch_damage(self) -> None:
         if self._x.has("DAMAGE"):
-            self._x.call("DAMAGE", 0, "II", 1, 1)
+            self._x.query_extension("DAMAGE", 0, "II", 1, 1)
             self._damage = self._x.new_id()
             # Told once, until the damage is taken away (level 3, "non-empty").
-            self._x.order("DAMAGE", 1, "IIB3x", self._damage, self._x.setup.root, 3)
+            self._x.send_extension_request(
+                "DAMAGE", 1, "IIB3x", self._damage, self._x.setup.root, 3
+            )
 
-    def _share(self) -> SharedMemory | None:
+    def _attach_shared_memory(self) -> XSharedMemory | None:
         """Memory for the picture: some ten times as fast, but only on the same machine."""
         with contextlib.suppress(XError):
-            return SharedMemory(self._x, 4 * self._region[2] * self._region[3])
+            return XSharedMemory(self._x, 4 * self._region[2] * self._region[3])
         return None

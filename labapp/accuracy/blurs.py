@@ -18,16 +18,16 @@ from scipy.signal import fftconvolve
 from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
 from labapp.common.errors import UserError
 from labapp.files.photograph_file import read_photograph
-from labapp.files.reading import bundled
-from labapp.pictures.reconstructing.psfs import psf_of_file
-from labapp.pictures.reconstructing.records import Choice
+from labapp.files.reading import bundled_path
+from labapp.pictures.reconstructing.psf_files import read_psf_file
+from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from optics import targets
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation import Observation
 from optics.metrics import psnr, ssim
 from optics.operators.blur import Border
 from optics.plane import Plane
-from optics.targets.stroke import drawn
+from optics.targets.stroke import draw_strokes
 
 Array = NDArray[np.float64]
 
@@ -36,24 +36,24 @@ _FINER = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class SimulatedPhotograph:
     """A photograph of a known scene.
 
     truth: (rows, columns), what a camera without blur and noise would have seen, white at 1.
-    frame: what was seen. psf: with a sum of 1, origin at n // 2.
+    observation: what was seen. psf: with a sum of 1, origin at n // 2.
     """
 
     name: str
     truth: Array
-    frame: Array
+    observation: Array
     psf: Array
     noise: float
     border: Border
 
     @property
-    def problem(self) -> Blurred:
+    def problem(self) -> Observation:
         """In single precision, with nothing told of its noise."""
-        return measured(self.frame.astype(np.float32), self.psf, None, self.border)
+        return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
         """PSNR in dB and SSIM of a picture, cut to 0 to 1, over the whole frame; white is 1."""
@@ -61,9 +61,9 @@ class Taken:
         return psnr(seen, self.truth), ssim(seen, self.truth)
 
 
-def taken(
+def simulate_photograph(
     name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
-) -> Taken:
+) -> SimulatedPhotograph:
     """A photograph of a scene, (rows, columns).
 
     Of an unknown border only that part is seen all of whose light the scene holds; a periodic one
@@ -73,15 +73,18 @@ def taken(
         raise UserError(f"{name} is {scene.shape}, no larger than its PSF, {psf.shape}.")
     truth, frame = scene, scene
     if border == "periodic":
-        frame = _around(scene, psf)
+        frame = _convolve_periodically(scene, psf)
     else:
         frame = np.asarray(fftconvolve(scene, psf, mode="valid"))
-        truth = scene[_within(psf.shape[0], len(frame)), _within(psf.shape[1], len(frame.T))]
+        truth = scene[
+            _fully_seen_slice(psf.shape[0], len(frame)),
+            _fully_seen_slice(psf.shape[1], len(frame.T)),
+        ]
     noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
-    return Taken(name, truth, noisy, psf, noise, border)
+    return SimulatedPhotograph(name, truth, noisy, psf, noise, border)
 
 
-def asked_photograph(
+def photograph_from_options(
     picture: Path | None,
     blur: str,
     psf: Path | None,
@@ -89,26 +92,28 @@ def asked_photograph(
     border: str,
     size: int,
     seed: int,
-) -> Taken:
+) -> SimulatedPhotograph:
     """What a command line asks for; UserError for what can't be."""
     require_blur(blur, border)
-    kernel = BLURS[blur]() if psf is None else _first(psf_of_file(psf, 1, Choice())[0])
-    levels = read_photograph(picture or bundled("photograph.jpg"), linear=True).light
+    kernel = (
+        BLURS[blur]() if psf is None else _first_band(read_psf_file(psf, 1, RecordSelection())[0])
+    )
+    levels = read_photograph(picture or bundled_path("photograph.jpg"), linear=True).light
     grey = levels.mean(0, dtype=np.float64)
     if not (np.isfinite(grey).all() and grey.max() > 0):
         raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")
-    scene = _middle(grey / _full(levels), size)
+    scene = _middle(grey / _white_level(levels), size)
     name = f"{blur if psf is None else psf.name}, noise {noise:g}, {scene.shape}, {border} border"
-    return taken(name, scene, kernel, noise, seed, cast(Border, border))
+    return simulate_photograph(name, scene, kernel, noise, seed, cast(Border, border))
 
 
-def _full(levels: NDArray[np.float32]) -> float:
+def _white_level(levels: NDArray[np.float32]) -> float:
     """White: of 8 or 16 bits where the levels are such, else the brightest."""
     brightest = float(levels.max())
     return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
 
 
-def _first(bands: NDArray[np.float32]) -> Array:
+def _first_band(bands: NDArray[np.float32]) -> Array:
     return bands[0].astype(np.float64)
 
 
@@ -117,13 +122,13 @@ def _middle(picture: Array, size: int) -> Array:
     return np.ascontiguousarray(picture[rows, columns])
 
 
-def _within(psf: int, seen: int) -> slice:
+def _fully_seen_slice(psf: int, seen: int) -> slice:
     """Of a scene's axis, what is seen whole."""
     first = psf - 1 - psf // 2
     return slice(first, first + seen)
 
 
-def _around(scene: Array, psf: Array) -> Array:
+def _convolve_periodically(scene: Array, psf: Array) -> Array:
     rows, columns = psf.shape
     room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
     whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
@@ -133,8 +138,8 @@ def _around(scene: Array, psf: Array) -> Array:
 
 def disk(radius: float) -> Array:
     """Defocus as rays see it; radius in pixels."""
-    at = _finely(radius)
-    return _coverage(np.hypot(at[:, None], at) <= radius)
+    at = _subpixel_positions(radius)
+    return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
@@ -142,19 +147,19 @@ def box(side: int) -> Array:
     return np.full((side, side), side**-2.0)
 
 
-def bell(deviation: float) -> Array:
+def gaussian(deviation: float) -> Array:
     """A Gaussian; its standard deviation in pixels."""
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
     psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
-    return _whole(psf)
+    return _normalise(psf)
 
 
 def circle(radius: float, centre: float) -> Array:
     """A line a pixel wide around a share of the light in the middle."""
-    at = _finely(radius + 3)
+    at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
-    psf = (1 - centre) * _coverage(np.abs(far - radius) <= 0.5)
+    psf = (1 - centre) * _pixel_coverage(np.abs(far - radius) <= 0.5)
     psf[psf.shape[0] // 2, psf.shape[1] // 2] += centre
     return psf
 
@@ -165,24 +170,24 @@ def shake(length: float, seed: int) -> Array:
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
     steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
     path = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
-    return _drawn([path - path.mean(0)], math.ceil(length))
+    return _rasterise_strokes([path - path.mean(0)], math.ceil(length))
 
 
 def line(length: float, angle: float) -> Array:
     """Even motion; length in pixels, angle from x towards y in radians."""
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
-    return _drawn([np.stack([-end, end])], math.ceil(length))
+    return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
 
 def shape(name: str, radius: float) -> Array:
     """A PSF of the thesis, so many pixels in radius."""
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
-    return _whole(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
+    return _normalise(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
 
 
 _MAKERS: dict[str, Callable[..., Array]] = {
-    one.__name__: one for one in (disk, bell, box, line, shake, circle, shape)
+    one.__name__: one for one in (disk, gaussian, box, line, shake, circle, shape)
 }
 
 BLURS: dict[str, Callable[[], Array]] = {
@@ -191,25 +196,25 @@ BLURS: dict[str, Callable[[], Array]] = {
 """Lengths in pixels."""
 
 
-def _finely(radius: float) -> Array:
+def _subpixel_positions(radius: float) -> Array:
     """Places of samples that are finer than pixels, an odd number of which holds the radius."""
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 
 
-def _coverage(inside: NDArray[np.bool_]) -> Array:
+def _pixel_coverage(inside: NDArray[np.bool_]) -> Array:
     side = inside.shape[0] // _FINER
-    return _whole(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
+    return _normalise(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
 
 
-def _drawn(strokes: list[Array], reach: int) -> Array:
+def _rasterise_strokes(strokes: list[Array], reach: int) -> Array:
     plane = Plane((2 * reach + 9, 2 * reach + 9), (1.0, 1.0))
-    psf = np.asarray(drawn(strokes, 0.7, "the path", "make it shorter").on(plane))
+    psf = np.asarray(draw_strokes(strokes, 0.7, "the path", "make it shorter").render(plane))
     lit = np.argwhere(psf > 1e-4 * psf.max())
     half = int(np.abs(lit - np.array(psf.shape) // 2).max())
     middle = psf.shape[0] // 2
-    return _whole(psf[middle - half : middle + half + 1, middle - half : middle + half + 1])
+    return _normalise(psf[middle - half : middle + half + 1, middle - half : middle + half + 1])
 
 
-def _whole(psf: Array) -> Array:
+def _normalise(psf: Array) -> Array:
     return psf / psf.sum()

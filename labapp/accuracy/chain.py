@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.accuracy.asked import require_pattern
-from labapp.accuracy.command import show_measured
-from labapp.accuracy.references.chain_psf import ChainProblem
-from labapp.accuracy.references.psf import Judge
-from labapp.accuracy.rows import Candidate, Row, by_tolerance, measure
-from labapp.common.console import watched
+from labapp.accuracy.command import show_measurements
+from labapp.accuracy.option_validation import require_pattern
+from labapp.accuracy.references.chain_problem import ChainProblem
+from labapp.accuracy.references.psf_problem import PSFReference
+from labapp.accuracy.work_precision import Candidate, Row, candidates_by_tolerance, measure
+from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
-from labapp.light.asked import Case, read_panel
+from labapp.light.lens_options import LensCase, read_panel
 from optics.accuracy import Budget
 from optics.camera import Camera, Panel
 from optics.psf import PSFOperator
@@ -43,8 +43,8 @@ class ChainCase:
     name: str
 
 
-def asked_chain(
-    case: Case,
+def chain_case_from_options(
+    case: LensCase,
     *,
     panel: str | None,
     separation_mm: float | None,
@@ -80,7 +80,7 @@ def asked_chain(
     return ChainCase(problem, ", ".join([*words, *(["sphere"] if sphere else [])]))
 
 
-def _camera(case: Case, panel: str | None, separation_mm: float | None) -> Camera:
+def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> Camera:
     if case.camera is None:
         shape, pitch = read_panel(panel or "96x128x8")
         camera = Camera(Panel(shape, pitch, unmodulated=0.0), case.lens, separation=50e-3)
@@ -110,7 +110,7 @@ def _require_short(problem: ChainProblem) -> None:
 
     It is as long wherever in the window the light arrives.
     """
-    terms = problem.judge(np.ones(problem.pixels.shape)).terms
+    terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
     if not terms <= _LONGEST:
         raise UserError(
             f"the exact integral of this camera is a sum of {terms:.0e} products, which takes too "
@@ -118,26 +118,26 @@ def _require_short(problem: ChainProblem) -> None:
         )
 
 
-def judge_of(problem: ChainProblem) -> Judge:
+def build_reference(problem: ChainProblem) -> PSFReference:
     """The exact light on some rows and columns of the window, drawn by about where the light
     arrives; everywhere alike if even that can't be said."""
     try:
         light = problem.light(problem.operator(problem.tol))
     except ValueError:
         light = np.ones(problem.pixels.shape)
-    return problem.judge(light)
+    return problem.build_reference(light)
 
 
-def candidates(case: ChainCase, judge: Judge, budget: Budget) -> Iterator[Candidate]:
+def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
     """Every method at every tolerance; what refuses is a row that says why."""
     problem = case.problem
 
-    def timed(operator: PSFOperator) -> Callable[[], Array]:
-        return lambda: judge.seen(problem.light(operator))
+    def build_call(operator: PSFOperator) -> Callable[[], Array]:
+        return lambda: reference.weighted_samples(problem.light(operator))
 
     row = Row("chain", case.name, "", "float64", None)
     plan = partial(problem.operator, budget=budget)
-    return by_tolerance(row, problem.methods, TOLERANCES, plan, timed)
+    return candidates_by_tolerance(row, problem.methods, TOLERANCES, plan, build_call)
 
 
 @single_threaded
@@ -146,12 +146,12 @@ def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | 
 
     memory: bytes that each method may use.
     """
-    with watched() as progress:
+    with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
         progress.report(0.1, "the exact integral")
-        judge = judge_of(case.problem)
-        truth = judge.truth
+        judge = build_reference(case.problem)
+        truth = judge.exact_samples
         progress.report(0.3, "planning")
         found = list(candidates(case, judge, budget))
         measured = measure(found, truth, progress.part(0.3, 1.0))
-    show_measured("Chain", case.name, measured, as_json, plot)
+    show_measurements("Chain", case.name, measured, as_json, plot)

@@ -9,22 +9,28 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from labapp.accuracy.comparing import (
+from labapp.accuracy.peers import installed_peers
+from labapp.accuracy.psf import candidates, exact_psf
+from labapp.accuracy.regression_check import (
     LESS_ACCURATE,
     SLOWER,
-    Stored,
+    StoredRows,
     read_stored,
-    require_known,
-    slower,
-    verdicts,
+    regression_messages,
+    require_comparable_rows,
+    slower_rows,
 )
-from labapp.accuracy.peers import installed_peers
-from labapp.accuracy.psf import candidates, exact
-from labapp.accuracy.rows import Measured, Row, measure, time_calls
-from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
-from labapp.common.console import err, out, watched
+from labapp.accuracy.row_output import (
+    Columns,
+    describe_machine,
+    format_number,
+    print_rows,
+    write_plot,
+)
+from labapp.accuracy.work_precision import MeasurementSet, Row, measure, time_calls
+from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
-from labapp.light.asked import Case
+from labapp.light.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -32,7 +38,7 @@ from optics.threads import single_threaded
 
 @single_threaded
 def accuracy_psf(
-    case: Case,
+    case: LensCase,
     *,
     peers: bool,
     as_json: bool,
@@ -45,41 +51,45 @@ def accuracy_psf(
     """
     stored = read_stored(compare) if compare else None
     adapters = installed_peers("psf") if peers else []
-    with watched() as progress:
+    with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
-        truth = exact(case, progress.part(0.1, 0.2))
+        truth = exact_psf(case, progress.part(0.1, 0.2))
         found = list(candidates(case, Budget(speed=speed)))
         found += [one for adapter in adapters for one in adapter(case)]
         measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
-        worse = _compared(measured, stored, progress.part(0.9, 1.0)) if stored else []
-    show_measured("PSF", case.name, measured, as_json, plot)
+        worse = _find_regressions(measured, stored, progress.part(0.9, 1.0)) if stored else []
+    show_measurements("PSF", case.name, measured, as_json, plot)
     if stored is not None:
-        _tell(worse, require_known(measured.rows, stored), stored, err if as_json else out)
+        _report_regressions(
+            worse, require_comparable_rows(measured.rows, stored), stored, err if as_json else out
+        )
 
 
-def _compared(measured: Measured, stored: Stored, progress: Progress) -> list[str]:
+def _find_regressions(
+    measurements: MeasurementSet, stored: StoredRows, progress: Progress
+) -> list[str]:
     """What became worse. Rows that look slower are timed twice more: a busy moment of the
     machine is no news."""
-    require_known(measured.rows, stored)
-    rows, calibration_s = list(measured.rows), measured.calibration_s
+    require_comparable_rows(measurements.rows, stored)
+    rows, calibration_s = list(measurements.rows), measurements.calibration_s
     for again in range(2):
-        suspects = slower(rows, calibration_s, stored)
-        calls = {number: measured.calls[number] for number in suspects}
+        suspects = slower_rows(rows, calibration_s, stored)
+        calls = {number: measurements.calls[number] for number in suspects}
         times, calibration_s_now = time_calls(calls, progress.part(again / 2, (again + 1) / 2))
         for number, (cpu, _) in times.items():
             now = cpu / calibration_s_now * calibration_s
             rows[number] = replace(rows[number], cpu_s=min(now, rows[number].cpu_s or now))
-    return verdicts(rows, calibration_s, stored)
+    return regression_messages(rows, calibration_s, stored)
 
 
-def _tell(worse: list[str], count: int, stored: Stored, where: Console) -> None:
+def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
     for line in worse:
-        where.print(f"worse than {stored.where}: {line}", markup=False)
+        where.print(f"worse than {stored.source}: {line}", markup=False)
     if worse:
         raise SystemExit(1)
     percent = 100 * SLOWER - 100
     where.print(
-        f"{count} points compared with {stored.where}: none became {percent:.0f} % slower, "
+        f"{count} points compared with {stored.source}: none became {percent:.0f} % slower, "
         f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
     )
 
@@ -87,7 +97,7 @@ def _tell(worse: list[str], count: int, stored: Stored, where: Console) -> None:
 _SIZE = re.compile(r"\d+² ")
 """What names a point of a curve, and not the curve."""
 
-_EVERYWHERE = ("pupil", "gray edge")
+_COMMON_WORDS = ("pupil", "gray edge")
 
 
 _COLUMNS: Columns[Row] = {
@@ -102,11 +112,11 @@ _COLUMNS: Columns[Row] = {
 _REMARK = "Relative L2 errors against the exact integral; one thread, planning left out."
 
 
-def show_measured(
-    what: str, name: str, measured: Measured, as_json: bool, plot: Path | None
+def show_measurements(
+    what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
     """The table of a diagram, or its rows as JSON; the diagram where there is a path for it."""
-    rows, kernel = measured.rows, measured.calibration_s
+    rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
     write_plot(plot, lambda: draw(name, rows))
 
@@ -116,14 +126,15 @@ def draw(name: str, rows: list[Row]) -> Figure:
     figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
     axes = figure.subplots()
     good = [row for row in rows if not row.failure]
-    for family in dict.fromkeys(_family(row) for row in good):
-        line = [row for row in good if _family(row) == family]
+    for family in dict.fromkeys(_curve_name(row) for row in good):
+        line = [row for row in good if _curve_name(row) == family]
         times = [1e3 * (row.cpu_s or 0) for row in line]
         axes.loglog(times, [row.error_achieved or 0 for row in line], "o-", label=family)
     failed = len(rows) - len(good)
     axes.set_xlabel(
         "processor time of one call, ms (one thread)\n"
-        f"{machine()}. Reference: the exact integral. {failed} of {len(rows)} settings failed."
+        f"{describe_machine()}. Reference: the exact integral. "
+        f"{failed} of {len(rows)} settings failed."
     )
     axes.set_ylabel("achieved error, relative L2")
     axes.set_title(name, fontsize=10)
@@ -132,10 +143,10 @@ def draw(name: str, rows: list[Row]) -> Figure:
     return figure
 
 
-def _family(row: Row) -> str:
+def _curve_name(row: Row) -> str:
     """A method without its setting."""
     if row.tol is not None:
         return row.method
     words = [_SIZE.sub("", word) for word in row.method.split(", ")]
-    words = [word for word in words if word not in _EVERYWHERE]
+    words = [word for word in words if word not in _COMMON_WORDS]
     return ", ".join([*words, row.precision])

@@ -14,15 +14,21 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from labapp.accuracy.blurs import Array, Taken
+from labapp.accuracy.blurs import Array, SimulatedPhotograph
 from labapp.accuracy.peers import installed_peers
-from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
-from labapp.common.console import watched
+from labapp.accuracy.row_output import (
+    Columns,
+    describe_machine,
+    format_number,
+    print_rows,
+    write_plot,
+)
+from labapp.accuracy.work_precision import Row, mark_front
+from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.choice import METHODS, restore
 from optics.deconvolution.method import Denoise
+from optics.deconvolution.restoration_choice import METHODS, restore
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -31,7 +37,18 @@ _SHORT = 2.0
 
 _REPEATS = 3
 
-_MORE = ("black", "navy", "olive", "maroon", "teal", "indigo", "peru", "lime", "gold", "crimson")
+_EXTRA_COLOURS = (
+    "black",
+    "navy",
+    "olive",
+    "maroon",
+    "teal",
+    "indigo",
+    "peru",
+    "lime",
+    "gold",
+    "crimson",
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +84,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_deconvolve(
-    case: Taken,
+    case: SimulatedPhotograph,
     denoise: Denoise | None,
     *,
     peers: bool,
@@ -76,7 +93,7 @@ def accuracy_deconvolve(
 ) -> None:
     """Measure every method on a photograph, print table or rows, and draw the plot if asked."""
     adapters = installed_peers("deconvolve") if peers else []
-    with watched() as progress:
+    with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
@@ -85,7 +102,7 @@ def accuracy_deconvolve(
 
 
 def measure_deconvolution(
-    case: Taken,
+    case: SimulatedPhotograph,
     denoise: Denoise | None,
     speed: MachineSpeed,
     progress: Progress,
@@ -96,13 +113,13 @@ def measure_deconvolution(
     adapters: to other libraries, see labapp.accuracy.peers.
     """
     settings = [
-        (name, count, partial(_restored, case, name, count, denoise))
+        (name, count, partial(_restore_image, case, name, count, denoise))
         for name, method in METHODS.items()
-        if denoise is not None or not method.learned
+        if denoise is not None or not method.needs_denoiser
         for count in sorted(method.gains)
     ]
     settings += [one for adapter in adapters for one in adapter(case)]
-    rows = [_row(case, "as it is", 0, lambda: case.frame)]
+    rows = [_row(case, "as it is", 0, lambda: case.observation)]
     for number, (name, count, solve) in enumerate(settings):
         progress.report(number / len(settings), f"{name}, {count}")
         row = _row(case, name, count, solve)
@@ -113,12 +130,14 @@ def measure_deconvolution(
     return mark_front(rows)
 
 
-def _restored(case: Taken, name: str, count: int, denoise: Denoise | None) -> torch.Tensor:
+def _restore_image(
+    case: SimulatedPhotograph, name: str, count: int, denoise: Denoise | None
+) -> torch.Tensor:
     return restore(case.problem, None, name, count=count, denoise=denoise).image
 
 
 def _row(
-    case: Taken, name: str, count: int, solve: Callable[[], torch.Tensor | Array]
+    case: SimulatedPhotograph, name: str, count: int, solve: Callable[[], torch.Tensor | Array]
 ) -> DeconvolutionRow:
     row = DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
     times, wall = list[float](), time.perf_counter()
@@ -136,12 +155,12 @@ def _row(
         cpu_s=statistics.median(times),
         wall_s=(time.perf_counter() - wall) / len(times),
         psnr_db=decibels,
-        inside_db=inside(case, picture),
+        inside_db=psnr_away_from_border(case, picture),
         ssim=similar,
     )
 
 
-def inside(case: Taken, picture: Array) -> float | None:
+def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
     """PSNR in dB further than a PSF from the border; None if nothing is."""
     rows, columns = case.psf.shape
     part = slice(rows, -rows), slice(columns, -columns)
@@ -151,7 +170,7 @@ def inside(case: Taken, picture: Array) -> float | None:
     return float(-10 * np.log10(np.mean(left**2)))
 
 
-def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:
+def draw(case: SimulatedPhotograph, rows: list[DeconvolutionRow]) -> Figure:
     """PSNR and SSIM against time, a curve a method."""
     figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure and row.iterations]
@@ -160,7 +179,10 @@ def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:
         own = [row for row in good if row.method == method]
         times = [1e3 * (row.cpu_s or 0) for row in own]
         mark = "x--" if method.startswith("scikit") else "o-"
-        style = {"label": method, "color": f"C{number}" if number < 10 else _MORE[number % 10]}
+        style = {
+            "label": method,
+            "color": f"C{number}" if number < 10 else _EXTRA_COLOURS[number % 10],
+        }
         left.semilogx(times, [row.psnr_db or 0 for row in own], mark, **style)
         right.semilogx(times, [row.ssim or 0 for row in own], mark, **style)
     before = rows[0]
@@ -170,5 +192,5 @@ def draw(case: Taken, rows: list[DeconvolutionRow]) -> Figure:
         axes.grid(alpha=0.3, which="both")
         axes.set_xlabel("processor time, ms (one thread)")
     figure.legend(*left.get_legend_handles_labels(), loc="outside right center", fontsize=8)
-    figure.suptitle(f"{case.name}. {machine()}.", fontsize=9)
+    figure.suptitle(f"{case.name}. {describe_machine()}.", fontsize=9)
     return figure

@@ -2,10 +2,11 @@
 
 An adapter of an entry point in the group `labapp.peers` is called by the operation's name:
 
-    psf         adapter(case) -> Candidates for a `labapp.light.asked.Case`
+    psf         adapter(case) -> Candidates for a `labapp.light.lens_options.LensCase`
     propagate   adapter(case, seen) -> Candidates for a `labapp.accuracy.propagate.FieldCase`; their
                 calls give seen(answer)
-    deconvolve  adapter(case) -> (name, iterations, call) for a `labapp.accuracy.blurs.Taken`
+    deconvolve  adapter(case) -> (name, iterations, call) for a
+                `labapp.accuracy.blurs.SimulatedPhotograph`
 
 A checkout has adapters to prysm, poppy, hcipy, torchoptics, DeepLens and scikit-image in
 tests/peers, which are written out there as examples.

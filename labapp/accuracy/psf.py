@@ -9,16 +9,16 @@ from typing import Any
 
 import torch
 
-from labapp.accuracy.references.lens import lens_picture
-from labapp.accuracy.references.round_lens import Picture, round_lens_picture
-from labapp.accuracy.rows import Candidate, Row
-from labapp.light.asked import Case
+from labapp.accuracy.references.lens_integral import lens_psf
+from labapp.accuracy.references.round_lens import Picture, round_lens_psf
+from labapp.accuracy.work_precision import Candidate, Row
+from labapp.light.lens_options import LensCase
 from optics.accuracy import Budget
-from optics.fourier import Geometry, plan_transform, transforms
+from optics.fourier import FourierGeometry, plan_transform, valid_transforms
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
-from optics.pupil import wave_phase
+from optics.pupil import pupil_phase
 from optics.stop.coverage import coverage
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
@@ -27,14 +27,14 @@ _PRECISIONS = {"float32": torch.complex64, "float64": torch.complex128}
 _METHODS = {"axial": "along the radius", "scattered": "quadrature and non-uniform FFT"}
 
 
-def exact(case: Case, progress: Progress) -> Picture:
+def exact_psf(case: LensCase, progress: Progress) -> Picture:
     """The exact integral at every pixel's centre, by direct quadrature."""
-    if case.plain:
-        return round_lens_picture(case.lens, case.distance, case.wavelength, case.pitch, case.size)
-    return lens_picture(case.lens, case.distance, case.wavelength, case.pixels, progress)
+    if case.is_clear_thin_on_axis:
+        return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
+    return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
-def candidates(case: Case, budget: Budget) -> Iterator[Candidate]:
+def candidates(case: LensCase, budget: Budget) -> Iterator[Candidate]:
     """Methods that take a tolerance, by tolerance; grids in the pupil by size and transform."""
     for method, words in _METHODS.items():
         for tol in _TOLERANCES:
@@ -43,14 +43,14 @@ def candidates(case: Case, budget: Budget) -> Iterator[Candidate]:
     for grid in _GRIDS:
         for precision, dtype in _PRECISIONS.items():
             geometry = _grid_geometry(case, grid)
-            for transform in transforms(geometry, dtype, 1e-6):
+            for transform in valid_transforms(geometry, dtype, 1e-6):
                 words = f"{grid}² grid, {transform.name}"
                 row = Row("psf", case.name, words, precision, None)
                 yield Candidate(row, partial(_on_grid, case, geometry, dtype, transform.name))
 
 
 def _to_tolerance(
-    case: Case, method: str, tol: float, budget: Budget
+    case: LensCase, method: str, tol: float, budget: Budget
 ) -> tuple[Callable[[], Any], float, int]:
     operator = PSFOperator(
         case.lens,
@@ -65,14 +65,14 @@ def _to_tolerance(
     return operator, operator.account.error, operator.account.bytes
 
 
-def _grid_geometry(case: Case, grid: int) -> Geometry:
+def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
     pitch = case.lens.stop_diameter / (grid - 2)
     scale = case.wavelength * case.lens.image_distance
-    return Geometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
+    return FourierGeometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
 
 
 def _on_grid(
-    case: Case, geometry: Geometry, dtype: torch.dtype, method: str
+    case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
 ) -> tuple[Callable[[], Any], None, int]:
     """What most programs do: the pupil sampled on a square grid, and a discrete transform.
 
@@ -84,7 +84,7 @@ def _on_grid(
     transform = plan_transform(geometry, dtype, method=method, error=1e-6)
     amplitude = coverage(lens.stop, radius, plane)
     y, x = plane.mesh()
-    phase = wave_phase(lens, case.distance, case.wavelength, y / radius, x / radius)
+    phase = pupil_phase(lens, case.distance, case.wavelength, y / radius, x / radius)
     area = case.pixels.pitch[0] * case.pixels.pitch[1]
     strength = plane.pitch[0] / geometry.scale * math.sqrt(area / float(amplitude.sum()))
     pupil = torch.polar(strength * amplitude, phase.remainder(2 * math.pi)).to(dtype)

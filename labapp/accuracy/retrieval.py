@@ -11,18 +11,24 @@ from pathlib import Path
 import torch
 from matplotlib.figure import Figure
 
-from labapp.accuracy.rows import Row, mark_front
-from labapp.accuracy.writing import Columns, format_number, machine, print_rows, write_plot
+from labapp.accuracy.row_output import (
+    Columns,
+    describe_machine,
+    format_number,
+    print_rows,
+    write_plot,
+)
+from labapp.accuracy.work_precision import Row, mark_front
 from labapp.bench.opening import BenchFiles
-from labapp.common.console import watched
+from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_bench
 from labapp.files.pattern_table import PSFPattern
-from labapp.patterns.grey_levels import designed
+from labapp.patterns.grey_levels import target_on_design_grid
 from optics.accuracy import MachineSpeed
 from optics.progress import Progress
-from optics.retrieval import METHODS, Retrieved, retrieve
-from optics.retrieval.goal import Goal
+from optics.retrieval import METHODS, RetrievalResult, retrieve
+from optics.retrieval.goal import RetrievalGoal
 from optics.threads import single_threaded
 
 _ITERATIONS = (3, 10, 30, 100, 300)
@@ -60,18 +66,18 @@ _REMARK = (
 )
 
 
-def asked_goal(spec: PSFPattern, bench: Path | None) -> tuple[Goal, str]:
+def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
     """What a command line asks to retrieve, and its name in words; UserError for what can't be."""
-    camera = read_bench(BenchFiles.default(bench).bench).build_camera()
-    drawing = spec.target.at(1, Path())[0]
-    shape, plane = designed(drawing, camera, spec.wavelength)
-    name = f"{spec.target.sizes}, {spec.wavelength_nm:g} nm"
-    return Goal(camera, shape, plane, spec.wavelength), name
+    camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
+    drawing = spec.target.video_drawings(1, Path())[0]
+    shape, plane = target_on_design_grid(drawing, camera, spec.wavelength)
+    name = f"{spec.target.summary}, {spec.wavelength_nm:g} nm"
+    return RetrievalGoal(camera, shape, plane, spec.wavelength), name
 
 
 @single_threaded
 def accuracy_retrieval(
-    goal: Goal,
+    goal: RetrievalGoal,
     name: str,
     *,
     frames: int,
@@ -83,7 +89,7 @@ def accuracy_retrieval(
 
     name: of the target, in words. budget: processor seconds that one setting may take.
     """
-    with watched() as progress:
+    with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
     print_rows(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK, rows, as_json=as_json)
@@ -91,22 +97,27 @@ def accuracy_retrieval(
 
 
 def measure_retrieval(
-    goal: Goal, name: str, frames: int, budget: float, speed: MachineSpeed, progress: Progress
+    goal: RetrievalGoal,
+    name: str,
+    frames: int,
+    budget: float,
+    speed: MachineSpeed,
+    progress: Progress,
 ) -> list[RetrievalRow]:
     """Every method that serves so many frames, after more and more iterations; the front is
     marked. What doesn't serve the target is a row too."""
     # Stop, target and FFT plans are made once, and are no method's price.
-    _once(goal, frames, "published", 1)
+    _retrieve_once(goal, frames, "published", 1)
     settings = list(_settings(goal, frames, budget, speed))
     rows = []
     for number, (method, iterations) in enumerate(settings):
         progress.report(number / len(settings), f"{method}, {iterations} iterations")
-        rows.append(_measured(goal, name, frames, method, iterations))
+        rows.append(_measure_method(goal, name, frames, method, iterations))
     return mark_front(rows)
 
 
 def _settings(
-    goal: Goal, frames: int, budget: float, speed: MachineSpeed
+    goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
     """Method and iterations, as far as the budget goes; each method once at least."""
     slow = goal.camera.panel.response_time > 0
@@ -119,7 +130,9 @@ def _settings(
                 yield name, iterations
 
 
-def _once(goal: Goal, frames: int, method: str, iterations: int) -> Retrieved:
+def _retrieve_once(
+    goal: RetrievalGoal, frames: int, method: str, iterations: int
+) -> RetrievalResult:
     return retrieve(
         goal.camera,
         goal.target,
@@ -132,18 +145,23 @@ def _once(goal: Goal, frames: int, method: str, iterations: int) -> Retrieved:
     )
 
 
-def _measured(goal: Goal, name: str, frames: int, method: str, iterations: int) -> RetrievalRow:
+def _measure_method(
+    goal: RetrievalGoal, name: str, frames: int, method: str, iterations: int
+) -> RetrievalRow:
     row = RetrievalRow(
         "retrieval", name, method, "float32", None, frames=frames, iterations=iterations
     )
     started = time.perf_counter()
     try:
-        found = _once(goal, frames, method, iterations)
+        found = _retrieve_once(goal, frames, method, iterations)
     except ValueError as error:
         return replace(row, failure=str(error))
     wall, times = time.perf_counter() - started, [found.cpu_seconds]
     if found.cpu_seconds < _SHORT:
-        times += [_once(goal, frames, method, iterations).cpu_seconds for _ in range(_REPEATS - 1)]
+        times += [
+            _retrieve_once(goal, frames, method, iterations).cpu_seconds
+            for _ in range(_REPEATS - 1)
+        ]
     quality = found.quality
     return replace(
         row,
@@ -181,7 +199,7 @@ def draw(name: str, rows: list[RetrievalRow]) -> Figure:
     axes.legend(fontsize=8)
     failed = len(rows) - len(good)
     figure.suptitle(
-        f"{_case(name, rows)}. {machine()}. {failed} of {len(rows)} settings failed.",
+        f"{_case(name, rows)}. {describe_machine()}. {failed} of {len(rows)} settings failed.",
         fontsize=9,
     )
     return figure

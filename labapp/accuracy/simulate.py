@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from labapp.accuracy.writing import Columns, print_rows
-from labapp.common.console import watched
-from labapp.light.simulating.asked import AskedPicture, stage, stage_of
-from labapp.light.simulating.everything import Deviation, Rendered, by_plan, with_everything
-from labapp.light.simulating.quick import quick_setup
+from labapp.accuracy.row_output import Columns, print_rows
+from labapp.common.console import terminal_progress
+from labapp.light.simulating.all_effects import (
+    Deviation,
+    RenderedPicture,
+    render_all_effects,
+    render_by_plan,
+)
+from labapp.light.simulating.picture_request import (
+    PictureRequest,
+    prepare_bench_scene,
+    prepare_scene,
+)
+from labapp.light.simulating.small_bench import small_bench_setup
 from optics.progress import Progress
 from optics.threads import single_threaded
 from simulator.situation import Situation
@@ -37,7 +46,7 @@ class SimulationRow:
     caused: int
 
     @property
-    def kept(self) -> bool:
+    def is_within_tolerance(self) -> bool:
         return self.tol is None or max(self.mean, self.variance, self.sigma) <= self.tol
 
 
@@ -51,7 +60,7 @@ _COLUMNS: Columns[SimulationRow] = {
     "work ": lambda row: f"{row.work:.0e}",
     "CPU ms ": lambda row: f"{1e3 * row.cpu_s:.0f}",
     "plan ": lambda row: f"{1e3 * row.deciding_s:.0f}",
-    "": lambda row: "" if row.kept else "[red]beyond[/red]",
+    "": lambda row: "" if row.is_within_tolerance else "[red]beyond[/red]",
 }
 _REMARK = (
     "told: the error that the plan allows for, at most. mean, var., σ: relative L2 errors "
@@ -61,49 +70,49 @@ _REMARK = (
 
 
 @single_threaded
-def accuracy_simulate(asked: AskedPicture, *, as_json: bool) -> None:
+def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
     """Take one picture by five tolerances and with everything on, and print table or rows.
 
     Without a bench, the bundled one with few pixels. Ends with exit code 1 if a tolerance isn't
     kept.
     """
-    with watched() as progress:
-        s = _situation(asked, progress.part(0.0, 0.1))
-        found = rows(s, progress.part(0.1, 1.0))
+    with terminal_progress() as progress:
+        s = _situation(request, progress.part(0.0, 0.1))
+        found = measure_tolerances(s, progress.part(0.1, 1.0))
     print_rows(_heading(s), _COLUMNS, _REMARK, found, as_json=as_json)
-    if not all(row.kept for row in found):
+    if not all(row.is_within_tolerance for row in found):
         raise SystemExit(1)
 
 
-def _situation(asked: AskedPicture, progress: Progress) -> Situation:
-    if asked.bench is not None:
-        with stage(asked, progress) as staged:
+def _situation(request: PictureRequest, progress: Progress) -> Situation:
+    if request.bench is not None:
+        with prepare_scene(request, progress) as staged:
             return staged.situation
-    with stage_of(quick_setup(asked.scene), asked, progress) as staged:
+    with prepare_bench_scene(small_bench_setup(request.scene), request, progress) as staged:
         return staged.situation
 
 
-def rows(s: Situation, progress: Progress) -> list[SimulationRow]:
+def measure_tolerances(s: Situation, progress: Progress) -> list[SimulationRow]:
     """By tolerance, the largest first, and everything on as the last."""
     share = 1 / (len(TOLERANCES) + 1)
     progress.report(0.0, "everything on")
-    truth = with_everything(s, progress.check)
+    truth = render_all_effects(s, progress.raise_if_cancelled)
     found = []
     for number, tol in enumerate(TOLERANCES):
         progress.report((number + 1) * share, f"tolerance {tol:g}")
-        found.append(_row(by_plan(s, tol, progress.check), truth, tol))
+        found.append(_row(render_by_plan(s, tol, progress.raise_if_cancelled), truth, tol))
     caused = found[0].caused if found else 0
     whole = SimulationRow(None, 0, 0, 0, 0, truth.operations, truth.cpu, 0, 0, caused)
     return [*found, whole]
 
 
-def _row(one: Rendered, truth: Rendered, tol: float) -> SimulationRow:
-    plan, error = one.plan, Deviation.of(one.picture, truth.picture)
+def _row(picture: RenderedPicture, reference: RenderedPicture, tol: float) -> SimulationRow:
+    plan, error = picture.plan, Deviation.of(picture.picture, reference.picture)
     assert plan is not None
     below = sum(line.level != line.levels[-1] for line in plan.decisions)
     return SimulationRow(
-        tol, plan.error, error.mean, error.variance, error.sigma, one.operations, one.cpu,
-        one.deciding, below, len(plan.decisions),
+        tol, plan.relative_error_bound, error.mean, error.variance, error.sigma,
+        picture.operations, picture.cpu, picture.planning_cpu, below, len(plan.decisions),
     )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
 def _lock(role: str, table: DeviceTable) -> Iterator[None]:
     path = _path(table)
     try:
-        handle = _opened(path)
+        handle = _open_lock_file(path)
     except OSError as error:
         raise UserError(
             f"the {role} ({table.driver}) can't be locked: {path}: {error.strerror}. "
@@ -63,7 +63,7 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
         yield
 
 
-def _opened(path: Path) -> int:
+def _open_lock_file(path: Path) -> int:
     """The file of a lock, which all users of the computer may lock.
 
     Never deleted: who deletes a lock may delete that of the next one.

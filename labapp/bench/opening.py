@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted import Hosted
+from drivers.hosted import HostedDevice
 from drivers.interfaces import (
     SLM,
     Camera,
@@ -27,15 +27,19 @@ from drivers.interfaces import (
     Surroundings,
     TargetChanger,
 )
-from drivers.supervised import Supervised, SupervisedCamera
-from labapp.bench.in_force import doubts, summary, wavelength_doubts
+from drivers.supervised import SupervisedCamera, SupervisedDevice
+from labapp.bench.calibration_validity import (
+    calibration_summary,
+    validity_warnings,
+    wavelength_warnings,
+)
 from labapp.bench.locking import lock_devices
 from labapp.common.errors import UserError
 from labapp.common.memory import give_back_freed_memory
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
-from labapp.files.finding import find_scene
-from labapp.files.reading import bundled, read_file
+from labapp.files.file_lookup import find_scene
+from labapp.files.reading import bundled_path, read_file
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera as CameraDescription
 from simulator.clock import VirtualClock
@@ -44,7 +48,7 @@ from simulator.world import World
 
 log = logging.getLogger(__name__)
 
-GROUP = "labapp.devices"
+DRIVER_GROUP = "labapp.devices"
 
 
 @dataclass
@@ -52,8 +56,8 @@ class Bench:
     """Open devices and the description of the camera that they make up, calibrated.
 
     A run takes what has these attributes, so that a person's own script may bring another.
-    world is the virtual world behind simulated devices, None without one. watched: the same
-    devices by name, as those who open them again see them. doubts: why the calibration in force
+    world is the virtual world behind simulated devices, None without one. supervised_devices: the same
+    devices by name, as those who open them again see them. calibration_warnings: why the calibration in force
     may not hold any more, in words.
     """
 
@@ -66,8 +70,8 @@ class Bench:
     filter: SpectralFilter
     camera: Camera
     targets: TargetChanger
-    watched: Mapping[str, Supervised] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    supervised_devices: Mapping[str, SupervisedDevice] = field(default_factory=dict)
+    calibration_warnings: tuple[str, ...] = ()
 
     @property
     def devices(self) -> dict[str, Device]:
@@ -79,21 +83,21 @@ class Bench:
         return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
 
     @property
-    def simulated(self) -> list[str]:
+    def simulated_devices(self) -> list[str]:
         """The names of the devices that are simulated."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
-    def doubts_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
+    def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
         """Why the calibration in force may not hold at wavelengths in metres, in words."""
-        calibration = self.file.in_force
+        calibration = self.file.active_calibration
         if calibration is None:
             return ()
-        return (*self.doubts, *wavelength_doubts(calibration, wavelengths))
+        return (*self.calibration_warnings, *wavelength_warnings(calibration, wavelengths))
 
     def make_safe(self) -> list[DeviceError]:
         """SLM neutral, filter parked, camera stopped: all at once, whatever fails."""
         failures = []
-        begun = [device.begin_make_safe() for device in self.watched.values()]
+        begun = [device.begin_make_safe() for device in self.supervised_devices.values()]
         for finish in begun:
             try:
                 finish()
@@ -102,22 +106,26 @@ class Bench:
                 failures.append(error)
         return failures
 
-    def deaths(self) -> list[str]:
+    def failed_devices(self) -> list[str]:
         """The devices that were given up, and why."""
-        return [f"the {role} {one.dead}" for role, one in self.watched.items() if one.dead]
+        return [
+            f"the {role} {one.failure_reason}"
+            for role, one in self.supervised_devices.items()
+            if one.failure_reason
+        ]
 
     @contextmanager
-    def heeding(self, cancelled: Callable[[], bool]) -> Iterator[None]:
+    def cancellable_by(self, cancelled: Callable[[], bool]) -> Iterator[None]:
         """While the block runs, no call of a device outlasts `cancelled` by much."""
-        for device in self.watched.values():
+        for device in self.supervised_devices.values():
             device.cancelled = cancelled
         try:
             yield
         finally:
-            for device in self.watched.values():
+            for device in self.supervised_devices.values():
                 device.cancelled = lambda: False
 
-    def error(self, role: str, command: str, reply: str) -> DeviceError:
+    def device_error(self, role: str, command: str, reply: str) -> DeviceError:
         """What is wrong with a device, in the words of those who use it."""
         device = self.devices[role]
         error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
@@ -138,15 +146,15 @@ class BenchFiles:
     faults: Path | None = None
 
     @staticmethod
-    def default(
+    def with_defaults(
         bench: Path | None = None,
         scene: Path | None = None,
         image: Path | None = None,
         faults: Path | None = None,
     ) -> BenchFiles:
         """Those that are bundled where none is named; a bundled scene goes by its name, too."""
-        bench = bench or bundled("bench.toml")
-        scene = find_scene(scene) if scene else bundled("scene.toml")
+        bench = bench or bundled_path("bench.toml")
+        scene = find_scene(scene) if scene else bundled_path("scene.toml")
         return BenchFiles(bench, scene, image, faults)
 
     def read(self) -> BenchSetup:
@@ -176,23 +184,25 @@ class BenchSetup:
 
 
 @cache
-def drivers() -> dict[str, EntryPoint]:
+def installed_drivers() -> dict[str, EntryPoint]:
     """The device drivers that are installed, by name."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+    return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
 
 
 @contextmanager
-def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -> Iterator[Bench]:
+def open_bench(
+    files_or_setup: BenchFiles | BenchSetup, *, speed: float = math.inf
+) -> Iterator[Bench]:
     """The devices of a bench, opened; left safe and closed however the block ends.
 
     speed: seconds of a virtual bench's time in a second. UserError names the file and key
     of what is wrong, or who uses the bench; DeviceError says which device didn't open. A
     device that doesn't open is never replaced by a simulated one.
     """
-    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     camera = setup.bench.build_camera()
-    tables = setup.bench.devices.of_runs
-    with _opened(setup, tables, speed) as (surroundings, watched):
+    tables = setup.bench.devices.run_devices
+    with _open_devices(setup, tables, speed) as (surroundings, watched):
         opened: dict[str, Any] = dict(watched)
         bench = Bench(
             setup.bench,
@@ -200,10 +210,10 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
             camera,
             surroundings.clock,
             world=surroundings.world,
-            watched=watched,
+            supervised_devices=watched,
             **opened,
         )
-        bench.doubts = _told_doubts(bench)
+        bench.calibration_warnings = _log_calibration(bench)
         try:
             yield bench
         finally:
@@ -211,7 +221,7 @@ def open_bench(made_from: BenchFiles | BenchSetup, *, speed: float = math.inf) -
 
 
 @dataclass(frozen=True)
-class Alone:
+class OpenDevice:
     """One device of a bench that is open by itself."""
 
     clock: Clock
@@ -219,19 +229,19 @@ class Alone:
 
 
 @contextmanager
-def open_device(made_from: BenchFiles | BenchSetup, role: str) -> Iterator[Alone]:
+def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[OpenDevice]:
     """One device of a bench, whether or not the others are there; errors as open_bench()."""
-    setup = made_from.read() if isinstance(made_from, BenchFiles) else made_from
+    setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     tables = setup.bench.devices.tables
     if role not in tables:
         raise UserError(
             f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
         )
     alone = {role: tables[role]}
-    with _opened(setup, alone, math.inf) as (surroundings, watched):
+    with _open_devices(setup, alone, math.inf) as (surroundings, watched):
         device = watched[role]
         try:
-            yield Alone(surroundings.clock, device)
+            yield OpenDevice(surroundings.clock, device)
         finally:
             with suppress(DeviceError):
                 device.make_safe()
@@ -245,7 +255,7 @@ def _surroundings(
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
     # A calibration is what is known of a world, and changes nothing in it.
-    described = setup.bench.uncalibrated().build_camera()
+    described = setup.bench.without_calibration().build_camera()
     world = build_world(described, setup, clock) if setup.scene else None
     return Surroundings(clock, world)
 
@@ -257,35 +267,35 @@ def _forget(world: World) -> None:
 
 
 @contextmanager
-def _opened(
+def _open_devices(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
-) -> Iterator[tuple[Surroundings, dict[str, Supervised]]]:
+) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
     """Devices by the bench's names for them, locked and watched while the block runs."""
     surroundings = _surroundings(setup, tables, speed)
     with ExitStack() as stack:
         if surroundings.world is not None:
             stack.callback(_forget, surroundings.world)
         stack.enter_context(lock_devices(tables))
-        watched: dict[str, Supervised] = {}
+        watched: dict[str, SupervisedDevice] = {}
         for name, table in tables.items():
-            make = maker(name, table, surroundings, setup.source)
+            make = device_maker(name, table, surroundings, setup.source)
             device = (
                 SupervisedCamera(name, make, 1 / speed, simulated=table.simulated)
                 if name == "camera"
-                else Supervised(name, make, simulated=table.simulated)
+                else SupervisedDevice(name, make, simulated=table.simulated)
             )
             watched[name] = stack.enter_context(device)
         yield surroundings, watched
 
 
-def _told_doubts(bench: Bench) -> tuple[str, ...]:
+def _log_calibration(bench: Bench) -> tuple[str, ...]:
     """Say which calibration is in force, and warn if it may not hold."""
-    calibration = bench.file.in_force
+    calibration = bench.file.active_calibration
     if calibration is None:
         return ()
-    log.info("%s", summary(calibration))
+    log.info("%s", calibration_summary(calibration))
     identities = {name: device.identity for name, device in bench.devices.items()}
-    found = tuple(doubts(calibration, bench.file, identities))
+    found = tuple(validity_warnings(calibration, bench.file, identities))
     for doubt in found:
         log.warning("STALE CALIBRATION: %s", doubt)
     return found
@@ -295,9 +305,9 @@ def read_scene(files: BenchFiles) -> SceneFile:
     """The scene file, with the user's own picture in its photographs if one is given."""
     scene = read_file(files.scene, SceneFile)
     if files.image is None:
-        return scene.found_in(files.scene.resolve().parent)
+        return scene.with_files_in(files.scene.resolve().parent)
     own = {"file": str(files.image.resolve()), "credit": ""}
-    return scene.found_in(files.scene.resolve().parent).with_photographs(own)
+    return scene.with_files_in(files.scene.resolve().parent).with_photographs(own)
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
@@ -311,7 +321,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     polarisation = setup.bench.polarisation
     try:
         world = World(
-            truth.camera(camera) if truth else camera,
+            truth.true_camera(camera) if truth else camera,
             targets,
             mount=truth.mount.build() if truth else None,
             # What passes and what isn't turned is in the camera already: this is for the beats.
@@ -329,19 +339,19 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     return world
 
 
-def maker(
+def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
     """What makes a device; UserError now if it never could."""
-    entry = drivers().get(table.driver)
+    entry = installed_drivers().get(table.driver)
     if entry is None:
         raise UserError(
             f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
-            f"{_meant(table.driver, drivers())}Choose one of {', '.join(sorted(drivers()))}."
+            f"{_suggest_spelling(table.driver, installed_drivers())}Choose one of {', '.join(sorted(installed_drivers()))}."
         )
     where = f"{source}: key 'devices.{name}"
     if table.own_process:
-        return _hosted(where, table, entry, surroundings)
+        return _hosted_device_maker(where, table, entry, surroundings)
     try:
         factory = entry.load()
     except Exception as error:
@@ -357,19 +367,19 @@ def maker(
         unknown = [option for option in table.options if option not in known]
         said = f"has {unknown[0]!r}, which is unknown" if unknown else f"is wrong: {error}"
         raise UserError(
-            f"{where}.options' {said}. {_meant(unknown[0], known) if unknown else ''}"
+            f"{where}.options' {said}. {_suggest_spelling(unknown[0], known) if unknown else ''}"
             f"{table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
-    return _explaining(where, table, lambda: factory(surroundings, **table.options))
+    return _with_user_errors(where, table, lambda: factory(surroundings, **table.options))
 
 
-def _meant(word: str, known: Iterable[str]) -> str:
+def _suggest_spelling(word: str, known: Iterable[str]) -> str:
     """A question, where a word looks like one that is known."""
     near = difflib.get_close_matches(word, list(known), 1)
     return f"Did you mean {near[0]!r}? " if near else ""
 
 
-def _hosted(
+def _hosted_device_maker(
     where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
 ) -> Callable[[], Any]:
     if table.is_simulated:
@@ -378,13 +388,15 @@ def _hosted(
         )
     # A real device has no part in a virtual world, which couldn't follow it there either.
     real = Surroundings(surroundings.clock)
-    return _explaining(where, table, lambda: Hosted(real, table.driver, entry.value, table.options))
+    return _with_user_errors(
+        where, table, lambda: HostedDevice(real, table.driver, entry.value, table.options)
+    )
 
 
-def _explaining(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
+def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
     """The maker, whose complaint about its options is the bench file's."""
 
-    def made() -> Any:
+    def make_device() -> Any:
         try:
             return make()
         except (TypeError, ValueError, IndexError) as error:
@@ -392,4 +404,4 @@ def _explaining(where: str, table: DeviceTable, make: Callable[[], Any]) -> Call
                 f"{where}.options' is {table.options}: {error}. Correct the value."
             ) from error
 
-    return made
+    return make_device

@@ -8,33 +8,38 @@ from pathlib import Path
 import numpy as np
 
 from labapp.bench.opening import Bench
-from labapp.bench.star import known_star
-from labapp.calibration import designing
-from labapp.calibration.exposing import (
-    Found,
-    Trial,
-    exposures_of,
+from labapp.bench.star_target import require_star_target
+from labapp.calibration import plan_design
+from labapp.calibration.calibration_tables import build_calibration_file
+from labapp.calibration.exposure_search import (
+    StarExposure,
+    TrialFrame,
+    derive_exposures,
+    evaluate_trials,
     first_bracket,
-    judged,
-    nominal_width,
+    nominal_star_width,
     trial_plan,
 )
-from labapp.calibration.filing import calibration_of
-from labapp.calibration.fitting import Fits, fit_record
-from labapp.calibration.request import Exposures, Request
+from labapp.calibration.fitting import CalibrationFits, fit_calibration
+from labapp.calibration.request import CalibrationExposures, CalibrationRequest
 from labapp.common.errors import UserError
-from labapp.files.calibration_file import CalibrationFile, as_json
+from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.plan_file import PlanFile
-from labapp.files.plan_folder import PICTURES, write_plan
-from labapp.files.writing import make_folder, require_free, write_whole
-from labapp.runs.acquisition.runner import Outcome, run_plan
-from labapp.runs.acquisition.taking import Ask
+from labapp.files.plan_folder import PATTERN_FOLDER, write_plan
+from labapp.files.writing import make_folder, require_free_names, write_atomically
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
-from labapp.runs.running import require_complete
+from labapp.runs.run_commands import require_complete
 from optics.camera import Camera
 from optics.progress import Progress
 
-PLAN, RECORD, FILE, PICTURE = "plan.toml", "run.h5", "calibration.json", "calibration.png"
+PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE = (
+    "plan.toml",
+    "run.h5",
+    "calibration.json",
+    "calibration.png",
+)
 
 _MOST_TRIALS = 4
 """Rounds of trial exposures at a wavelength."""
@@ -44,30 +49,32 @@ _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.8
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibrationResult:
     """What a calibration left: its fits, and the file's content."""
 
-    fits: Fits
+    fits: CalibrationFits
     file: CalibrationFile
 
 
 def calibrate(
     bench: Bench,
-    request: Request,
+    request: CalibrationRequest,
     folder: Path,
     *,
     force: bool = False,
     progress: Progress | None = None,
-    ask: Ask | None = None,
-) -> Calibrated:
+    ask: AskOperator | None = None,
+) -> CalibrationResult:
     """Find the exposure, take every frame, fit, and write all of it to a folder.
 
     The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png.
     UserError says what is wrong at the bench; Cancelled if the progress was cancelled.
     """
     progress = progress or Progress()
-    require_free(folder, (PLAN, RECORD, FILE, PICTURE), force=force)
-    request = completed(request, bench)
+    require_free_names(
+        folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=force
+    )
+    request = complete_request(request, bench)
     make_folder(folder)
     # As well calibrated as it is: the steadier the gratings.
     camera = bench.description
@@ -75,75 +82,80 @@ def calibrate(
     count = len(request.wavelengths_nm)
     for number, nm in enumerate(request.wavelengths_nm):
         part = progress.part(_TRIAL_SHARE * number / count, _TRIAL_SHARE * (number + 1) / count)
-        exposures.append(_exposures(bench, camera, request, nm, folder, part, ask))
-    plan = prepare(camera, request, tuple(exposures), folder)
+        exposures.append(_find_exposures(bench, camera, request, nm, folder, part, ask))
+    plan = write_calibration_plan(camera, request, tuple(exposures), folder)
     outcome = run_plan(
         bench,
         plan,
-        folder / RECORD,
-        source=str(folder / PLAN),
+        folder / RECORD_FILE,
+        source=str(folder / PLAN_FILE),
         folder=folder,
         force=force,
         progress=progress.part(_TRIAL_SHARE, _RUN_SHARE),
         ask=ask,
     )
     require_complete(outcome)
-    return conclude(folder / RECORD, progress.part(_RUN_SHARE, 1.0))
+    return fit_and_write(folder / RECORD_FILE, progress.part(_RUN_SHARE, 1.0))
 
 
-def prepare(
-    camera: Camera, request: Request, exposures: tuple[Exposures, ...], folder: Path
+def write_calibration_plan(
+    camera: Camera,
+    request: CalibrationRequest,
+    exposures: tuple[CalibrationExposures, ...],
+    folder: Path,
 ) -> PlanFile:
     """Design, and write plan and pictures to a folder."""
-    made = designing.design(camera, request, exposures)
-    shown = designing.patterns(camera, made)
-    plan = designing.plan_of(made, shown, PICTURES)
+    made = plan_design.design_calibration(camera, request, exposures)
+    shown = plan_design.render_patterns(camera, made)
+    plan = plan_design.build_plan(made, shown, PATTERN_FOLDER)
     write_plan(folder, plan, shown)
     return plan
 
 
-def prepare_only(bench: Bench, request: Request, folder: Path, *, force: bool = False) -> PlanFile:
+def prepare_plan_only(
+    bench: Bench, request: CalibrationRequest, folder: Path, *, force: bool = False
+) -> PlanFile:
     """Plan and pictures for a run later on; UserError without an exposure."""
-    require_free(folder, (PLAN,), force=force)
+    require_free_names(folder, (PLAN_FILE,), force=force)
     if request.exposure_ms is None:
         raise UserError(
             "--plan-only takes no pictures, and can't find the exposure by trial. Give "
             "--exposure-ms: of the neutral star, a little below clipping."
         )
-    request = completed(request, bench)
+    request = complete_request(request, bench)
     make_folder(folder)
     camera = bench.description
-    exposures = [_given(camera, request, nm) for nm in request.wavelengths_nm]
-    return prepare(camera, request, tuple(exposures), folder)
+    exposures = [_requested_exposures(camera, request, nm) for nm in request.wavelengths_nm]
+    return write_calibration_plan(camera, request, tuple(exposures), folder)
 
 
-def conclude(record: Path, progress: Progress | None = None) -> Calibrated:
+def fit_and_write(record: Path, progress: Progress | None = None) -> CalibrationResult:
     """Fit a record, and write calibration.json and calibration.png beside it."""
-    from labapp.calibration.pictures import overview
-    from labapp.common.drawing import png
+    from labapp.calibration.overview_figure import draw_overview
+    from labapp.common.figure_png import figure_to_png
 
     progress = progress or Progress()
-    fits = fit_record(record, progress.part(0.0, 0.9))
-    file = calibration_of(fits)
+    fits = fit_calibration(record, progress.part(0.0, 0.9))
+    file = build_calibration_file(fits)
     progress.report(0.9, "picture")
-    write_whole(record.with_name(FILE), as_json(file))
-    write_whole(record.with_name(PICTURE), png(overview(fits, file)))
+    write_atomically(record.with_name(CALIBRATION_FILE), calibration_to_json(file))
+    write_atomically(record.with_name(PICTURE_FILE), figure_to_png(draw_overview(fits, file)))
     progress.report(1.0, "calibrated")
-    return Calibrated(fits, file)
+    return CalibrationResult(fits, file)
 
 
-def completed(request: Request, bench: Bench) -> Request:
+def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRequest:
     """With what the bench knows: the star of a scene, and whether there is a dark target.
 
     UserError if the bench lacks the star, or its size isn't known.
     """
-    table = known_star(bench, request.star, request.dark)
+    table = require_star_target(bench, request.star, request.dark)
     known: dict[str, float] = {}
     if table is not None:
         known = {"star_diameter_um": table.diameter_um, "star_distance_m": table.distance_m}
     given = {key: value for key, value in request.model_dump().items() if value is not None}
-    filled = Request.model_validate(known | given)
-    if filled.asks_for("wavefront") and None in (filled.star_diameter_um, filled.star_distance_m):
+    filled = CalibrationRequest.model_validate(known | given)
+    if filled.includes("wavefront") and None in (filled.star_diameter_um, filled.star_distance_m):
         raise UserError(
             "the wavefront is judged by the star's picture: give its size and distance with "
             "--star-um and --star-m, or leave the wavefront out with --only."
@@ -151,25 +163,27 @@ def completed(request: Request, bench: Bench) -> Request:
     return filled
 
 
-def _given(camera: Camera, request: Request, nm: float) -> Exposures:
+def _requested_exposures(
+    camera: Camera, request: CalibrationRequest, nm: float
+) -> CalibrationExposures:
     assert request.exposure_ms is not None
-    found = Found(request.exposure_ms * 1e-3, nominal_width(camera, nm))
-    return exposures_of(camera, request, nm, found, 0)
+    found = StarExposure(request.exposure_ms * 1e-3, nominal_star_width(camera, nm))
+    return derive_exposures(camera, request, nm, found, 0)
 
 
-def _exposures(
+def _find_exposures(
     bench: Bench,
     camera: Camera,
-    request: Request,
+    request: CalibrationRequest,
     nm: float,
     folder: Path,
     progress: Progress,
-    ask: Ask | None,
-) -> Exposures:
+    ask: AskOperator | None,
+) -> CalibrationExposures:
     """By trial, unless it was given."""
     if request.exposure_ms is not None:
-        return _given(camera, request, nm)
-    trials: list[Trial] = []
+        return _requested_exposures(camera, request, nm)
+    trials: list[TrialFrame] = []
     wanted = first_bracket(camera)
     for number in range(_MOST_TRIALS):
         path = folder / f"trial-{nm:g}-{number + 1}.h5"
@@ -178,10 +192,10 @@ def _exposures(
         outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
         require_complete(outcome)
         trials += _trials(outcome)
-        answer = judged(trials, camera)
-        if isinstance(answer, Found):
+        answer = evaluate_trials(trials, camera)
+        if isinstance(answer, StarExposure):
             progress.report(1.0, f"exposure, {nm:g} nm")
-            return exposures_of(camera, request, nm, answer, len(trials))
+            return derive_exposures(camera, request, nm, answer, len(trials))
         wanted = answer
     tried = ", ".join(f"{trial.exposure * 1e3:g}" for trial in trials)
     raise UserError(
@@ -190,10 +204,10 @@ def _exposures(
     )
 
 
-def _trials(outcome: Outcome) -> list[Trial]:
+def _trials(outcome: RunOutcome) -> list[TrialFrame]:
     with Record(outcome.path) as record:
         exposures = record.column("exposure")
         return [
-            Trial(float(exposures[index]), np.asarray(record.image(index)))
-            for index in range(record.frames)
+            TrialFrame(float(exposures[index]), np.asarray(record.image(index)))
+            for index in range(record.frame_count)
         ]

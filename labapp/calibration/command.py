@@ -10,26 +10,26 @@ from pydantic import ValidationError
 
 from labapp.bench.opening import BenchFiles, open_bench
 from labapp.calibration.calibrating import (
-    FILE,
-    PICTURE,
-    PLAN,
-    RECORD,
-    Calibrated,
+    CALIBRATION_FILE,
+    PICTURE_FILE,
+    PLAN_FILE,
+    RECORD_FILE,
+    CalibrationResult,
     calibrate,
-    conclude,
-    prepare_only,
+    fit_and_write,
+    prepare_plan_only,
 )
-from labapp.calibration.request import Request
-from labapp.calibration.telling import as_data, print_tables
-from labapp.common.console import out, print_json, watched
+from labapp.calibration.request import CalibrationRequest
+from labapp.calibration.result_report import print_tables, result_data
+from labapp.common.console import out, print_json, terminal_progress
 from labapp.common.errors import UserError
-from labapp.files.reading import explain
-from labapp.files.writing import require_free
-from labapp.runs.running import Manner, attended
+from labapp.files.reading import format_validation_error
+from labapp.files.writing import require_free_names
+from labapp.runs.run_commands import ExecutionOptions, interactive_progress
 
 
 @dataclass(frozen=True)
-class Asked:
+class CalibrateOptions:
     """The command line's words. regions: as in "2x2". only: parts, or none for all."""
 
     wavelengths_nm: tuple[float, ...]
@@ -42,7 +42,7 @@ class Asked:
     star_um: float | None
     star_m: float | None
 
-    def request(self) -> Request:
+    def request(self) -> CalibrationRequest:
         """UserError names the option that is wrong."""
         rows, _, columns = self.regions.partition("x")
         if not (rows.isdigit() and columns.isdigit()):
@@ -60,44 +60,53 @@ class Asked:
         if self.only:
             data["parts"] = self.only
         try:
-            return Request.model_validate(data)
+            return CalibrationRequest.model_validate(data)
         except ValidationError as error:
-            raise UserError(explain(error, "calibrate")) from error
+            raise UserError(format_validation_error(error, "calibrate")) from error
 
 
-def calibrate_bench(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:
+def calibrate_bench(
+    options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
+) -> None:
     """Calibrate, tell how it went, and where everything is."""
-    request = asked.request()
-    require_free(folder, (PLAN, RECORD, FILE, PICTURE), force=manner.force)
-    with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
-        found = calibrate(bench, request, folder, force=manner.force, progress=progress, ask=ask)
-    _tell(found, folder, manner.as_json)
+    request = options.request()
+    require_free_names(
+        folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=execution.force
+    )
+    with (
+        open_bench(files, speed=execution.speed) as bench,
+        interactive_progress(execution) as (progress, ask),
+    ):
+        found = calibrate(bench, request, folder, force=execution.force, progress=progress, ask=ask)
+    _print_result(found, folder, execution.as_json)
 
 
-def write_plan_only(asked: Asked, folder: Path, files: BenchFiles, manner: Manner) -> None:
+def write_plan_only(
+    options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
+) -> None:
     """Plan and patterns in a folder, for `labapp run`."""
-    request = asked.request()
-    require_free(folder, (PLAN,), force=manner.force)
+    request = options.request()
+    require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
-        plan = prepare_only(bench, request, folder, force=manner.force)
-    if manner.as_json:
-        print_json({"plan": str(folder / PLAN), "patterns": len(plan.patterns)})
+        plan = prepare_plan_only(bench, request, folder, force=execution.force)
+    if execution.as_json:
+        print_json({"plan": str(folder / PLAN_FILE), "patterns": len(plan.patterns)})
         return
-    out.print(f"wrote {folder / PLAN} and {len(plan.patterns)} patterns. Then:")
-    out.print(f"labapp run {folder / PLAN} --out {folder / RECORD}")
-    out.print(f"labapp calibrate --fit {folder / RECORD}")
+    out.print(f"wrote {folder / PLAN_FILE} and {len(plan.patterns)} patterns. Then:")
+    out.print(f"labapp run {folder / PLAN_FILE} --out {folder / RECORD_FILE}")
+    out.print(f"labapp calibrate --fit {folder / RECORD_FILE}")
 
 
-def fit_again(record: Path, manner: Manner) -> None:
+def refit_record(record: Path, execution: ExecutionOptions) -> None:
     """Fit a record that is there already; the file and the picture go beside it."""
-    require_free(record.parent, (FILE, PICTURE), force=manner.force)
-    with watched() as progress:
-        found = conclude(record, progress)
-    _tell(found, record.parent, manner.as_json)
+    require_free_names(record.parent, (CALIBRATION_FILE, PICTURE_FILE), force=execution.force)
+    with terminal_progress() as progress:
+        found = fit_and_write(record, progress)
+    _print_result(found, record.parent, execution.as_json)
 
 
-def _tell(found: Calibrated, folder: Path, as_json: bool) -> None:
+def _print_result(found: CalibrationResult, folder: Path, as_json: bool) -> None:
     if as_json:
-        print_json(as_data(found, folder))
+        print_json(result_data(found, folder))
     else:
         print_tables(found, folder)

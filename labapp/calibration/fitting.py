@@ -12,27 +12,27 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.calibration import request as names
-from labapp.calibration.frames import Frames
-from labapp.calibration.request import Design
+from labapp.calibration.calibration_frames import CalibrationFrames
+from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
 from labapp.runs.record.reader import Record
-from optics.calibration.gratings import region_slices, striped
-from optics.calibration.orders import first_orders
+from optics.calibration.first_orders import measure_first_orders
+from optics.calibration.gratings import region_slices, stripe_pattern
 from optics.calibration.registration import Registration, register
-from optics.calibration.response import ResponseFit, fit_response
+from optics.calibration.response_fit import ResponseFit, fit_response
 from optics.calibration.spots import find_spot
-from optics.calibration.star import StarModel
-from optics.calibration.stripes import StripeLaw
+from optics.calibration.star_model import StarModel
+from optics.calibration.stripe_law import StripeLaw
 from optics.calibration.sweep import Sweep
 from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefront
-from optics.calibration.zeroth import ZerothOrder, left_in_the_centre, zeroth_share
+from optics.calibration.zeroth_order import ZerothOrder, measure_zeroth_order, zeroth_order_share
 from optics.camera import Camera
 from optics.progress import Progress
-from optics.slm import Modulator, Response, grey_to_phase
+from optics.slm import Modulator, PhaseResponse, grey_to_phase
 
 Array = NDArray[np.float64]
 
-_FARTHEST = 1.7
+_PHASE_SEARCH_FACTOR = 1.7
 """Times the described range up to which steps of the phase are looked for."""
 
 _CENTRE = 12
@@ -43,36 +43,36 @@ _WINDOW = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class RegionFit:
     """One region's sweep and what was fitted to it."""
 
     sweep: Sweep
     fit: ResponseFit
-    clipped: int
+    clipped_frames: int
 
 
 @dataclass(eq=False)
-class Fits:
+class CalibrationFits:
     """All that a record tells; what wasn't asked for is empty. By wavelength in nm."""
 
     path: Path
-    design: Design
+    design: CalibrationDesign
     camera: Camera
     registrations: dict[float, Registration] = field(default_factory=dict)
-    responses: dict[float, list[Region]] = field(default_factory=dict)
+    responses: dict[float, list[RegionFit]] = field(default_factory=dict)
     zeroth: dict[float, ZerothOrder] = field(default_factory=dict)
     wavefront: WavefrontFit | None = None
     pictures: StarPictures | None = None
 
     @property
-    def calibrated(self) -> Camera:
+    def calibrated_camera(self) -> Camera:
         """The camera with the response and the zeroth order that were found."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
             phases = np.array(curves).reshape(len(curves), *self.design.request.regions, -1)
             wavelengths = [nm * 1e-9 for nm in self.responses]
-            response = Response.measured(panel, wavelengths, torch.from_numpy(phases))
+            response = PhaseResponse.from_phases(panel, wavelengths, torch.from_numpy(phases))
             panel = replace(panel, response=response)
         if self.zeroth:
             share = float(np.mean([found.share for found in self.zeroth.values()]))
@@ -80,14 +80,14 @@ class Fits:
         return replace(self.camera, panel=panel)
 
     @property
-    def blur(self) -> float:
+    def coupling_length(self) -> float:
         """Metres by which neighbours blur the phase, as seen; as described where it wasn't."""
         seen = [region.fit.blur for regions in self.responses.values() for region in regions]
         panel = self.camera.panel
         return min(float(np.median(seen)), 1.0) * panel.pitch if seen else panel.coupling
 
 
-def fit_record(path: Path, progress: Progress | None = None) -> Fits:
+def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
     """Every fit that a record was taken for.
 
     UserError if it is no record of a calibration, lacks frames, or a fit can't be trusted; it
@@ -95,23 +95,23 @@ def fit_record(path: Path, progress: Progress | None = None) -> Fits:
     """
     progress = progress or Progress()
     with Record(path) as record:
-        frames = Frames.of(record)
+        frames = CalibrationFrames.of(record)
         design, request = frames.design, frames.design.request
-        fits = Fits(path, design, frames.camera)
+        fits = CalibrationFits(path, design, frames.camera)
         count = len(request.wavelengths_nm)
         for number, nm in enumerate(request.wavelengths_nm):
             part = progress.part(0.7 * number / count, 0.7 * (number + 1) / count)
             _fit_wavelength(frames, nm, fits, part)
-        if request.asks_for("wavefront"):
+        if request.includes("wavefront"):
             progress.report(0.7, "wavefront")
-            with _explained(path, "wavefront"):
+            with _raise_user_errors(path, "wavefront"):
                 _fit_wavefront(frames, fits, progress.part(0.7, 1.0))
     progress.report(1.0, "fitted")
     return fits
 
 
 @contextmanager
-def _explained(path: Path, what: str) -> Iterator[None]:
+def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
     """Turn a fit's ValueError into words that name the record and the fit."""
     try:
         yield
@@ -119,26 +119,28 @@ def _explained(path: Path, what: str) -> Iterator[None]:
         raise UserError(f"{path}: {what}: {error}.") from error
 
 
-def _fit_wavelength(frames: Frames, nm: float, fits: Fits, progress: Progress) -> None:
+def _fit_wavelength(
+    frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
+) -> None:
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
-    with _explained(frames.record.path, f"registration at {nm:g} nm"):
-        fits.registrations[nm] = _registered(frames, nm)
-    if request.asks_for("response"):
-        with _explained(frames.record.path, f"response at {nm:g} nm"):
-            regions = _responses(frames, nm, fits.registrations[nm], progress)
+    with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
+        fits.registrations[nm] = _fit_registration(frames, nm)
+    if request.includes("response"):
+        with _raise_user_errors(frames.record.path, f"response at {nm:g} nm"):
+            regions = _fit_responses(frames, nm, fits.registrations[nm], progress)
             fits.responses[nm] = regions
-    if request.asks_for("zeroth"):
-        with _explained(frames.record.path, f"zeroth order at {nm:g} nm"):
-            fits.zeroth[nm] = _zeroth(frames, nm, fits)
+    if request.includes("zeroth"):
+        with _raise_user_errors(frames.record.path, f"zeroth order at {nm:g} nm"):
+            fits.zeroth[nm] = _fit_zeroth_order(frames, nm, fits)
 
 
-def _registered(frames: Frames, nm: float) -> Registration:
+def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
     """From the spots of the compass' gratings, seen beside the neutral star."""
-    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
-    neutral, variance = frames.light(names.NEUTRAL, nm, dark)
-    hot = frames.hot(dark)
-    clipped = frames.clipped(names.NEUTRAL, nm) & ~hot
+    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
+    neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
+    hot = frames.hot_pixels(dark)
+    clipped = frames.clipped_pixels(names.NEUTRAL_NAME, nm) & ~hot
     if clipped.any():
         raise ValueError(
             f"{int(clipped.sum())} pixels of the neutral star are clipped; expose it shorter "
@@ -149,24 +151,24 @@ def _registered(frames: Frames, nm: float) -> Registration:
     near = np.hypot(y - centre.y, x - centre.x) < _CENTRE
     spots = [centre]
     for number in range(len(frames.design.compass)):
-        steered, noise = frames.light(names.steer(nm, number), nm, dark)
+        steered, noise = frames.mean_light(names.steering_pattern_name(nm, number), nm, dark)
         light = np.where(hot, 0.0, steered - neutral)
-        spots.append(find_spot(light, noise + variance, hidden=near | hot))
+        spots.append(find_spot(light, noise + variance, excluded=near | hot))
     vectors = np.array([(0.0, 0.0), *frames.design.compass])
     return register(vectors, spots, nm * 1e-9)
 
 
-def _responses(
-    frames: Frames, nm: float, registration: Registration, progress: Progress
-) -> list[Region]:
+def _fit_responses(
+    frames: CalibrationFrames, nm: float, registration: Registration, progress: Progress
+) -> list[RegionFit]:
     design, camera = frames.design, frames.camera
     panel = camera.panel
     regions = design.request.regions
     cells = (panel.shape[0] // regions[0], panel.shape[1] // regions[1])
     vectors = np.array(design.vectors)
-    gathered = first_orders(
-        frames.sweep(nm),
-        frames.dark(nm, design.exposure(nm).sweep_ms),
+    gathered = measure_first_orders(
+        frames.sweep_frames(nm),
+        frames.mean_dark_frame(nm, design.exposures_at(nm).sweep_ms),
         registration,
         vectors,
         cells,
@@ -177,50 +179,60 @@ def _responses(
     top = torch.full(panel.shape, panel.levels - 1, dtype=torch.uint8)
     reach = float(grey_to_phase(panel, top, nm * 1e-9).mean())
     found = []
-    upper = striped(panel.shape, regions, vectors, 0, 1) == 1
+    upper = stripe_pattern(panel.shape, regions, vectors, 0, 1) == 1
     parts = region_slices(panel.shape, regions)
     for number, (light, vector, part) in enumerate(zip(gathered, vectors, parts, strict=True)):
         progress.report(number / len(vectors), f"response, {nm:g} nm, region {number + 1}")
         ok = ~light.clipped
-        law = StripeLaw(upper[part], vector, panel.active_side / panel.pitch, _FARTHEST * reach)
+        law = StripeLaw(
+            upper[part], vector, panel.active_side / panel.pitch, _PHASE_SEARCH_FACTOR * reach
+        )
         sweep = Sweep(low[ok], high[ok], light.light[ok], light.noise[ok], law)
         fit = fit_response(sweep, panel.levels, reach)
-        found.append(Region(sweep, fit, int(light.clipped.sum())))
+        found.append(RegionFit(sweep, fit, int(light.clipped.sum())))
     return found
 
 
-def _zeroth(frames: Frames, nm: float, fits: Fits) -> ZerothOrder:
+def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
     """What the compass' gratings leave in the centre, but for what they were seen to show."""
-    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
-    neutral, _ = frames.light(names.NEUTRAL, nm, dark)
+    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
+    neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     # The edges of a blazed grating's waves are where neighbours matter most.
-    panel = replace(fits.calibrated.panel, illumination=None, flatness=None, coupling=fits.blur)
+    panel = replace(
+        fits.calibrated_camera.panel,
+        illumination=None,
+        flatness=None,
+        coupling=fits.coupling_length,
+    )
     modulator = Modulator(panel, nm * 1e-9)
     steered, noises, expected = [], [], []
     for number in range(len(frames.design.compass)):
-        name = names.steer(nm, number)
-        light, noise = frames.light(name, nm, dark)
+        name = names.steering_pattern_name(nm, number)
+        light, noise = frames.mean_light(name, nm, dark)
         grey = torch.from_numpy(frames.record.pattern(name))
         steered.append(light)
         noises.append(noise)
-        field = modulator.modulation(modulator.phase(grey))
-        expected.append(left_in_the_centre(field.numpy()))
-    usable = ~(frames.hot(dark) | frames.clipped(names.NEUTRAL, nm))
+        modulation = modulator.modulation(modulator.phase(grey))
+        expected.append(zeroth_order_share(modulation.numpy()))
+    usable = ~(frames.hot_pixels(dark) | frames.clipped_pixels(names.NEUTRAL_NAME, nm))
     centre = fits.registrations[nm].centre
-    return zeroth_share(neutral, steered, noises, expected, centre, usable)
+    return measure_zeroth_order(neutral, steered, noises, expected, centre, usable)
 
 
-def _fit_wavefront(frames: Frames, fits: Fits, progress: Progress) -> None:
+def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: Progress) -> None:
     design, request = frames.design, frames.design.request
     nm = design.reference_nm
     if request.star_diameter_um is None or request.star_distance_m is None:
         raise ValueError("the star's size and distance aren't known (--star-um, --star-m)")
-    shown = [names.NEUTRAL, *(names.defocus(nm, k) for k in range(len(design.defocus_waves)))]
+    shown = [
+        names.NEUTRAL_NAME,
+        *(names.defocus_pattern_name(nm, k) for k in range(len(design.defocus_waves))),
+    ]
     registration = fits.registrations[nm]
     corner, shape = _window(registration.centre, frames.camera.sensor.shape)
     part = tuple(slice(c, c + n) for c, n in zip(corner, shape, strict=True))
     fits.pictures = _star_pictures(frames, shown, nm, part)
-    calibrated = fits.calibrated
+    calibrated = fits.calibrated_camera
     phases = [
         grey_to_phase(calibrated.panel, torch.from_numpy(frames.record.pattern(name)), nm * 1e-9)
         for name in shown
@@ -249,14 +261,14 @@ def _window(
 
 
 def _star_pictures(
-    frames: Frames, shown: Sequence[str], nm: float, part: tuple[slice, ...]
+    frames: CalibrationFrames, shown: Sequence[str], nm: float, part: tuple[slice, ...]
 ) -> StarPictures:
-    dark = frames.dark(nm, frames.design.exposure(nm).full_ms)
-    hot = frames.hot(dark)
+    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
+    hot = frames.hot_pixels(dark)
     lights, variances, usable = [], [], []
     for name in shown:
-        light, variance = frames.light(name, nm, dark)
+        light, variance = frames.mean_light(name, nm, dark)
         lights.append(light[part])
         variances.append(variance[part])
-        usable.append(~(hot | frames.clipped(name, nm))[part])
+        usable.append(~(hot | frames.clipped_pixels(name, nm))[part])
     return StarPictures(np.stack(lights), np.stack(variances), np.stack(usable))

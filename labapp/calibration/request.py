@@ -13,7 +13,7 @@ Part = Literal["registration", "response", "wavefront", "zeroth"]
 
 PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 
-FEWEST_LEVELS, USUAL_LEVELS = 16, 40
+MIN_LEVELS, DEFAULT_LEVELS = 16, 40
 
 Vector = tuple[float, float]
 
@@ -21,7 +21,7 @@ DESIGN_KEY = "calibration_design"
 """Of a plan's metadata, under which its design is kept as JSON."""
 
 
-class Request(FileModel):
+class CalibrationRequest(FileModel):
     """What a person wants. regions: (rows, columns) of the panel. levels: frames of the sweep.
 
     star, dark: names of the targets; dark may be "" where the lamp can't be covered, and the
@@ -32,18 +32,18 @@ class Request(FileModel):
     wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=1)]
     regions: tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = (2, 2)
     parts: Annotated[tuple[Part, ...], Field(min_length=1)] = PARTS
-    levels: Annotated[int, Field(ge=FEWEST_LEVELS, le=256)] = USUAL_LEVELS
+    levels: Annotated[int, Field(ge=MIN_LEVELS, le=256)] = DEFAULT_LEVELS
     star: str = "star"
     dark: str = "dark"
     star_diameter_um: Positive | None = None
     star_distance_m: Positive | None = None
     exposure_ms: Positive | None = None
 
-    def asks_for(self, part: Part) -> bool:
+    def includes(self, part: Part) -> bool:
         return part in self.parts
 
 
-class Exposures(FileModel):
+class CalibrationExposures(FileModel):
     """Seconds at a wavelength: full, of a neutral star; sweep, of the regions' spots. trials:
     frames that were spent to find them."""
 
@@ -53,7 +53,7 @@ class Exposures(FileModel):
     trials: Annotated[int, Field(ge=0)] = 0
 
 
-class Design(FileModel):
+class CalibrationDesign(FileModel):
     """Everything that the fits must know of what was shown; a plan carries it as metadata.
 
     compass: vectors of the registration's gratings, cycles per panel pixel, (y, x). vectors: of
@@ -62,8 +62,8 @@ class Design(FileModel):
     to centre of the open pupil.
     """
 
-    request: Request
-    exposures: tuple[Exposures, ...]
+    request: CalibrationRequest
+    exposures: tuple[CalibrationExposures, ...]
     compass: tuple[Vector, ...]
     vectors: tuple[Vector, ...] = ()
     low: tuple[int, ...] = ()
@@ -75,21 +75,21 @@ class Design(FileModel):
         """The wavelength at which the wavefront is measured: the middle one."""
         return sorted(self.request.wavelengths_nm)[len(self.request.wavelengths_nm) // 2]
 
-    def exposure(self, wavelength_nm: float) -> Exposures:
+    def exposures_at(self, wavelength_nm: float) -> CalibrationExposures:
         return next(e for e in self.exposures if e.wavelength_nm == wavelength_nm)
 
 
-NEUTRAL = "neutral"
+NEUTRAL_NAME = "neutral"
 """Of the patterns; they and the names below are alike in plan and record."""
 
 
-def steer(wavelength_nm: float, number: int) -> str:
+def steering_pattern_name(wavelength_nm: float, number: int) -> str:
     return f"steer-{wavelength_nm:g}-{number}"
 
 
-def stripes(low: int, high: int) -> str:
+def stripes_pattern_name(low: int, high: int) -> str:
     return f"stripes-{low:03d}-{high:03d}"
 
 
-def defocus(wavelength_nm: float, number: int) -> str:
+def defocus_pattern_name(wavelength_nm: float, number: int) -> str:
     return f"defocus-{wavelength_nm:g}-{number}"

@@ -16,18 +16,18 @@ from typer.main import get_command
 # isort: off
 from labapp.cli.app import app
 from labapp.cli import demo, runs, records, calibrate  # noqa: F401
-from labapp.cli import psf, beam, patterns, refine, pictures  # noqa: F401
+from labapp.cli import psf_command, beam_command, patterns, refine, simulated_pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
-from labapp.cli import accuracy, plan, devices, bench, virtual_bench  # noqa: F401
+from labapp.cli import accuracy, plans, devices, bench, virtual_bench  # noqa: F401
 from labapp.common.memory import keep_freed_memory
 
 # isort: on
 
-__all__ = ["app", "command", "main"]
+__all__ = ["app", "build_command_line", "main"]
 
 
 @cache
-def command() -> Any:
+def build_command_line() -> Any:
     """The command line with all its verbs. It takes .05 s to build, so it's built once."""
     return get_command(app)
 
@@ -38,16 +38,16 @@ def main() -> None:
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     keep_freed_memory()
     try:
-        command()(args=arguments, prog_name="labapp")
+        build_command_line()(args=arguments, prog_name="labapp")
     except (Exception, KeyboardInterrupt) as error:
         if debug:
             raise
-        raise SystemExit(_explain(error)) from None
+        raise SystemExit(_report_error(error)) from None
 
 
-def _explain(error: BaseException) -> int:
+def _report_error(error: BaseException) -> int:
     """Print an error for a person; the exit code that says what kind it was."""
-    from labapp.common.console import complain
+    from labapp.common.console import print_error
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
@@ -55,13 +55,13 @@ def _explain(error: BaseException) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     if isinstance(error, Cancelled | KeyboardInterrupt):
-        complain("cancelled")
+        print_error("cancelled")
         return 130
-    complain(_in_words(error))
+    print_error(_error_message(error))
     return 1
 
 
-def _in_words(error: Any) -> str:
+def _error_message(error: Any) -> str:
     from drivers.errors import DeviceError
     from labapp.common.errors import UserError
 

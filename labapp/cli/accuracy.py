@@ -8,18 +8,18 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.lens import CameraOptions, LensOptions, case_behind_panel
-from labapp.cli.options import (
+from labapp.cli.lens_options import CameraOptions, LensOptions, build_lens_case
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import (
     BenchOption,
     FieldOption,
     JsonOption,
     PeersOption,
     PictureOptions,
-    RowsOptions,
-    readable,
+    RowsOutputOptions,
+    readable_path,
 )
-from labapp.common.threads import one_thread
+from labapp.common.threads import use_one_thread
 
 accuracy = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(accuracy, name="accuracy")
@@ -28,10 +28,10 @@ app.add_typer(accuracy, name="accuracy")
 @accuracy.callback()
 def accuracy_() -> None:
     """Show what accuracy costs in time, measured on your machine."""
-    one_thread()
+    use_one_thread()
 
 
-_COMPARED = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)
+_PEER_COMPARISON_LENS = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)
 """What wave-optics libraries are compared on: 38 waves of defocus."""
 
 _CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
@@ -40,17 +40,19 @@ _CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
 @accuracy.command("list")
 def accuracy_list_(json: JsonOption = False) -> None:
     """List what can be measured, each a command of this one."""
-    from labapp.common.listing import Listed, print_list
+    from labapp.common.list_output import ListEntry, print_list
 
     listed = [
-        Listed(str(one.name), (one.callback.__doc__ or "").strip().splitlines()[0])
+        ListEntry(str(one.name), (one.callback.__doc__ or "").strip().splitlines()[0])
         for one in accuracy.registered_commands
         if one.callback and one.name != "list"
     ]
     print_list(listed, as_json=json, example="labapp accuracy psf --plot front.png")
 
 
-@accuracy.command("psf", cls=having(_COMPARED, RowsOptions(), first=True))
+@accuracy.command(
+    "psf", cls=command_with_options(_PEER_COMPARISON_LENS, RowsOutputOptions(), options_first=True)
+)
 def accuracy_psf_(
     context: typer.Context,
     peers: PeersOption = False,
@@ -69,15 +71,15 @@ def accuracy_psf_(
     defocus. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
-    rows = given(context, RowsOptions)
+    rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
-    described = given(context, LensOptions).case()
+    described = get_option_group(context, LensOptions).build_case()
     from labapp.accuracy.command import accuracy_psf
 
     accuracy_psf(described, peers=peers, as_json=rows.json, plot=rows.plot, compare=compare)
 
 
-@accuracy.command("propagate", cls=having(RowsOptions()))
+@accuracy.command("propagate", cls=command_with_options(RowsOutputOptions()))
 def accuracy_propagate_(
     context: typer.Context,
     light: Annotated[
@@ -110,25 +112,30 @@ def accuracy_propagate_(
     their light. Failures are rows too, and no other row beats one on the front in both time
     and error.
     """
-    from labapp.accuracy.asked import require_pitch, require_way
-    from labapp.light.asked import read_window
+    from labapp.accuracy.option_validation import require_pitch, require_propagation
+    from labapp.light.lens_options import read_window
 
     target_size = size if target_size is None else target_size
     target_pitch_um = pitch_um if target_pitch_um is None else target_pitch_um
-    require_way(light, distance, wavelength_nm * 1e-9)
+    require_propagation(light, distance, wavelength_nm * 1e-9)
     require_pitch("pitch-um", pitch_um)
     require_pitch("target-pitch-um", target_pitch_um)
-    rows = given(context, RowsOptions)
+    rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
     target = read_window(target_size, target_pitch_um * 1e-6, centre)
     source = read_window(size, pitch_um * 1e-6, "0,0")
-    from labapp.accuracy.propagate import accuracy_propagate, asked_field
+    from labapp.accuracy.propagate import accuracy_propagate, field_case_from_options
 
-    case = asked_field(light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial)
+    case = field_case_from_options(
+        light, source, target, distance, wavelength_nm * 1e-9, paraxial=paraxial
+    )
     accuracy_propagate(case, peers=peers, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("chain", cls=having(CameraOptions(), _CHAIN, RowsOptions(), first=True))
+@accuracy.command(
+    "chain",
+    cls=command_with_options(CameraOptions(), _CHAIN, RowsOutputOptions(), options_first=True),
+)
 def accuracy_chain_(
     context: typer.Context,
     separation_mm: Annotated[
@@ -161,19 +168,19 @@ def accuracy_chain_(
     samples drawn by their light. Failures are rows too, and no other row beats one on the
     front in both time and error.
     """
-    from labapp.accuracy.asked import require_pattern
-    from labapp.light.asked import read_field, read_panel
+    from labapp.accuracy.option_validation import require_pattern
+    from labapp.light.lens_options import read_field, read_panel
 
     off_axis = read_field(field)
     require_pattern(pattern)
     if panel is not None:
         read_panel(panel)
-    rows = given(context, RowsOptions)
+    rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
-    described = case_behind_panel(context)
-    from labapp.accuracy.chain import accuracy_chain, asked_chain
+    described = build_lens_case(context)
+    from labapp.accuracy.chain import accuracy_chain, chain_case_from_options
 
-    asked = asked_chain(
+    asked = chain_case_from_options(
         described,
         panel=panel,
         separation_mm=separation_mm,
@@ -184,7 +191,7 @@ def accuracy_chain_(
     accuracy_chain(asked, memory=memory_mb * 1_000_000, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("retrieval", cls=having(RowsOptions()))
+@accuracy.command("retrieval", cls=command_with_options(RowsOutputOptions()))
 def accuracy_retrieval_(
     context: typer.Context,
     target: Annotated[
@@ -210,21 +217,24 @@ def accuracy_retrieval_(
     from labapp.patterns.designing.kinds import read_psf
 
     spec = read_psf(target, keys or [], wavelength_nm, {})
-    rows = given(context, RowsOptions)
+    rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
-    from labapp.accuracy.retrieval import accuracy_retrieval, asked_goal
+    from labapp.accuracy.retrieval import accuracy_retrieval, goal_from_options
 
-    goal, name = asked_goal(spec, bench)
+    goal, name = goal_from_options(spec, bench)
     accuracy_retrieval(goal, name, frames=frames, budget=budget, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("deconvolve", cls=having(RowsOptions()))
+@accuracy.command("deconvolve", cls=command_with_options(RowsOutputOptions()))
 def accuracy_deconvolve_(
     context: typer.Context,
     picture: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[PICTURE]", callback=readable, help="A sharp one.", show_default="the demo's"
+            metavar="[PICTURE]",
+            callback=readable_path,
+            help="A sharp one.",
+            show_default="the demo's",
         ),
     ] = None,
     blur: Annotated[
@@ -233,7 +243,9 @@ def accuracy_deconvolve_(
     psf: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=readable, help="Picture or .npy of a PSF, in the blur's place."
+            metavar="FILE",
+            callback=readable_path,
+            help="Picture or .npy of a PSF, in the blur's place.",
         ),
     ] = None,
     noise: Annotated[
@@ -257,23 +269,23 @@ def accuracy_deconvolve_(
     from labapp.accuracy.blur_names import require_blur
 
     require_blur(blur, border)
-    rows = given(context, RowsOptions)
+    rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
-    from labapp.accuracy.blurs import asked_photograph
+    from labapp.accuracy.blurs import photograph_from_options
     from labapp.accuracy.deconvolve import accuracy_deconvolve
-    from labapp.pictures.networks import packaged_denoiser
+    from labapp.pictures.networks import bundled_denoiser
 
-    case = asked_photograph(picture, blur, psf, noise, border, size, seed)
-    accuracy_deconvolve(case, packaged_denoiser(), peers=peers, as_json=rows.json, plot=rows.plot)
+    case = photograph_from_options(picture, blur, psf, noise, border, size, seed)
+    accuracy_deconvolve(case, bundled_denoiser(), peers=peers, as_json=rows.json, plot=rows.plot)
 
 
-@accuracy.command("simulate", cls=having(PictureOptions()))
+@accuracy.command("simulate", cls=command_with_options(PictureOptions()))
 def accuracy_simulate_(
     context: typer.Context,
     bench: Annotated[
         Path | None,
         typer.Option(
-            callback=readable,
+            callback=readable_path,
             help="Bench file (TOML).",
             show_default="the bundled one, with few pixels",
         ),
@@ -288,5 +300,5 @@ def accuracy_simulate_(
     """
     from labapp.accuracy.simulate import accuracy_simulate
 
-    asked = given(context, PictureOptions).asked(bench)
+    asked = get_option_group(context, PictureOptions).picture_request(bench)
     accuracy_simulate(asked, as_json=json)

@@ -17,8 +17,8 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"labapp {labapp.__version__}")
         raise typer.Exit
 
@@ -26,7 +26,8 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def labapp_(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print and exit.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print and exit."),
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help="Show the traceback of an error (any command).")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import JsonOption, SceneOption, readable
+from labapp.cli.shared_options import JsonOption, SceneOption, readable_path
 
 bench = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(bench, name="bench")
@@ -22,7 +22,7 @@ def bench_() -> None:
 @bench.command("check")
 def bench_check_(
     bench: Annotated[
-        Path, typer.Argument(metavar="BENCH.toml", callback=readable, help="Bench file.")
+        Path, typer.Argument(metavar="BENCH.toml", callback=readable_path, help="Bench file.")
     ],
     scene: SceneOption = None,
     opening: Annotated[
@@ -35,7 +35,7 @@ def bench_check_(
     Each device by itself, so that one that is missing hides no other. Exit code 1 if anything
     is wrong.
     """
-    from labapp.bench.checking import check_bench
+    from labapp.bench.bench_check import check_bench
 
-    if not check_bench(bench, scene, opening=opening, as_json=json):
+    if not check_bench(bench, scene, open_devices=opening, as_json=json):
         raise typer.Exit(1)

@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import RunOptions, StarOptions, existing
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import RunOptions, StarOptions, existing_path
 from labapp.common.errors import UserError
 
 
-@app.command(cls=having(StarOptions(), RunOptions()))
+@app.command(cls=command_with_options(StarOptions(), RunOptions()))
 def calibrate(
     context: typer.Context,
     out: Annotated[
@@ -45,7 +45,7 @@ def calibrate(
         Path | None,
         typer.Option(
             metavar="RUN.h5",
-            callback=existing,
+            callback=existing_path,
             help="Fit a record that is there; take no pictures.",
         ),
     ] = None,
@@ -60,20 +60,25 @@ def calibrate(
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    from labapp.calibration.command import Asked, calibrate_bench, fit_again, write_plan_only
+    from labapp.calibration.command import (
+        CalibrateOptions,
+        calibrate_bench,
+        refit_record,
+        write_plan_only,
+    )
 
-    options = given(context, RunOptions)
+    options = get_option_group(context, RunOptions)
     if fit is not None:
-        fit_again(fit, options.manner)
+        refit_record(fit, options.run_mode)
         return
     assert out is not None
-    asked = Asked(
+    asked = CalibrateOptions(
         wavelengths_nm=tuple(wavelength_nm or [532.0]),
         regions=regions,
         only=tuple(only or ()),
         levels=levels,
         exposure_ms=exposure_ms,
-        **vars(given(context, StarOptions)),
+        **vars(get_option_group(context, StarOptions)),
     )
     take = write_plan_only if plan_only else calibrate_bench
-    take(asked, out, options.files(), options.manner)
+    take(asked, out, options.bench_files(), options.run_mode)

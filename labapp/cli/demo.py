@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import ForceOption, ImageOption, JsonOption
+from labapp.cli.shared_options import ForceOption, ImageOption, JsonOption
 
 
 @app.command()
@@ -26,10 +26,10 @@ def demo(
     A ring-shaped PSF is computed for the SLM, measured on an artificial star, and used to
     photograph and to reconstruct. Takes a few seconds; writes a record and a report.
     """
-    from labapp.files.places import RECORD, REPORT_FILES
-    from labapp.files.writing import require_free
+    from labapp.files.output_paths import RECORD, REPORT_FILES
+    from labapp.files.writing import require_free_names
 
-    require_free(out, (RECORD, *REPORT_FILES), force=force)
+    require_free_names(out, (RECORD, *REPORT_FILES), force=force)
     from labapp.studies.demo import run_demo
 
     run_demo(out, image=image, seed=seed, force=force, as_json=json)

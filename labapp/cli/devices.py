@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import BenchOption, ForceOption, JsonOption, SceneOption
+from labapp.cli.shared_options import BenchOption, ForceOption, JsonOption, SceneOption
 
 devices = typer.Typer(invoke_without_command=True, rich_markup_mode="markdown")
 app.add_typer(devices, name="devices")
@@ -35,7 +35,7 @@ def devices_list_(
     bench: BenchOption = None, scene: SceneOption = None, json: JsonOption = False
 ) -> None:
     """List the bench's devices, the installed drivers, and what is plugged in."""
-    from labapp.bench.listing import list_devices
+    from labapp.bench.device_listing import list_devices
 
     list_devices(bench, scene, as_json=json)
 
@@ -71,6 +71,6 @@ def devices_screens_(
     seconds: Annotated[float, typer.Option(min=0, help="How long the names stand.")] = 5.0,
 ) -> None:
     """Write on every screen which it is, and list them: names for a bench file's SLM."""
-    from drivers.screen.identify import identify, listed
+    from drivers.screen.identify import format_listing, identify_screens
 
-    print(listed(identify(display, seconds)))
+    print(format_listing(identify_screens(display, seconds)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import BenchOption, FaultsOption, ImageOption, SceneOption
+from labapp.cli.shared_options import BenchOption, FaultsOption, ImageOption, SceneOption
 
 
 @app.command()

@@ -7,11 +7,11 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import DesignOptions, KeysArgument
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import DesignOptions, KeysArgument
 
 
-@app.command(cls=having(DesignOptions()))
+@app.command(cls=command_with_options(DesignOptions()))
 def pattern(
     context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Kind of pattern, or 'list'.")],
@@ -29,14 +29,14 @@ def pattern(
     """
     from labapp.patterns.designing.kinds import list_patterns, read_pattern
 
-    design = given(context, DesignOptions)
+    design = get_option_group(context, DesignOptions)
     if name == "list":
         list_patterns(as_json=design.json)
         return
-    design.make(read_pattern(name, keys or [], design.wavelength_nm))
+    design.design_and_write(read_pattern(name, keys or [], design.wavelength_nm))
 
 
-@app.command(cls=having(DesignOptions()))
+@app.command(cls=command_with_options(DesignOptions()))
 def retrieve(
     context: typer.Context,
     target: Annotated[str, typer.Argument(metavar="TARGET", help="Shape of the PSF, or 'list'.")],
@@ -61,9 +61,9 @@ def retrieve(
     """
     from labapp.patterns.designing.kinds import list_targets, read_psf
 
-    design = given(context, DesignOptions)
+    design = get_option_group(context, DesignOptions)
     if target == "list":
         list_targets(as_json=design.json)
         return
     options = {"budget_s": budget, "iterations": iterations, "method": method}
-    design.make(read_psf(target, keys or [], design.wavelength_nm, options))
+    design.design_and_write(read_psf(target, keys or [], design.wavelength_nm, options))

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import ForceOption, JsonOption, readable
-from labapp.common.threads import one_thread
-from optics.deconvolution.names import ASKABLE, AUTO
+from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.common.threads import use_one_thread
+from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
 
 
 @app.command()
@@ -18,14 +18,14 @@ def reconstruct(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN.h5|IMAGE", callback=readable, help="A record, PNG, TIFF, JPEG or NPY."
+            metavar="RUN.h5|IMAGE", callback=readable_path, help="A record, PNG, TIFF, JPEG or NPY."
         ),
     ],
     psf: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            callback=readable,
+            callback=readable_path,
             help="Picture or .npy of the PSF, or a record with a star.",
             show_default="the star of the record",
         ),
@@ -36,7 +36,7 @@ def reconstruct(
             min=3, metavar="SIZE", help="Look for an unknown PSF of so many pixels at most."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help=f"{', '.join(ASKABLE)}.")] = AUTO,
+    method: Annotated[str, typer.Option(help=f"{', '.join(METHOD_CHOICES)}.")] = AUTO,
     budget: Annotated[
         float | None,
         typer.Option(
@@ -104,7 +104,7 @@ def reconstruct(
     truth: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=readable, help="The picture as it should be, for PSNR."
+            metavar="FILE", callback=readable_path, help="The picture as it should be, for PSNR."
         ),
     ] = None,
     force: ForceOption = False,
@@ -121,21 +121,21 @@ def reconstruct(
     says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
     but for the star of the same run, which is measured against the neutral one.
     """
-    from labapp.files.places import places_of_restored
+    from labapp.files.output_paths import restoration_output_paths
 
-    places = places_of_restored(
+    places = restoration_output_paths(
         source, out, picture, (psf, truth), blind=blind is not None, force=force
     )
-    one_thread()
-    from labapp.pictures.reconstructing.asked import AskedProblem
-    from labapp.pictures.reconstructing.command import Files
-    from labapp.pictures.reconstructing.command import reconstruct as restore
-    from labapp.pictures.reconstructing.methods import Wish
-    from labapp.pictures.reconstructing.records import Choice
+    use_one_thread()
+    from labapp.pictures.reconstructing.command import OutputFiles
+    from labapp.pictures.reconstructing.command import reconstruct_photograph as restore
+    from labapp.pictures.reconstructing.method_choice import MethodChoice
+    from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
+    from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
-    chosen = Choice(target, pattern, wavelength, frame, star)
+    chosen = RecordSelection(target, pattern, wavelength, frame, star)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
     told |= {"blind": blind, "truth": truth}
-    asked = AskedProblem(source, psf, chosen, linear, **told)
-    restore(asked, Wish(method, budget, weight), Files(*places), as_json=json)
+    asked = RestorationRequest(source, psf, chosen, linear, **told)
+    restore(asked, MethodChoice(method, budget, weight), OutputFiles(*places), as_json=json)

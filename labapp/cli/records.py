@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import ForceOption, JsonOption, RecordArgument
+from labapp.cli.shared_options import ForceOption, JsonOption, RecordArgument
 
 
 @app.command()
 def show(record: RecordArgument, json: JsonOption = False) -> None:
     """Say what a record holds: state, devices, frames, the simulator's decisions, log."""
-    from labapp.runs.showing import show_record
+    from labapp.runs.record_summary import show_record
 
     show_record(record, as_json=json)
 
@@ -29,11 +29,11 @@ def report(
     json: JsonOption = False,
 ) -> None:
     """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
-    from labapp.files.places import REPORT_FILES
-    from labapp.files.writing import require_free
+    from labapp.files.output_paths import REPORT_FILES
+    from labapp.files.writing import require_free_names
 
     folder = out or record.parent
-    require_free(folder, REPORT_FILES, force=force)
+    require_free_names(folder, REPORT_FILES, force=force)
     from labapp.pictures.report import report_record
 
     report_record(record, folder, force=force, as_json=json)
@@ -71,6 +71,6 @@ def export(
     look dark in a viewer that doesn't stretch them. Frames that the record lacks are named,
     and the exit code is 1.
     """
-    from labapp.runs.export import Choice, export_record
+    from labapp.runs.export import FrameSelection, export_record
 
-    export_record(record, to, out, Choice(frames, target, pattern), force=force)
+    export_record(record, to, out, FrameSelection(frames, target, pattern), force=force)

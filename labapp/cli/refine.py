@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import RunOptions, StarOptions, existing
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import RunOptions, StarOptions, existing_path
 from labapp.common.errors import UserError
-from labapp.common.threads import one_thread
+from labapp.common.threads import use_one_thread
 
 
-@app.command(cls=having(StarOptions(), RunOptions()))
+@app.command(cls=command_with_options(StarOptions(), RunOptions()))
 def refine(
     context: typer.Context,
     design: Annotated[
@@ -45,15 +45,15 @@ def refine(
     """
     if out is None:
         raise UserError("there is no --out. Name an .h5 file to write.")
-    existing(design)
-    one_thread()
+    existing_path(design)
+    use_one_thread()
     from labapp.refining.command import refine_design
-    from labapp.refining.request import Request, milliseconds
+    from labapp.refining.refinement_request import RefinementRequest, parse_milliseconds
 
-    request = Request.of(
+    request = RefinementRequest.from_options(
         pictures=pictures,
-        exposures_ms=milliseconds(exposures_ms),
-        **vars(given(context, StarOptions)),
+        exposures_ms=parse_milliseconds(exposures_ms),
+        **vars(get_option_group(context, StarOptions)),
     )
-    options = given(context, RunOptions)
-    refine_design(design, out, runs, request, options.files(), options.manner)
+    options = get_option_group(context, RunOptions)
+    refine_design(design, out, runs, request, options.bench_files(), options.run_mode)

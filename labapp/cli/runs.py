@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import (
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import (
     BenchOption,
     FaultsOption,
     ImageOption,
@@ -21,7 +21,7 @@ from labapp.cli.options import (
 )
 
 
-@app.command(cls=having(RunOptions()))
+@app.command(cls=command_with_options(RunOptions()))
 def run(
     context: typer.Context,
     plans: Annotated[
@@ -43,14 +43,14 @@ def run(
     ended a run, **labapp resume** takes the frames that it lacks. **labapp plan check** says
     beforehand what a run will take.
     """
-    from labapp.files.places import places_of_runs
+    from labapp.files.output_paths import run_output_paths
     from labapp.files.plan_file import read_plan
 
-    asked, options = [read_plan(plan) for plan in plans], given(context, RunOptions)
-    records = places_of_runs([one.path for one in asked], out, force=options.force)
-    from labapp.runs.running import run_files
+    asked, options = [read_plan(plan) for plan in plans], get_option_group(context, RunOptions)
+    records = run_output_paths([one.path for one in asked], out, force=options.force)
+    from labapp.runs.run_commands import run_files
 
-    run_files(asked, records, options.files(image), options.manner)
+    run_files(asked, records, options.bench_files(image), options.run_mode)
 
 
 @app.command()
@@ -67,6 +67,6 @@ def resume(
     Plan, patterns, seed and bench are the record's own, so that it ends as if nothing had
     happened. Frames that don't read back as they were stored are taken again.
     """
-    from labapp.runs.running import Manner, resume_file
+    from labapp.runs.run_commands import ExecutionOptions, resume_file
 
-    resume_file(record, bench, faults, Manner(False, yes, speed, json))
+    resume_file(record, bench, faults, ExecutionOptions(False, yes, speed, json))

@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import RunOptions, existing
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import RunOptions, existing_path
 from labapp.studies import STUDIES
 
 
 def _help() -> str:
     listed = "\n".join(
-        f"- **{name}**: {entry.line} ({entry.figure})" for name, entry in STUDIES.items()
+        f"- **{name}**: {entry.summary} ({entry.figure})" for name, entry in STUDIES.items()
     )
     return f"""Do an experiment of the thesis again, on the bench, beside what was published.
 
@@ -35,7 +35,7 @@ Ctrl-C leaves the bench safe and the record as it is: **labapp resume** takes th
 """
 
 
-@app.command(cls=having(RunOptions()), help=_help())
+@app.command(cls=command_with_options(RunOptions()), help=_help())
 def study(
     context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME", help="A study, or 'list'.")],
@@ -48,7 +48,9 @@ def study(
     record: Annotated[
         Path | None,
         typer.Option(
-            metavar="RUN.h5", callback=existing, help="Evaluate a record of it; take no pictures."
+            metavar="RUN.h5",
+            callback=existing_path,
+            help="Evaluate a record of it; take no pictures.",
         ),
     ] = None,
     quick: Annotated[
@@ -57,12 +59,12 @@ def study(
     seed: Annotated[int, typer.Option(min=0, help="All chance comes from it.")] = 1,
 ) -> None:
     from labapp.common.errors import UserError
-    from labapp.files.places import RECORD, STUDY_FILES
-    from labapp.files.writing import require_free
-    from labapp.studies.finding import find_study, read_settings
-    from labapp.studies.listing import list_studies
+    from labapp.files.output_paths import RECORD, STUDY_FILES
+    from labapp.files.writing import require_free_names
+    from labapp.studies.study_list import list_studies
+    from labapp.studies.study_lookup import find_study, read_study_settings
 
-    options = given(context, RunOptions)
+    options = get_option_group(context, RunOptions)
     if name == "list":
         list_studies(as_json=options.json)
         return
@@ -70,15 +72,15 @@ def study(
     if out is None:
         raise UserError("there is no --out. Name a folder for record, picture and page.")
     if record is None:
-        read_settings(name, settings or (), quick=quick)
+        read_study_settings(name, settings or (), quick=quick)
     elif settings or quick:
         raise UserError("--record: its settings are in it. Leave the others out.")
     names = STUDY_FILES if record else (RECORD, *STUDY_FILES)
-    require_free(out, names, force=options.force)
-    from labapp.studies.command import Asked, evaluate_record, run_study
+    require_free_names(out, names, force=options.force)
+    from labapp.studies.command import StudyRequest, evaluate_record, run_study
 
     if record is not None:
-        evaluate_record(name, record, out, options.manner)
+        evaluate_record(name, record, out, options.run_mode)
         return
     bench = (options.bench, options.scene, options.faults)
-    run_study(Asked(name, tuple(settings or ()), seed, quick, *bench), out, options.manner)
+    run_study(StudyRequest(name, tuple(settings or ()), seed, quick, *bench), out, options.run_mode)

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.options import ForceOption
-from labapp.common.threads import one_thread
+from labapp.cli.shared_options import ForceOption
+from labapp.common.threads import use_one_thread
 
 
 @app.command()
@@ -36,10 +36,10 @@ def train(
     every 200 steps: interrupt it when you like, and give the same command again to go on.
     The weights that come with the project were trained so; labapp/data/SOURCES.txt says on what.
     """
-    from labapp.files.places import place_of_weights
+    from labapp.files.output_paths import weights_output_path
 
-    place = place_of_weights(out, force=force)
-    one_thread()
+    place = weights_output_path(out, force=force)
+    use_one_thread()
     from labapp.pictures.training.command import train_denoiser
 
     train_denoiser(folders, place, steps=steps, seed=seed)

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.groups import given, having
-from labapp.cli.options import BenchOption, ForceOption, ImageOption, SceneOption
+from labapp.cli.option_groups import command_with_options, get_option_group
+from labapp.cli.shared_options import BenchOption, ForceOption, ImageOption, SceneOption
 
 virtual_bench = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 app.add_typer(virtual_bench, name="virtual-bench")
@@ -22,7 +22,7 @@ def virtual_bench_() -> None:
 
 
 @dataclass(frozen=True)
-class ServedOptions:
+class ServeCommandOptions:
     """Which instruments are served, where, and until when."""
 
     out: Annotated[
@@ -57,7 +57,7 @@ class ServedOptions:
     force: ForceOption = False
 
 
-@virtual_bench.command(cls=having(ServedOptions()))
+@virtual_bench.command(cls=command_with_options(ServeCommandOptions()))
 def serve(
     context: typer.Context,
     bench: BenchOption = None,
@@ -83,7 +83,7 @@ def serve(
     gir1.2-aravis-0.8), the SLM without --display Xvfb (sudo apt-get install xvfb).
     """
     from labapp.bench.opening import BenchFiles
-    from labapp.bench.virtual_bench.serving import Wished, serve
+    from labapp.bench.virtual_bench.serving import ServeOptions, serve
 
-    files = BenchFiles.default(bench, scene, image)
-    serve(Wished(files, **vars(given(context, ServedOptions))))
+    files = BenchFiles.with_defaults(bench, scene, image)
+    serve(ServeOptions(files, **vars(get_option_group(context, ServeCommandOptions))))

@@ -19,7 +19,7 @@ out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print a table; columns whose heading ends in a blank are numbers, to the right."""
     out.print(title, style="bold", markup=False)
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
@@ -38,18 +38,18 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def say(text: str) -> None:
+def print_message(text: str) -> None:
     """A line for the person on standard error, so that standard output stays data."""
     err.print(text, markup=False, soft_wrap=True)
 
 
-def complain(text: str) -> None:
+def print_error(text: str) -> None:
     """An error in one or two lines, unwrapped so that it can be searched and copied."""
     err.print(text, style="bold red", markup=False, soft_wrap=True)
 
 
 @contextmanager
-def watched() -> Iterator[Progress]:
+def terminal_progress() -> Iterator[Progress]:
     """A progress that a terminal shows and Ctrl-C cancels; twice Ctrl-C stops at once."""
     from rich.progress import (
         BarColumn,
@@ -73,11 +73,11 @@ def watched() -> Iterator[Progress]:
         progress = Progress(
             lambda fraction, message: bar.update(task, completed=fraction, description=message)
         )
-        with _cancelling(progress):
+        with _cancel_on_signals(progress):
             yield progress
 
 
-def _let_go_of_the_terminal() -> None:
+def _redirect_terminal_to_null() -> None:
     """Whoever writes to one that is gone fails; the bench must be left safe all the same."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):
@@ -87,23 +87,23 @@ def _let_go_of_the_terminal() -> None:
 
 
 @contextmanager
-def _cancelling(progress: Progress) -> Iterator[None]:
+def _cancel_on_signals(progress: Progress) -> Iterator[None]:
     """While the block runs, Ctrl-C, a polite kill and a closed terminal ask it to stop."""
 
     def stop(number: int, frame: Any) -> None:
         if number == signal.SIGHUP:
-            _let_go_of_the_terminal()
-        elif progress.cancelled:
+            _redirect_terminal_to_null()
+        elif progress.is_cancelled:
             raise KeyboardInterrupt
         progress.cancel()
-        say("stopping; Ctrl-C again stops at once")
+        print_message("stopping; Ctrl-C again stops at once")
 
-    with hearing_wishes_to_end(stop):
+    with handle_stop_signals(stop):
         yield
 
 
 @contextmanager
-def hearing_wishes_to_end(stop: Callable[[int, Any], None]) -> Iterator[None]:
+def handle_stop_signals(stop: Callable[[int, Any], None]) -> Iterator[None]:
     """While the block runs, `stop` handles Ctrl-C, a polite kill and a closed terminal."""
     wishes = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, stop) for number in wishes}

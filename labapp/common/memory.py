@@ -7,7 +7,7 @@ import ctypes
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Of glibc's mallopt()."""
 
-_KEPT = (1 << 31) - 1
+_KEPT_BYTES = (1 << 31) - 1
 
 
 def keep_freed_memory() -> None:
@@ -20,7 +20,7 @@ def keep_freed_memory() -> None:
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_TRIM_THRESHOLD, _KEPT)
+        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
         mallopt(_MMAP_MAX, 0)
         mallopt(_ARENA_MAX, 1)
 

@@ -20,7 +20,7 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.camera import Lens
-from optics.fourier import Geometry, NonuniformTransform, transforms
+from optics.fourier import FourierGeometry, NonuniformTransform, valid_transforms
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
@@ -35,11 +35,11 @@ _BUSY = 0.5
 
 
 @dataclass(frozen=True)
-class Job:
+class BenchmarkJob:
     """A piece of work whose price is a sum over the speeds, and the call that does it."""
 
     name: str
-    price: Callable[[MachineSpeed], float]
+    cost: Callable[[MachineSpeed], float]
     call: Callable[[], Any]
 
 
@@ -48,26 +48,26 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
     What was measured beside others' work is measured anew once there is half as much of it.
     """
-    kept, load = _read(), _load()
+    kept, load = _read(), _load_per_processor()
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
         return kept[0]
-    speed = fitted(timed(jobs(), progress or Progress()))
-    keep(speed, load)
+    speed = fit_speed(time_jobs(benchmark_jobs(), progress or Progress()))
+    save_speed(speed, load)
     return speed
 
 
-def _load() -> float:
+def _load_per_processor() -> float:
     """Processes that wanted to run in the last minute, for each processor."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
-def kept_in() -> Path:
+def speed_file_path() -> Path:
     """The file that the speed is kept in; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
-def _circumstances() -> dict[str, str]:
+def _machine_fingerprint() -> dict[str, str]:
     """What makes kept speeds worthless when it changes."""
     return {
         "machine": platform.processor() or platform.machine(),
@@ -82,9 +82,9 @@ def _circumstances() -> dict[str, str]:
 def _read() -> tuple[MachineSpeed, float] | None:
     """The kept speed, and the load beside which it was measured; None if there is none."""
     try:
-        found = json.loads(kept_in().read_text())
+        found = json.loads(speed_file_path().read_text())
         names = {field.name for field in fields(MachineSpeed)}
-        if found["circumstances"] != _circumstances() or set(found["seconds"]) != names:
+        if found["circumstances"] != _machine_fingerprint() or set(found["seconds"]) != names:
             return None
         speed = MachineSpeed(**{name: float(value) for name, value in found["seconds"].items()})
         return speed, float(found["load"])
@@ -92,50 +92,50 @@ def _read() -> tuple[MachineSpeed, float] | None:
         return None
 
 
-def keep(speed: MachineSpeed, load: float = 0.0) -> None:
+def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
     """Write the speed to its file; where it can't be written, it is measured anew next time.
 
     load: beside which it was measured, for each processor.
     """
-    kept = {"circumstances": _circumstances(), "load": load, "seconds": asdict(speed)}
+    kept = {"circumstances": _machine_fingerprint(), "load": load, "seconds": asdict(speed)}
     text = json.dumps(kept, indent=2)
     try:
-        kept_in().parent.mkdir(parents=True, exist_ok=True)
-        kept_in().write_text(text)
+        speed_file_path().parent.mkdir(parents=True, exist_ok=True)
+        speed_file_path().write_text(text)
     except OSError:
         return
 
 
-def jobs() -> list[Job]:
+def benchmark_jobs() -> list[BenchmarkJob]:
     """Every method at two sizes or more, some milliseconds each."""
-    found: list[Job] = []
+    found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
     for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
-        geometry = Geometry(
+        geometry = FourierGeometry(
             Plane((side, side), (8e-6, 8e-6)), Plane((window,) * 2, (pitch,) * 2), 6e-8
         )
         for dtype in (torch.complex64, torch.complex128):
             field = torch.from_numpy(rng.normal(size=(side, side))).to(dtype)
-            for transform in transforms(geometry, dtype, 1e-4):
+            for transform in valid_transforms(geometry, dtype, 1e-4):
                 name = f"{transform.name}, {side}² to {window}², {dtype}"
-                found.append(Job(name, transform.cpu_seconds, partial(transform, field)))
+                found.append(BenchmarkJob(name, transform.cpu_seconds, partial(transform, field)))
     # 8 µm x 3 µm / 1024: one over the step is a whole number.
-    geometry = Geometry(
+    geometry = FourierGeometry(
         Plane((700, 700), (8e-6, 8e-6)), Plane((200, 200), (3e-6, 3e-6)), 1024 * 2.4e-11
     )
     field = torch.ones(700, 700, dtype=torch.complex64)
-    for transform in transforms(geometry, torch.complex64)[2:]:
-        found.append(Job(transform.name, transform.cpu_seconds, partial(transform, field)))
+    for transform in valid_transforms(geometry, torch.complex64)[2:]:
+        found.append(BenchmarkJob(transform.name, transform.cpu_seconds, partial(transform, field)))
     found += _scattered_jobs(rng)
     found += _axial_jobs()
     for cutoff in (1e6, 2e5):
         integral = PixelIntegration(Plane((200, 200), (3e-6, 3e-6)), cutoff)
         light = torch.ones(integral.plane.shape)
-        found.append(Job("whole pixels", integral.cpu_seconds, partial(integral, light)))
+        found.append(BenchmarkJob("whole pixels", integral.cpu_seconds, partial(integral, light)))
     return found
 
 
-def _scattered_jobs(rng: np.random.Generator) -> list[Job]:
+def _scattered_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
     found = []
     for points, window in ((100_000, 200), (20_000, 400), (200_000, 64)):
         angle, r = rng.uniform(0, 2 * np.pi, points), np.sqrt(rng.uniform(0, 1, points))
@@ -146,11 +146,11 @@ def _scattered_jobs(rng: np.random.Generator) -> list[Job]:
             image = Plane((window, window), (3e-6, 3e-6))
             transform = NonuniformTransform(y, x, image, 6e-8, error)
             name = f"non-uniform FFT of {points}, {window}², {error:g}"
-            found.append(Job(name, transform.cpu_seconds, partial(transform, field)))
+            found.append(BenchmarkJob(name, transform.cpu_seconds, partial(transform, field)))
     return found
 
 
-def _axial_jobs() -> list[Job]:
+def _axial_jobs() -> list[BenchmarkJob]:
     found = []
     for size, distance, f_number in (
         (256, 2.0, 5.6),
@@ -163,28 +163,28 @@ def _axial_jobs() -> list[Job]:
         operator = PSFOperator(
             lens, distance, 520e-9, pixels, integrate=False, tol=1e-6, method="axial"
         )
-        found.append(Job(f"along the radius, {size}²", operator.cpu_seconds, operator))
+        found.append(BenchmarkJob(f"along the radius, {size}²", operator.cpu_seconds, operator))
     return found
 
 
 @single_threaded
-def timed(chosen: list[Job], progress: Progress) -> list[tuple[Job, float]]:
+def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
     """Each job with its processor time: the least of interleaved calls, for others' work beside
     it can only add (Chen and Revels, "Robust benchmarking in noisy environments", 2016)."""
-    seconds: dict[int, list[float]] = {number: [] for number in range(len(chosen))}
+    seconds: dict[int, list[float]] = {number: [] for number in range(len(jobs))}
     for repeat in range(_REPEATS + 1):
-        for number, job in enumerate(chosen):
-            done = (repeat + number / len(chosen)) / (_REPEATS + 1)
+        for number, job in enumerate(jobs):
+            done = (repeat + number / len(jobs)) / (_REPEATS + 1)
             progress.report(done, "measuring how fast this machine is")
             started = time.process_time()
             job.call()
             # The first call makes what the others reuse.
             if repeat:
                 seconds[number].append(time.process_time() - started)
-    return [(job, min(seconds[number])) for number, job in enumerate(chosen)]
+    return [(job, min(seconds[number])) for number, job in enumerate(jobs)]
 
 
-def fitted(measured: list[tuple[Job, float]]) -> MachineSpeed:
+def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
     """The speeds, none negative, whose prices come closest to the times, relatively."""
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
@@ -192,13 +192,13 @@ def fitted(measured: list[tuple[Job, float]]) -> MachineSpeed:
     for slowness in _SLOWNESS:
         prices = np.array(
             [
-                [job.price(replace(nothing, double=slowness, **{name: 1.0})) for name in names]
-                for job, _ in measured
+                [job.cost(replace(nothing, double=slowness, **{name: 1.0})) for name in names]
+                for job, _ in timings
             ]
         )
-        relative = prices / np.array([[seconds] for _, seconds in measured])
+        relative = prices / np.array([[seconds] for _, seconds in timings])
         scale = np.maximum(relative.max(axis=0), 1e-300)
-        answer, residual = scipy.optimize.nnls(relative / scale, np.ones(len(measured)))
+        answer, residual = scipy.optimize.nnls(relative / scale, np.ones(len(timings)))
         if residual < least:
             least = residual
             values = dict(zip(names, (answer / scale).tolist(), strict=True))

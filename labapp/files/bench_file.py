@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic import Field
 
-from labapp.files.camera_file import CameraFile, found_in
-from labapp.files.reading import FileModel, bundled, read_file
+from labapp.files.camera_file import CameraFile, resolve_included_files
+from labapp.files.reading import FileModel, bundled_path, read_file
 from optics.camera import Camera
 
 
@@ -54,7 +54,7 @@ class DevicesTable(FileModel):
         return {name: table for name, table in named.items() if table is not None}
 
     @property
-    def of_runs(self) -> dict[str, DeviceTable]:
+    def run_devices(self) -> dict[str, DeviceTable]:
         """Those that every run needs."""
         return {name: table for name, table in self.tables.items() if name != "spectroradiometer"}
 
@@ -72,18 +72,18 @@ class BenchFile(CameraFile):
     @property
     def is_real(self) -> bool:
         """Whether a device of its runs is real, so that their time is the wall's."""
-        return not all(table.is_simulated for table in self.devices.of_runs.values())
+        return not all(table.is_simulated for table in self.devices.run_devices.values())
 
 
 def read_bench(path: Path) -> BenchFile:
-    """A bench file; see found_in() for the files that it may name, and for errors."""
-    return found_in(read_file(path, dict[str, Any]), path, BenchFile)
+    """A bench file; see resolve_included_files() for the files that it may name, and for errors."""
+    return resolve_included_files(read_file(path, dict[str, Any]), path, BenchFile)
 
 
 def read_camera_file(path: Path) -> CameraFile:
     """A camera file, or a bench file. As read_bench()."""
     data = read_file(path, dict[str, Any])
-    return found_in(data, path, BenchFile if "devices" in data else CameraFile)
+    return resolve_included_files(data, path, BenchFile if "devices" in data else CameraFile)
 
 
 def read_camera(path: Path | None) -> Camera:
@@ -91,4 +91,4 @@ def read_camera(path: Path | None) -> Camera:
 
     UserError as read_bench(), and for a calibration of another panel.
     """
-    return read_camera_file(bundled("bench.toml") if path is None else path).build_camera()
+    return read_camera_file(bundled_path("bench.toml") if path is None else path).build_camera()

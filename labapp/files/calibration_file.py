@@ -15,10 +15,10 @@ from pydantic import AwareDatetime, Field, model_validator
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
 from optics.calibration.registration import Registration
-from optics.calibration.wavefront import path_of
+from optics.calibration.wavefront import zernike_path
 from optics.camera import Camera
 from optics.plane import Plane
-from optics.slm import Map, Panel, Response
+from optics.slm import Panel, PanelMap, PhaseResponse
 
 Count = Annotated[int, Field(ge=0)]
 Pair = tuple[Finite, Finite]
@@ -28,7 +28,7 @@ _FLATNESS_CELLS = 240
 """Along a panel's longer side: polynomials of the fourth degree are smoother than that."""
 
 
-class DeviceTable(FileModel):
+class DeviceIdentityTable(FileModel):
     """Which device it was."""
 
     model: str
@@ -101,7 +101,7 @@ class CurveTable(FileModel):
         return self
 
 
-class ResponseTable(FileModel):
+class MeasuredResponseTable(FileModel):
     """The phase response at a wavelength; curves of the regions, row by row."""
 
     wavelength_nm: Positive
@@ -109,7 +109,7 @@ class ResponseTable(FileModel):
     curves: tuple[CurveTable, ...]
 
     @model_validator(mode="after")
-    def _complete(self) -> ResponseTable:
+    def _require_all_regions(self) -> MeasuredResponseTable:
         if len(self.curves) != math.prod(self.regions):
             raise ValueError(
                 f"there are {len(self.curves)} curves, and {math.prod(self.regions)} regions"
@@ -144,7 +144,7 @@ class WavefrontTable(FileModel):
     residual: Amount
     chi2: Amount
 
-    def build(self, panel: Panel) -> Map:
+    def build(self, panel: Panel) -> PanelMap:
         """On cells that cover the panel."""
         cells = tuple(
             max(1, round(n * min(1, _FLATNESS_CELLS / max(panel.shape)))) for n in panel.shape
@@ -157,10 +157,10 @@ class WavefrontTable(FileModel):
         )
         plane = Plane((cells[0], cells[1]), (pitch[0], pitch[1]), (centre[0], centre[1]))
         path = [nm * 1e-9 for nm in self.path_nm]
-        return Map(path_of(self.terms, path, self.radius_mm * 1e-3, plane))
+        return PanelMap(zernike_path(self.terms, path, self.radius_mm * 1e-3, plane))
 
 
-class ZerothTable(FileModel):
+class ZerothOrderTable(FileModel):
     """Share of the light that stays in the centre whatever the pattern."""
 
     wavelength_nm: Positive
@@ -183,29 +183,31 @@ class CalibrationFile(FileModel):
     record: str
     frames: Count
     software: str
-    devices: dict[str, DeviceTable]
+    devices: dict[str, DeviceIdentityTable]
     panel: dict[str, Any]
     lens: dict[str, Any]
     sensor: dict[str, Any]
     polarisation: dict[str, Any] | None = None
     registrations: tuple[RegistrationTable, ...] = ()
-    responses: tuple[ResponseTable, ...] = ()
+    responses: tuple[MeasuredResponseTable, ...] = ()
     wavefront: WavefrontTable | None = None
-    zeroth: tuple[ZerothTable, ...] = ()
+    zeroth: tuple[ZerothOrderTable, ...] = ()
 
     @property
     def wavelengths(self) -> list[float]:
         """At which the response is known, metres, sorted."""
         return sorted(table.wavelength_nm * 1e-9 for table in self.responses)
 
-    def applied_to(self, camera: Camera) -> Camera:
+    def apply_to(self, camera: Camera) -> Camera:
         """The camera as it was found to be. ValueError for another panel's calibration."""
         panel = camera.panel
         change: dict[str, Any] = {}
         if self.responses:
             wavelengths = [table.wavelength_nm * 1e-9 for table in self.responses]
             phases = np.stack([table.phases for table in self.responses])
-            change["response"] = Response.measured(panel, wavelengths, torch.from_numpy(phases))
+            change["response"] = PhaseResponse.from_phases(
+                panel, wavelengths, torch.from_numpy(phases)
+            )
         if self.wavefront:
             change["flatness"] = self.wavefront.build(panel)
         if self.zeroth:
@@ -223,7 +225,7 @@ _NUMBER = r"-?[\d.]+(?:[eE][-+]?\d+)?"
 _ROW = re.compile(rf"\[\s*{_NUMBER}(?:,\s*{_NUMBER})*\s*\]")
 
 
-def as_json(calibration: CalibrationFile) -> bytes:
+def calibration_to_json(calibration: CalibrationFile) -> bytes:
     """The file's text: a key a line, and rows of numbers on one line."""
     text = json.dumps(calibration.model_dump(mode="json"), indent=1)
     return _ROW.sub(lambda row: " ".join(row[0].split()), text).encode() + b"\n"

@@ -38,7 +38,7 @@ class LensTable(FileModel):
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
 
     @model_validator(mode="after")
-    def _sound(self) -> LensTable:
+    def _validate_lens(self) -> LensTable:
         if self.focus_distance_m * 1e3 <= self.focal_length_mm:
             raise ValueError(
                 f"focus_distance_m must be more than the focal length, {self.focal_length_mm:g} mm"
@@ -84,7 +84,7 @@ class CameraFile(FileModel):
     glare: Share = 0.0
 
     @model_validator(mode="after")
-    def _unmodulated_once(self) -> Self:
+    def _require_one_unmodulated_share(self) -> Self:
         given, table = self.panel.unmodulated, self.polarisation
         if given is None and table is None:
             raise ValueError(
@@ -100,7 +100,7 @@ class CameraFile(FileModel):
         return self
 
     @property
-    def in_force(self) -> CalibrationFile | None:
+    def active_calibration(self) -> CalibrationFile | None:
         """The calibration that counts; UserError if its file can't be read."""
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
@@ -114,31 +114,31 @@ class CameraFile(FileModel):
             return None
         return float(self.polarisation.build().effect().interference.abs())
 
-    def uncalibrated(self) -> Self:
+    def without_calibration(self) -> Self:
         """The camera as it is described."""
         return self.model_copy(update={"calibration": None})
 
     def build_camera(self) -> Camera:
         """The camera as it is described, and calibrated; UserError if the two don't fit."""
-        described = self._described()
-        calibration = self.in_force
+        described = self._build_nominal_camera()
+        calibration = self.active_calibration
         if calibration is None:
             return described
         try:
-            return calibration.applied_to(described)
+            return calibration.apply_to(described)
         except ValueError as error:
             raise UserError(
                 f"the calibration of {calibration.date:%Y-%m-%d} is not of this panel: {error}. "
                 "Calibrate this bench, or remove the key 'calibration' from its file."
             ) from error
 
-    def _described(self) -> Camera:
-        panel, transmission = self._polarised(self.panel.build())
+    def _build_nominal_camera(self) -> Camera:
+        panel, transmission = self._apply_polarisation(self.panel.build())
         separation = self.lens.separation_mm * 1e-3
         lens, sensor = self.lens.build(), self.sensor.build()
         return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
-    def _polarised(self, panel: Panel) -> tuple[Panel, float]:
+    def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
         """The panel with what it can't turn, and the transmission of all the rest."""
         if self.polarisation is None:
             return panel, self.transmission
@@ -150,7 +150,7 @@ class CameraFile(FileModel):
 C = TypeVar("C", bound=CameraFile)
 
 
-def found_in(data: dict[str, Any], path: Path, model: type[C]) -> C:
+def resolve_included_files(data: dict[str, Any], path: Path, model: type[C]) -> C:
     """A file's plain data with all that its panel's, sensor's and calibration's files hold.
 
     Panel and sensor may be files of their own, as in `panel = { file = "mine.toml" }`, or names
@@ -164,11 +164,11 @@ def found_in(data: dict[str, Any], path: Path, model: type[C]) -> C:
     source = str(path)
     whole = with_sensor(with_panel(data, folder, source), folder, source)
     file = validate(whole, model, source)
-    if not file.sensor.resolved:
+    if not file.sensor.has_all_curves:
         # With their curves in it, it is looked at as a whole.
-        curves = file.sensor.found_in(folder).model_dump()
+        curves = file.sensor.resolve_files(folder).model_dump()
         file = validate(whole | {"sensor": curves}, model, source)
-    found: dict[str, Any] = {"panel": file.panel.found_in(folder)}
+    found: dict[str, Any] = {"panel": file.panel.resolve_files(folder)}
     if isinstance(file.calibration, str):
         found["calibration"] = read_file(folder / file.calibration, CalibrationFile)
     return file.model_copy(update=found)

@@ -9,16 +9,16 @@ from pydantic import Field, model_validator
 
 from labapp.files.quantities import Finite, Positive, Share
 from labapp.files.reading import FileModel
-from labapp.files.reflectance_table import Reflectance, reflectance
+from labapp.files.reflectance_table import Reflectance, reflectance_spectrum
 from labapp.files.spectrum_file import bundled_spectra
 from simulator.scene.bricks import brick
 from simulator.scene.charts import checker, outline, siemens_star, slanted_edge, usaf_1951
-from simulator.scene.drawable import Drawable, Even
+from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.polygons import Polygons, rectangle
-from simulator.scene.sheets import Painted
+from simulator.scene.sheets import PaintedPicture
 
 
-class _Placed(FileModel):
+class _PlacedObject(FileModel):
     """offset_mm: [y, x] from the axis to its middle, as in the upright picture."""
 
     offset_mm: tuple[Finite, Finite] = (0.0, 0.0)
@@ -27,31 +27,31 @@ class _Placed(FileModel):
     def offset(self) -> tuple[float, float]:
         return self.offset_mm[0] * 1e-3, self.offset_mm[1] * 1e-3
 
-    def painted(self) -> tuple[tuple[Painted, ...], Drawable]:
+    def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
         """What is on it, and what it hides of what is behind it."""
         raise NotImplementedError
 
 
-class _Printed(_Placed):
+class _PrintedChart(_PlacedObject):
     """A chart in two tones: reflectances of its ink and its paper."""
 
     dark: Share = 0.05
     bright: Share = 0.9
 
     @model_validator(mode="after")
-    def _can_be_printed(self) -> _Printed:
+    def _can_be_printed(self) -> _PrintedChart:
         self.chart()
         return self
 
     def chart(self) -> Polygons:
         raise NotImplementedError
 
-    def painted(self) -> tuple[tuple[Painted, ...], Drawable]:
+    def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
         chart = self.chart()
         return ((None, chart),), outline(chart)
 
 
-class SlantedEdge(_Printed):
+class SlantedEdge(_PrintedChart):
     """An edge that leans by an angle, for measuring the modulation transfer.
 
     size_mm: of the square sheet. horizontal: the edge is level, dark above.
@@ -73,7 +73,7 @@ class SlantedEdge(_Printed):
         )
 
 
-class Siemens(_Printed):
+class SiemensStar(_PrintedChart):
     """A star of dark spokes as wide as the gaps between them."""
 
     kind: Literal["siemens"]
@@ -90,7 +90,7 @@ class Siemens(_Printed):
         )
 
 
-class Usaf(_Printed):
+class UsafChart(_PrintedChart):
     """The USAF's chart of 1951; groups: the first and the last that are on it."""
 
     kind: Literal["usaf"]
@@ -100,13 +100,13 @@ class Usaf(_Printed):
         return usaf_1951(self.groups, dark=self.dark, bright=self.bright, offset=self.offset)
 
 
-class ColorChecker(_Placed):
+class ColorChecker(_PlacedObject):
     """The 24 patches of a ColorChecker Classic (Ohta 1997)."""
 
     kind: Literal["colorchecker"]
     width_mm: Positive
 
-    def painted(self) -> tuple[tuple[Painted, ...], Drawable]:
+    def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
         patches = list(bundled_spectra("colorchecker").values())
         painted = checker(patches, self.width_mm * 1e-3, self.offset)
         first = painted[0][1]
@@ -114,7 +114,7 @@ class ColorChecker(_Placed):
         return painted, outline(first)
 
 
-class Brick(_Placed):
+class Brick(_PlacedObject):
     """The front of a toy brick. size_mm: [height, width] of its body."""
 
     kind: Literal["brick"]
@@ -122,13 +122,13 @@ class Brick(_Placed):
     studs: Annotated[int, Field(ge=1, le=100)] = 4
     reflectance: Reflectance = "red"
 
-    def painted(self) -> tuple[tuple[Painted, ...], Drawable]:
+    def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
         height, width = self.size_mm
         picture, cover = brick((height * 1e-3, width * 1e-3), self.studs, self.offset)
-        return ((reflectance(self.reflectance), picture),), cover
+        return ((reflectance_spectrum(self.reflectance), picture),), cover
 
 
-class Patch(_Placed):
+class Patch(_PlacedObject):
     """Even colour: a rectangle, or without an end. size_mm: [height, width]."""
 
     kind: Literal["patch"]
@@ -136,10 +136,10 @@ class Patch(_Placed):
     angle_deg: Finite = 0.0
     reflectance: Reflectance = "grey"
 
-    def painted(self) -> tuple[tuple[Painted, ...], Drawable]:
-        paint = reflectance(self.reflectance)
+    def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
+        paint = reflectance_spectrum(self.reflectance)
         if self.size_mm is None:
-            return ((paint, Even()),), Even()
+            return ((paint, UniformLight()),), UniformLight()
         height, width = self.size_mm
         angle = math.radians(self.angle_deg % 360)
         corners = rectangle(self.offset, (height * 1e-3, width * 1e-3), angle)
@@ -147,4 +147,4 @@ class Patch(_Placed):
         return ((paint, picture),), picture
 
 
-Chart = SlantedEdge | Siemens | Usaf | ColorChecker | Brick | Patch
+Chart = SlantedEdge | SiemensStar | UsafChart | ColorChecker | Brick | Patch

@@ -55,7 +55,7 @@ class Grid:
     x: NDArray[np.float64]
 
     @classmethod
-    def of(cls, images: torch.Tensor, plane: Plane) -> Grid:
+    def from_tensor(cls, images: torch.Tensor, plane: Plane) -> Grid:
         return cls(images.numpy(), *(plane.coordinates(axis).numpy() for axis in (0, 1)))
 
 
@@ -82,7 +82,7 @@ def write_design(path: Path, contents: DesignContents) -> None:
     draft = path.with_name(f".{path.name}.new")
     try:
         with h5py.File(draft, "w") as file:
-            _fill(file, contents)
+            _write_contents(file, contents)
         draft.replace(path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
@@ -92,7 +92,7 @@ def write_design(path: Path, contents: DesignContents) -> None:
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
     """Grey levels of one frame, (rows, columns); UserError if there is none."""
-    with _opened(path) as file:
+    with _open_design(path) as file:
         grey = file[_GREY]
         if frame >= len(grey):
             raise UserError(f"{path}: has no frame {frame}. Choose 0 to {len(grey) - 1}.")
@@ -101,7 +101,7 @@ def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 
 def read_design(path: Path) -> DesignContents:
     """Everything that is in a design file; UserError if it is none, or damaged."""
-    with _opened(path) as file:
+    with _open_design(path) as file:
         entry = file["entry"]
         pattern = entry["pattern"]
         return DesignContents(
@@ -116,12 +116,14 @@ def read_design(path: Path) -> DesignContents:
             pixel_pitch=float(pattern["pixel_pitch"][()]),
             psf=_read_grid(entry["psf"], "predicted"),
             target=_read_grid(entry["target"], "image") if "target" in entry else None,
-            quality={name: _plain(value[()]) for name, value in entry.get("quality", {}).items()},
+            quality={
+                name: _decode_value(value[()]) for name, value in entry.get("quality", {}).items()
+            },
         )
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
+def _open_design(path: Path) -> Iterator[h5py.File]:
     """A design file, for reading; what fails in the block is a UserError."""
     try:
         with h5py.File(path, "r") as file:
@@ -142,7 +144,7 @@ def _read_grid(group: h5py.Group, signal: str) -> Grid:
     return Grid(group[signal][()], group["y"][()], group["x"][()])
 
 
-def _plain(value: Any) -> Any:
+def _decode_value(value: Any) -> Any:
     """As it was written: text, a number, or a list of them."""
     return value.decode() if isinstance(value, bytes) else value.tolist()
 
@@ -151,43 +153,45 @@ def _text(file: h5py.File, name: str) -> str:
     return file[name][()].decode() if name in file else ""
 
 
-def _fill(file: h5py.File, c: DesignContents) -> None:
+def _write_contents(file: h5py.File, contents: DesignContents) -> None:
     file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "labapp"})
     file.attrs["creator_version"] = labapp.__version__
-    entry = nexus.group(file, "entry", "NXentry")
+    entry = nexus.create_group(file, "entry", "NXentry")
     entry.attrs["default"] = "psf"
     texts = {
-        "title": c.title,
+        "title": contents.title,
         "definition": DEFINITION,
         "start_time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "settings": json.dumps(c.settings),
-        "bench": json.dumps(c.bench),
-        "versions": json.dumps(nexus.versions()),
+        "settings": json.dumps(contents.settings),
+        "bench": json.dumps(contents.bench),
+        "versions": json.dumps(nexus.program_versions()),
     }
     for name, text in texts.items():
         entry[name] = np.bytes_(text.encode())
-    _number(entry, "wavelength", c.wavelength, "m")
-    pattern = nexus.group(entry, "pattern", "NXcollection")
+    _number(entry, "wavelength", contents.wavelength, "m")
+    pattern = nexus.create_group(entry, "pattern", "NXcollection")
     # Frames can be read one by one. Phases don't get smaller by much.
-    one = (1, *c.grey.shape[1:])
-    pattern.create_dataset("grey", data=c.grey, chunks=one, compression="gzip", compression_opts=1)
-    if c.phase is not None:
-        pattern["phase"] = c.phase
+    one = (1, *contents.grey.shape[1:])
+    pattern.create_dataset(
+        "grey", data=contents.grey, chunks=one, compression="gzip", compression_opts=1
+    )
+    if contents.phase is not None:
+        pattern["phase"] = contents.phase
         pattern["phase"].attrs["units"] = "rad"
-    pattern["orders"] = c.orders
-    _number(pattern, "frame_time", c.frame_time, "s")
-    _number(pattern, "pixel_pitch", c.pixel_pitch, "m")
-    _grid(entry, "psf", "predicted", c.psf)
-    if c.target is not None:
-        _grid(entry, "target", "image", c.target)
-    if c.quality:
-        quality = nexus.group(entry, "quality", "NXcollection")
-        for name, value in c.quality.items():
+    pattern["orders"] = contents.orders
+    _number(pattern, "frame_time", contents.frame_time, "s")
+    _number(pattern, "pixel_pitch", contents.pixel_pitch, "m")
+    _grid(entry, "psf", "predicted", contents.psf)
+    if contents.target is not None:
+        _grid(entry, "target", "image", contents.target)
+    if contents.quality:
+        quality = nexus.create_group(entry, "quality", "NXcollection")
+        for name, value in contents.quality.items():
             quality[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:
-    data = nexus.group(entry, name, "NXdata")
+    data = nexus.create_group(entry, name, "NXdata")
     axes = ["moment", "y", "x"][3 - grid.images.ndim :]
     data.attrs.update({"signal": signal, "axes": axes})
     data[signal] = grid.images

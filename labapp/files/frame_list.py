@@ -9,7 +9,7 @@ from labapp.common.errors import UserError
 
 _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
-_SHOWN = 12
+_MAX_LISTED_RANGES = 12
 """Ranges that are written out; what comes after them is counted."""
 
 
@@ -32,7 +32,7 @@ def read_frame_list(text: str, frames: int) -> list[int]:
     return sorted(found)
 
 
-def frame_list(frames: Iterable[int]) -> str:
+def format_frame_list(frames: Iterable[int]) -> str:
     """Indices as a short list, "0-9, 12"; of very many ranges the first, and a count."""
     ranges: list[tuple[int, int]] = []
     for index in sorted(set(frames)):
@@ -40,6 +40,6 @@ def frame_list(frames: Iterable[int]) -> str:
             ranges[-1] = ranges[-1][0], index
         else:
             ranges.append((index, index))
-    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:_SHOWN])
-    more = sum(b - a + 1 for a, b in ranges[_SHOWN:])
+    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:_MAX_LISTED_RANGES])
+    more = sum(b - a + 1 for a, b in ranges[_MAX_LISTED_RANGES:])
     return f"{shown} and {more} more" if more else shown

@@ -23,7 +23,7 @@ class GreyPattern(Table):
     """A pattern of grey levels, whatever phase they make."""
 
     @property
-    def varies(self) -> bool:
+    def depends_on_seed(self) -> bool:
         """Whether another seed makes another pattern."""
         return False
 
@@ -32,11 +32,11 @@ class GreyPattern(Table):
         """What it is called on the screen and in records."""
         raise NotImplementedError
 
-    def quick(self) -> GreyPattern:
+    def with_least_work(self) -> GreyPattern:
         """The same with as little work as shows whether it can be computed."""
         return self
 
-    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         """Grey levels on the camera's panel, (rows, columns); UserError if they can't be shown.
 
         folder: where picture files are looked for.
@@ -55,7 +55,7 @@ class ConstantPattern(GreyPattern):
     def label(self) -> str:
         return "neutral" if self.grey == 0 else f"grey {self.grey}"
 
-    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         import numpy as np
 
         return np.full(camera.panel.shape, self.grey, dtype=np.uint8)
@@ -74,7 +74,7 @@ class GratingPattern(GreyPattern):
     def label(self) -> str:
         return f"grating {self.period_px} px, grey {self.low} and {self.high}"
 
-    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         import numpy as np
 
         rows, columns = np.indices(camera.panel.shape)
@@ -101,26 +101,26 @@ class ImagePattern(GreyPattern):
         which = f" frame {self.frame}" if self.frame else ""
         return f"image {self.file.rpartition('/')[2]}{which}"
 
-    def levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         from labapp.files.design_file import read_design_frame
-        from labapp.files.places import is_design
+        from labapp.files.output_paths import is_design
 
         path = folder / self.file
         if is_design(path):
-            return _fit_for(camera.panel, read_design_frame(path, self.frame), path)
+            return _require_panel_fit(camera.panel, read_design_frame(path, self.frame), path)
         if self.frame:
             raise UserError(f"{path}: is one picture. Leave 'frame' out, or name a design file.")
-        return read_shown(path, camera.panel)
+        return read_grey_pattern(path, camera.panel)
 
 
-def read_shown(path: Path, panel: Panel) -> NDArray[np.uint8]:
+def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
     """Grey levels of a picture, (rows, columns); UserError if the panel can't show them."""
     from labapp.files.reading import read_grey
 
-    return _fit_for(panel, read_grey(path), path)
+    return _require_panel_fit(panel, read_grey(path), path)
 
 
-def _fit_for(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
+def _require_panel_fit(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
     from optics.slm import require_grey
 
     try:
@@ -130,5 +130,5 @@ def _fit_for(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.ui
     return grey
 
 
-GREYS: tuple[type[GreyPattern], ...] = (ConstantPattern, GratingPattern, ImagePattern)
+GREY_PATTERNS: tuple[type[GreyPattern], ...] = (ConstantPattern, GratingPattern, ImagePattern)
 """All that there are, in the order in which they are listed."""

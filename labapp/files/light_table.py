@@ -18,10 +18,10 @@ from optics.light import (
     blackbody,
     broadband,
     halogen,
+    lamp_from_table,
     monochromatic,
-    tabulated,
 )
-from optics.light.sources import HALOGEN
+from optics.light.sources import HALOGEN_TEMPERATURE
 
 Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 
@@ -53,7 +53,7 @@ class FlickerTable(FileModel):
         return Waveform(self.shape, self.frequency_hz, self.depth, phase, self.duty)
 
 
-class _Lamp(FileModel):
+class _LampTableBase(FileModel):
     flicker: FlickerTable | None = None
 
     def spectrum(self) -> Spectrum:
@@ -64,17 +64,17 @@ class _Lamp(FileModel):
         return Lamp(self.spectrum(), self.flicker.build() if self.flicker else None)
 
 
-class HalogenTable(_Lamp):
+class HalogenTable(_LampTableBase):
     """A photographic halogen lamp, by its colour temperature."""
 
     kind: Literal["halogen"]
-    temperature_k: Temperature = HALOGEN
+    temperature_k: Temperature = HALOGEN_TEMPERATURE
 
     def spectrum(self) -> Spectrum:
         return halogen(self.temperature_k)
 
 
-class BlackbodyTable(_Lamp):
+class BlackbodyTable(_LampTableBase):
     kind: Literal["blackbody"]
     temperature_k: Temperature
 
@@ -82,7 +82,7 @@ class BlackbodyTable(_Lamp):
         return blackbody(self.temperature_k)
 
 
-class BroadbandTable(_Lamp):
+class BroadbandTable(_LampTableBase):
     """The same at all wavelengths from the first to the last."""
 
     kind: Literal["broadband"]
@@ -99,7 +99,7 @@ class BroadbandTable(_Lamp):
         return broadband(low / 1e9, high / 1e9)
 
 
-class MonochromaticTable(_Lamp):
+class MonochromaticTable(_LampTableBase):
     """A line. width_nm: full, at half maximum."""
 
     kind: Literal["monochromatic"]
@@ -115,7 +115,7 @@ class MonochromaticTable(_Lamp):
         return monochromatic(self.wavelength_nm / 1e9, self.width_nm / 1e9)
 
 
-class LampTable(_Lamp):
+class LampTable(_LampTableBase):
     """A measured lamp: a CSV file of wavelengths in nm and relative radiances."""
 
     kind: Literal["table"]
@@ -123,7 +123,7 @@ class LampTable(_Lamp):
     column: str | None = None
 
     def spectrum(self) -> Spectrum:
-        return tabulated(read_spectrum(Path(self.file), self.column))
+        return lamp_from_table(read_spectrum(Path(self.file), self.column))
 
 
 LightTable = Annotated[

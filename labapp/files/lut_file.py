@@ -11,11 +11,11 @@ from pydantic import Field
 from labapp.common.errors import UserError
 from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, read_file
-from labapp.files.text_table import numbers, table_lines
-from optics.slm import Panel, Response
+from labapp.files.text_table import parse_numbers, table_lines
+from optics.slm import Panel, PhaseResponse
 
 
-class ResponseTable(FileModel):
+class LutTable(FileModel):
     """Phases in units of pi, level by level, at wavelengths in nm.
 
     phase_pi: for every wavelength the phases of all levels, or rows of columns of regions of
@@ -25,7 +25,7 @@ class ResponseTable(FileModel):
     wavelengths_nm: Annotated[list[Positive], Field(min_length=1)]
     phase_pi: list[Any]
 
-    def build(self, panel: Panel) -> Response:
+    def build(self, panel: Panel) -> PhaseResponse:
         """ValueError for phases that are no numbers, or none of this panel."""
         try:
             phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
@@ -33,16 +33,16 @@ class ResponseTable(FileModel):
             raise ValueError(
                 "phase_pi must hold equally long lists of numbers, one for every wavelength"
             ) from None
-        return Response.measured(panel, [nm * 1e-9 for nm in self.wavelengths_nm], phases)
+        return PhaseResponse.from_phases(panel, [nm * 1e-9 for nm in self.wavelengths_nm], phases)
 
 
-class LutFile(ResponseTable):
-    """A ResponseTable in a TOML or JSON file of its own."""
+class LutFile(LutTable):
+    """A LutTable in a TOML or JSON file of its own."""
 
     version: int = Field(ge=1, le=1)
 
 
-def read_lut(path: Path, levels: int) -> ResponseTable:
+def read_lut(path: Path, levels: int) -> LutTable:
     """The response in a file; UserError names the file, and the line where it has lines.
 
     TOML and JSON files hold a LutFile. Others hold text: a first line of `grey` and wavelengths
@@ -51,12 +51,12 @@ def read_lut(path: Path, levels: int) -> ResponseTable:
     last level must be there. `#` begins a comment.
     """
     if path.suffix.lower() in (".toml", ".json"):
-        return ResponseTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
+        return LutTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
     lines = table_lines(path)
     if not lines:
         raise UserError(f"{path}: is empty. Give a line of grey levels and phases a level.")
     (number, head), *rest = lines
-    wavelengths = numbers(head[1:])
+    wavelengths = parse_numbers(head[1:])
     if head[0].lower() != "grey" or not wavelengths or min(wavelengths) <= 0:
         raise UserError(
             f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
@@ -70,11 +70,11 @@ def read_lut(path: Path, levels: int) -> ResponseTable:
         )
     every = np.arange(levels)
     curves = [np.interp(every, level, column).tolist() for column in phases.T]
-    return ResponseTable(wavelengths_nm=wavelengths, phase_pi=curves)
+    return LutTable(wavelengths_nm=wavelengths, phase_pi=curves)
 
 
 def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    values = numbers(parts)
+    values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(
             f"{path}: line {number} is {' '.join(parts)!r}; it must hold {length} numbers, a grey "

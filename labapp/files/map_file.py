@@ -14,8 +14,8 @@ from pydantic import Field
 
 from labapp.common.errors import UserError
 from labapp.files.quantities import Finite
-from labapp.files.reading import FileModel, decoded, read_bytes
-from optics.slm import Map
+from labapp.files.reading import FileModel, decode_image, read_bytes
+from optics.slm import PanelMap
 
 
 class MapTable(FileModel):
@@ -24,17 +24,17 @@ class MapTable(FileModel):
 
     file: str
 
-    def found_in(self, folder: Path) -> MapTable:
+    def with_absolute_path(self, folder: Path) -> MapTable:
         """With an absolute path, looked for in `folder`."""
         return self.model_copy(update={"file": str(folder / self.file)})
 
-    def build(self) -> Map:
+    def build(self) -> PanelMap:
         """UserError if the file can't be read, or holds no map."""
         return self._map(_values(Path(self.file)))
 
-    def _map(self, values: NDArray[np.float64]) -> Map:
+    def _map(self, values: NDArray[np.float64]) -> PanelMap:
         try:
-            return Map(torch.from_numpy(values))
+            return PanelMap(torch.from_numpy(values))
         except ValueError as error:
             raise UserError(f"{self.file}: {error}.") from error
 
@@ -51,7 +51,7 @@ class FlatnessTable(MapTable):
     nm_per_grey: Finite
     wrapped_nm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
-    def build(self) -> Map:
+    def build(self) -> PanelMap:
         path = _values(Path(self.file)) * self.nm_per_grey * 1e-9
         if self.wrapped_nm is not None and path.ndim == 2:
             for axis in (0, 1):
@@ -65,7 +65,7 @@ def _values(path: Path) -> NDArray[np.float64]:
         with suppress(ValueError, EOFError):
             values = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
     else:
-        values = decoded(path, colour=False)
+        values = decode_image(path, colour=False)
     if values is None or values.dtype.kind not in "iuf":
         raise UserError(f"{path}: is no map. Give a grey PNG or TIFF, or numbers as .npy.")
     return values.astype(np.float64)

@@ -12,14 +12,14 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
-from labapp.files.picture_cache import picture_of
+from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
-from labapp.files.reflectance_table import basis
-from labapp.files.scene_targets import Distance, Lamps, LitTable, PixelTable
+from labapp.files.reflectance_table import reflectance_basis
+from labapp.files.scene_targets import Distance, IlluminatedTargetTable, Lamps, PictureTargetTable
 from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
 
 
-class CubeTable(PixelTable):
+class CubeTable(PictureTargetTable):
     """A multispectral picture: numbers (rows, columns, bands), as .npy, .npz, .mat or .h5.
 
     variable: its name in a file of several. wavelengths_nm: of the bands, rising; or the first
@@ -44,7 +44,7 @@ class CubeTable(PixelTable):
                 wavelengths=self._wavelengths(values.shape[2]),
                 distance=self.distance_m,
                 tol=self.tol,
-                **self.framed(lamps),
+                **self.picture_arguments(lamps),
             )
         except ValueError as error:
             raise UserError(f"{self.file}: {error}.") from error
@@ -56,7 +56,7 @@ class CubeTable(PixelTable):
         return tuple(given.tolist())
 
 
-class ReliefTable(PixelTable):
+class ReliefTable(PictureTargetTable):
     """A photograph with the distance of every pixel, in layers.
 
     depth: a file of metres; or disparity: a file of pixels between a stereo pair's pictures,
@@ -85,14 +85,14 @@ class ReliefTable(PixelTable):
 
     def build(self, lamps: Lamps) -> Target:
         source = self.depth or self.disparity or ""
-        image = picture_of(self.file)
+        image = cached_picture(self.file)
         try:
             return Relief(
                 image=torch.from_numpy(image),
                 depths=torch.from_numpy(self._metres(read_numbers(Path(source)))),
                 levels=self.levels,
-                basis=basis(self.spectra),
-                **self.framed(lamps),
+                basis=reflectance_basis(self.spectra),
+                **self.picture_arguments(lamps),
             )
         except ValueError as error:
             raise UserError(f"{source}: {error}.") from error
@@ -106,7 +106,7 @@ class ReliefTable(PixelTable):
         return distances_of(known, self.baseline_mm * 1e-3, self.focal_px, self.offset_px)
 
 
-class DisplayTable(LitTable):
+class DisplayTable(IlluminatedTargetTable):
     """A display that shows a picture (thesis §6.4), a pixel of it on each of its own.
 
     pixel_um: of its pixels, with three stripes beside each other. fill: side of a stripe's
@@ -129,10 +129,10 @@ class DisplayTable(LitTable):
     def build(self, lamps: Lamps) -> Target:
         bands = [(centre * 1e-9, width * 1e-9) for centre, width in self.primaries_nm]
         return Display(
-            image=torch.from_numpy(picture_of(self.file)),
+            image=torch.from_numpy(cached_picture(self.file)),
             pitch=self.pixel_um * 1e-6,
             distance=self.distance_m,
             primaries=display_primaries(bands),
             fill=self.fill,
-            **self.lit(lamps),
+            **self.light_arguments(lamps),
         )

@@ -12,14 +12,14 @@ import labapp
 _PACKAGES = ("numpy", "scipy", "torch", "h5py")
 
 
-def group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
+def create_group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
     """A new group of a NeXus class."""
     made = parent.create_group(name)
     made.attrs["NX_class"] = kind
     return made
 
 
-def versions() -> dict[str, str]:
+def program_versions() -> dict[str, str]:
     """Of the programs that decide numbers."""
     found = {name: version(name) for name in _PACKAGES}
     return {"labapp": labapp.__version__, "python": platform.python_version(), **found}

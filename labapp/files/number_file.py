@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.finding import require_readable
-from labapp.files.reading import decoded
+from labapp.files.file_lookup import require_readable
+from labapp.files.reading import decode_image
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
@@ -23,7 +23,7 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
     require_readable(path)
     kind = path.suffix.lower()
     try:
-        values = _picked(path, _variables(path, kind), variable)
+        values = _select_variable(path, _variables(path, kind), variable)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise UserError(f"{path}: cannot be read as {kind or 'a file'}: {error}.") from error
     if values.dtype.kind not in "iuf":
@@ -41,7 +41,7 @@ def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
         return _hdf5(path)
     if kind == ".mat":
         return _matlab(path)
-    image = decoded(path, colour=False)
+    image = decode_image(path, colour=False)
     if image is None:
         raise ValueError("give numbers as .npy, .npz, .mat or .h5, or a grey PNG or TIFF")
     return {path.stem: image}
@@ -75,11 +75,13 @@ def _hdf5(path: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _picked(path: Path, found: dict[str, NDArray[Any]], name: str | None) -> NDArray[Any]:
-    if name is None and len(found) == 1:
-        return np.asarray(next(iter(found.values())))
+def _select_variable(
+    path: Path, variables: dict[str, NDArray[Any]], name: str | None
+) -> NDArray[Any]:
+    if name is None and len(variables) == 1:
+        return np.asarray(next(iter(variables.values())))
     if name is None:
-        raise UserError(f"{path}: holds {', '.join(found) or 'nothing'}; name one: variable.")
-    if name not in found:
-        raise UserError(f"{path}: has no {name!r}; it holds {', '.join(found) or 'nothing'}.")
-    return np.asarray(found[name])
+        raise UserError(f"{path}: holds {', '.join(variables) or 'nothing'}; name one: variable.")
+    if name not in variables:
+        raise UserError(f"{path}: has no {name!r}; it holds {', '.join(variables) or 'nothing'}.")
+    return np.asarray(variables[name])

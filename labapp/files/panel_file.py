@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.finding import find_part
-from labapp.files.lut_file import ResponseTable, read_lut
+from labapp.files.file_lookup import find_part_file
+from labapp.files.lut_file import LutTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable
 from labapp.files.quantities import Amount, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
@@ -46,31 +46,31 @@ class PanelTable(FileModel):
     front_reflection: Share = 0.0
     gap_reflection: Share = 0.0
     lut: str | None = None
-    response: ResponseTable | None = None
+    response: LutTable | None = None
     flatness: FlatnessTable | None = None
     illumination: MapTable | None = None
 
     @model_validator(mode="after")
-    def _sound(self) -> PanelTable:
+    def _validate_panel(self) -> PanelTable:
         if self.lut is not None and self.response is not None:
             raise ValueError("give lut or response, not both")
-        self._without_maps()
+        self._build_without_maps()
         return self
 
     def build(self) -> Panel:
         """UserError if a file can't be read, or doesn't fit the panel."""
-        table = self.found_in(Path()) if self.lut is not None else self
+        table = self.resolve_files(Path()) if self.lut is not None else self
         maps = {
             name: getattr(self, name).build()
             for name in ("flatness", "illumination")
             if getattr(self, name) is not None
         }
         try:
-            return table._without_maps(**maps)
+            return table._build_without_maps(**maps)
         except ValueError as error:
             raise UserError(f"{self.model}: {error}.") from error
 
-    def _without_maps(self, **maps: Any) -> Panel:
+    def _build_without_maps(self, **maps: Any) -> Panel:
         panel = Panel(
             shape=(self.height, self.width),
             pitch=self.pitch_um * 1e-6,
@@ -93,7 +93,7 @@ class PanelTable(FileModel):
             return panel
         return replace(panel, response=self.response.build(panel))
 
-    def found_in(self, folder: Path) -> PanelTable:
+    def resolve_files(self, folder: Path) -> PanelTable:
         """The panel with all that its files hold, or their absolute paths if they are large.
 
         Files are looked for in `folder`. UserError if the table of levels can't be read.
@@ -103,13 +103,13 @@ class PanelTable(FileModel):
             path = folder / self.lut
             change = {"lut": None, "response": read_lut(path, self.levels)}
             try:
-                self.model_copy(update=change)._without_maps()
+                self.model_copy(update=change)._build_without_maps()
             except ValueError as error:
                 raise UserError(f"{path}: {error}.") from error
         for name in ("flatness", "illumination"):
             table = getattr(self, name)
             if table is not None:
-                change[name] = table.found_in(folder.resolve())
+                change[name] = table.with_absolute_path(folder.resolve())
         return self.model_copy(update=change)
 
 
@@ -124,9 +124,9 @@ def read_panel(file: str, folder: Path) -> PanelTable:
 
     UserError names file, key, value and rule.
     """
-    path = find_part("panel", file, folder)
+    path = find_part_file("panel", file, folder)
     data = read_file(path, PanelFile).model_dump(exclude={"version"})
-    return validate(data, PanelTable, str(path)).found_in(path.parent)
+    return validate(data, PanelTable, str(path)).resolve_files(path.parent)
 
 
 def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:

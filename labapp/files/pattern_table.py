@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from annotated_types import MinLen
 from pydantic import Field, TypeAdapter, model_validator
 
-from labapp.files.grey_table import GREYS, GreyPattern
-from labapp.files.phase_table import FORMULAS, Iterations, PhasePattern, RingPattern
+from labapp.files.grey_table import GREY_PATTERNS, GreyPattern
+from labapp.files.phase_table import FORMULA_PATTERNS, Iterations, PhasePattern, RingPattern
 from labapp.files.reading import FileModel
-from labapp.files.table import Key, Positive, tag_of
-from labapp.files.target_table import SHAPES, TargetShape
+from labapp.files.table import Key, Positive, tag_value
+from labapp.files.target_table import TARGET_SHAPES, TargetShape
 
-Method = Literal[
+RetrievalMethod = Literal[
     "published",
     "gerchberg-saxton",
     "mixed-region",
@@ -32,7 +32,7 @@ Method = Literal[
 """Of phase retrieval, as optics.retrieval has them."""
 
 
-def _any_of(tables: Iterable[Any], tag: str) -> Any:
+def _tagged_union(tables: Iterable[Any], tag: str) -> Any:
     """The type of whatever is one of the tables, which its tag tells."""
     return Annotated[reduce(operator.or_, tables), Field(discriminator=tag)]
 
@@ -40,7 +40,7 @@ def _any_of(tables: Iterable[Any], tag: str) -> Any:
 if TYPE_CHECKING:
     TargetTable = TargetShape
 else:
-    TargetTable = _any_of(SHAPES, "shape")
+    TargetTable = _tagged_union(TARGET_SHAPES, "shape")
 
 
 class PSFPattern(PhasePattern):
@@ -54,22 +54,22 @@ class PSFPattern(PhasePattern):
     target: Annotated[TargetTable, Key("a shape: see labapp retrieve list")]
     budget_s: Annotated[Positive | None, Key("processor seconds to spend; or iterations")] = None
     iterations: Annotated[Iterations | None, Key("of the method")] = None
-    method: Annotated[Method | None, Key("none: what serves best")] = None
+    method: Annotated[RetrievalMethod | None, Key("none: what serves best")] = None
 
     def __post_init__(self) -> None:
         if self.budget_s is not None and self.iterations is not None:
             raise ValueError("a psf has either budget_s or iterations")
 
     @property
-    def varies(self) -> bool:
+    def depends_on_seed(self) -> bool:
         return True
 
     @property
-    def sizes(self) -> str:
-        return self.target.sizes
+    def summary(self) -> str:
+        return self.target.summary
 
-    def quick(self) -> PSFPattern:
-        return replace(self, iterations=1, budget_s=None, target=self.target.quick())
+    def with_least_work(self) -> PSFPattern:
+        return replace(self, iterations=1, budget_s=None, target=self.target.with_least_work())
 
 
 class SumPattern(PhasePattern):
@@ -80,7 +80,7 @@ class SumPattern(PhasePattern):
 
     @model_validator(mode="before")
     @classmethod
-    def _parts_are_for_the_same(cls, table: Any) -> Any:
+    def _inherit_wavelength(cls, table: Any) -> Any:
         """A part that doesn't say its wavelength is for the sum's."""
         if not (isinstance(table, dict) and "wavelength_nm" in table and "parts" in table):
             return table
@@ -98,28 +98,33 @@ class SumPattern(PhasePattern):
                 )
 
     @property
-    def varies(self) -> bool:
-        return any(part.varies for part in self.parts)
+    def depends_on_seed(self) -> bool:
+        return any(part.depends_on_seed for part in self.parts)
 
     @property
-    def sizes(self) -> str:
-        return " + ".join(part.sizes for part in self.parts)
+    def summary(self) -> str:
+        return " + ".join(part.summary for part in self.parts)
 
-    def quick(self) -> SumPattern:
-        return replace(self, parts=tuple(part.quick() for part in self.parts))
+    def with_least_work(self) -> SumPattern:
+        return replace(self, parts=tuple(part.with_least_work() for part in self.parts))
 
 
-PHASES: tuple[type[PhasePattern], ...] = (*FORMULAS, RingPattern, PSFPattern, SumPattern)
+PHASE_PATTERNS: tuple[type[PhasePattern], ...] = (
+    *FORMULA_PATTERNS,
+    RingPattern,
+    PSFPattern,
+    SumPattern,
+)
 
 if TYPE_CHECKING:
     PhaseTable = PhasePattern
-    Still = GreyPattern | PhasePattern
+    StillPattern = GreyPattern | PhasePattern
 else:
-    PhaseTable = _any_of(PHASES, "kind")
-    Still = _any_of((*GREYS, *PHASES), "kind")
+    PhaseTable = _tagged_union(PHASE_PATTERNS, "kind")
+    StillPattern = _tagged_union((*GREY_PATTERNS, *PHASE_PATTERNS), "kind")
 
-_stills: tuple[type[GreyPattern | PhasePattern], ...] = (*GREYS, *PHASES)
-STILLS = {tag_of(one, "kind"): one for one in _stills}
+_stills: tuple[type[GreyPattern | PhasePattern], ...] = (*GREY_PATTERNS, *PHASE_PATTERNS)
+STILL_PATTERNS = {tag_value(one, "kind"): one for one in _stills}
 """All kinds by their names: whoever lists, reads or shows patterns takes them from here."""
 
 
@@ -133,7 +138,7 @@ class VideoPattern(FileModel):
 
     kind: Literal["video"]
     frames: tuple[str, ...] = ()
-    pattern: Still | None = None
+    pattern: StillPattern | None = None
     count: Annotated[int, Field(ge=2, le=3600)] | None = None
 
     @model_validator(mode="after")
@@ -143,7 +148,7 @@ class VideoPattern(FileModel):
             raise ValueError("a video has either frames, or a pattern with a count")
         if len(self.frames) == 1:
             raise ValueError("a video has two frames at least; show the still pattern itself")
-        if self.pattern is not None and not self.pattern.varies:
+        if self.pattern is not None and not self.pattern.depends_on_seed:
             raise ValueError("its frames would all be alike; give a ring with start = 'random'")
         if isinstance(self.pattern, PSFPattern) and self.count is not None:
             self.pattern.target.require_frames(self.count)
@@ -159,19 +164,19 @@ class VideoPattern(FileModel):
         """What it is called on the screen and in records."""
         return f"video of {self.length}" + (f" x {self.pattern.label}" if self.pattern else "")
 
-    def quick(self) -> VideoPattern:
+    def with_least_work(self) -> VideoPattern:
         """The same with as little work as shows whether it can be computed."""
         if self.pattern is None:
             return self
-        return self.model_copy(update={"pattern": self.pattern.quick(), "count": 2})
+        return self.model_copy(update={"pattern": self.pattern.with_least_work(), "count": 2})
 
 
 if TYPE_CHECKING:
-    Pattern = Still | VideoPattern
+    Pattern = StillPattern | VideoPattern
 else:
-    Pattern = _any_of((*GREYS, *PHASES, VideoPattern), "kind")
+    Pattern = _tagged_union((*GREY_PATTERNS, *PHASE_PATTERNS, VideoPattern), "kind")
 
 
-def pattern_data(spec: Still | VideoPattern) -> dict[str, Any]:
+def pattern_data(spec: StillPattern | VideoPattern) -> dict[str, Any]:
     """A pattern as a plan file writes it, as plain data."""
     return TypeAdapter(type(spec)).dump_python(spec, mode="json")

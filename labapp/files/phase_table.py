@@ -14,7 +14,7 @@ from annotated_types import Ge, Le, MinLen
 
 from labapp.files.table import Count, Key, Positive, Table
 from labapp.files.target_table import RingTarget
-from optics.zernike_order import require_zernike
+from optics.zernike_order import require_zernike_indices
 
 if TYPE_CHECKING:
     import torch
@@ -39,16 +39,16 @@ class PhasePattern(Table):
         return self.wavelength_nm * 1e-9
 
     @property
-    def varies(self) -> bool:
+    def depends_on_seed(self) -> bool:
         """Whether another seed makes another pattern."""
         return False
 
     @property
     def label(self) -> str:
         """What it is called on the screen and in records: what it is, and its sizes."""
-        return f"{self.sizes} for {self.wavelength_nm:g} nm"
+        return f"{self.summary} for {self.wavelength_nm:g} nm"
 
-    def quick(self) -> PhasePattern:
+    def with_least_work(self) -> PhasePattern:
         """The same with as little work as shows whether it can be computed."""
         return self
 
@@ -65,7 +65,7 @@ class LensPattern(FormulaPattern):
     """A Fresnel lens of a focal length; negative diverges."""
 
     title: ClassVar = "Fresnel lens"
-    words: ClassVar = "lens {focal_length_m:g} m"
+    summary_template: ClassVar = "lens {focal_length_m:g} m"
     kind: Literal["lens"]
     focal_length_m: Annotated[float, Key("negative diverges", "Focal length", 20, -1000, 1000)]
     centre_mm: Annotated[tuple[float, float], Key("y and x of its centre on the panel")] = (
@@ -85,14 +85,14 @@ class AxiconPattern(FormulaPattern):
     """A cone that sends a point to a ring of a radius on the sensor."""
 
     title: ClassVar = "Axicon"
-    words: ClassVar = "axicon {radius_um:g} µm"
+    summary_template: ClassVar = "axicon {radius_um:g} µm"
     kind: Literal["axicon"]
     radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 5000)]
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
 
-        distance = camera.lever
+        distance = camera.ray_matrix_b
         return patterns.axicon(camera.panel, self.radius_um * 1e-6, distance, self.wavelength)
 
 
@@ -100,7 +100,7 @@ class CubicPattern(FormulaPattern):
     """A cubic phase, which extends the depth of field (thesis section 2.5)."""
 
     title: ClassVar = "Cubic"
-    words: ClassVar = "cubic {strength_rad:g} rad"
+    summary_template: ClassVar = "cubic {strength_rad:g} rad"
     kind: Literal["cubic"]
     strength_rad: Annotated[float, Key("phase at the radius, along an axis", "Strength", 60)] = 60.0
     radius_mm: Annotated[Positive | None, Key("on the panel; none: half its longer side")] = None
@@ -108,14 +108,14 @@ class CubicPattern(FormulaPattern):
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
 
-        return patterns.cubic(camera.panel, self.strength_rad, _metres(self.radius_mm))
+        return patterns.cubic_phase_mask(camera.panel, self.strength_rad, _metres(self.radius_mm))
 
 
 class AnnularPattern(FormulaPattern):
     """Rings with a parabola across each, which extend the depth of field (thesis section 5.6)."""
 
     title: ClassVar = "Annular"
-    words: ClassVar = "annular {rings} rings of {depth_rad:.3g} rad"
+    summary_template: ClassVar = "annular {rings} rings of {depth_rad:.3g} rad"
     kind: Literal["annular"]
     rings: Annotated[Count, Key("how many", "Rings", 8, 1, 500)] = 8
     depth_rad: Annotated[float, Key("phase in the middle of a ring", "Depth", 6.28)] = 2 * math.pi
@@ -127,14 +127,14 @@ class AnnularPattern(FormulaPattern):
         from optics import patterns
 
         radius = _metres(self.radius_mm)
-        return patterns.annular(camera.panel, self.rings, self.depth_rad, radius)
+        return patterns.annular_phase_mask(camera.panel, self.rings, self.depth_rad, radius)
 
 
 class LogarithmicPattern(FormulaPattern):
     """A logarithmic asphere, in focus from a near object to a far one (George and Chi 2003)."""
 
     title: ClassVar = "Logarithmic asphere"
-    words: ClassVar = "logarithmic {near_m:g} to {far_m:g} m"
+    summary_template: ClassVar = "logarithmic {near_m:g} to {far_m:g} m"
     kind: Literal["logarithmic"]
     near_m: Annotated[Positive, Key("in focus by the middle of the panel", "Near", 1.8, 0.1, 1000)]
     far_m: Annotated[Positive, Key("in focus at the radius", "Far", 2.2, 0.1, 1000)]
@@ -148,10 +148,10 @@ class LogarithmicPattern(FormulaPattern):
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
-        from optics.shadow import in_focus
+        from optics.stop_shadow import panel_to_focus_distance
 
-        radius = _metres(self.radius_mm) or _lit_radius(camera)
-        distances = (self.near_m, self.far_m, in_focus(camera))
+        radius = _metres(self.radius_mm) or _illuminated_radius(camera)
+        distances = (self.near_m, self.far_m, panel_to_focus_distance(camera))
         return patterns.logarithmic_asphere(camera.panel, *distances, self.wavelength, radius)
 
 
@@ -173,7 +173,7 @@ class BlazePattern(FormulaPattern):
             raise ValueError("a blaze has either shift_um or period_px")
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         if self.shift_um is None:
             return f"blaze {self.period_px:g} px at {self.angle_deg:g}°"
         y, x = self.shift_um
@@ -187,14 +187,16 @@ class BlazePattern(FormulaPattern):
             angle = math.radians(self.angle_deg)
             return patterns.blazed_grating(camera.panel, self.period_px, angle)
         y, x = self.shift_um
-        distance = camera.lever
-        return patterns.steered(camera.panel, (y * 1e-6, x * 1e-6), distance, self.wavelength)
+        distance = camera.ray_matrix_b
+        return patterns.steering_grating(
+            camera.panel, (y * 1e-6, x * 1e-6), distance, self.wavelength
+        )
 
 
 class BinaryPattern(FormulaPattern):
     """Stripes of two phases: half a wave splits the light in two."""
 
-    words: ClassVar = "binary {period_px:g} px, {step_rad:.3g} rad"
+    summary_template: ClassVar = "binary {period_px:g} px, {step_rad:.3g} rad"
     kind: Literal["binary"]
     smooth: ClassVar[bool] = False
     period_px: Annotated[float, Ge(2), Le(1e6), Key("of both stripes")] = 16.0
@@ -212,7 +214,7 @@ class SinePattern(FormulaPattern):
     """A wave of phase: low with a long period, high with a short one (thesis section 6.4)."""
 
     title: ClassVar = "Sine"
-    words: ClassVar = "sine {period_px:g} px, {amplitude_rad:.3g} rad"
+    summary_template: ClassVar = "sine {period_px:g} px, {amplitude_rad:.3g} rad"
     kind: Literal["sine"]
     amplitude_rad: Annotated[float, Key("from the mean to a crest", "Amplitude", 3.14, 0)] = math.pi
     period_px: Annotated[float, Ge(4), Le(1e6), Key("of the panel, a wave", "Period", 120, 4)] = (
@@ -224,14 +226,14 @@ class SinePattern(FormulaPattern):
         from optics import patterns
 
         angle = math.radians(self.angle_deg)
-        return patterns.sine(camera.panel, self.amplitude_rad, self.period_px, angle)
+        return patterns.sine_grating(camera.panel, self.amplitude_rad, self.period_px, angle)
 
 
 class PatchesPattern(FormulaPattern):
     """Rectangles of random phase (thesis section 6.4)."""
 
     title: ClassVar = "Random patches"
-    words: ClassVar = "patches {columns}x{rows}, {depth_rad:.3g} rad"
+    summary_template: ClassVar = "patches {columns}x{rows}, {depth_rad:.3g} rad"
     kind: Literal["patches"]
     smooth: ClassVar[bool] = False
     rows: Annotated[Count, Key("of patches", "Rows", 9, 1, 4096)] = 9
@@ -239,7 +241,7 @@ class PatchesPattern(FormulaPattern):
     depth_rad: Annotated[Positive, Key("phases lie between 0 and this")] = 2 * math.pi
 
     @property
-    def varies(self) -> bool:
+    def depends_on_seed(self) -> bool:
         return True
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
@@ -265,18 +267,18 @@ class ZernikePattern(FormulaPattern):
 
     def __post_init__(self) -> None:
         for n, m, _ in self.terms:
-            require_zernike(n, m)
+            require_zernike_indices(n, m)
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         return "zernike " + ", ".join(f"({n}, {m}) {path:g} nm" for n, m, path in self.terms)
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
 
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
-        radius = _metres(self.radius_mm) or _lit_radius(camera)
-        return patterns.aberrated(camera.panel, terms, radius, self.wavelength)
+        radius = _metres(self.radius_mm) or _illuminated_radius(camera)
+        return patterns.zernike_pattern(camera.panel, terms, radius, self.wavelength)
 
 
 class RingPattern(PhasePattern):
@@ -284,7 +286,7 @@ class RingPattern(PhasePattern):
 
     title: ClassVar = "Ring"
     smooth: ClassVar[bool] = False
-    words: ClassVar = "ring {radius_um:g}/{width_um:g} µm"
+    summary_template: ClassVar = "ring {radius_um:g}/{width_um:g} µm"
     kind: Literal["ring"]
     radius_um: Annotated[Positive, Key("of the ring on the sensor", "Radius", 80, 1, 2000)]
     width_um: Annotated[Positive, Key("standard deviation of its profile", "Width", 8, 0.5, 500)]
@@ -294,18 +296,18 @@ class RingPattern(PhasePattern):
     )
 
     @property
-    def varies(self) -> bool:
+    def depends_on_seed(self) -> bool:
         return self.start == "random"
 
     @property
     def target(self) -> RingTarget:
         return RingTarget(shape="ring", radius_um=self.radius_um, width_um=self.width_um)
 
-    def quick(self) -> RingPattern:
+    def with_least_work(self) -> RingPattern:
         return replace(self, iterations=1)
 
 
-FORMULAS = tuple(FormulaPattern.__subclasses__())
+FORMULA_PATTERNS = tuple(FormulaPattern.__subclasses__())
 """All of this file, in its order: a formula is listed, read, shown and offered from here."""
 
 
@@ -313,9 +315,9 @@ def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres * 1e-3
 
 
-def _lit_radius(camera: Camera) -> float:
+def _illuminated_radius(camera: Camera) -> float:
     """Metres on the panel, of the disc whose light passes the stop."""
-    from optics.shadow import shadowed
+    from optics.stop_shadow import with_stop_shadow_on_panel
 
     corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
-    return min(shadowed(camera).lens.stop_diameter / 2, corner)
+    return min(with_stop_shadow_on_panel(camera).lens.stop_diameter / 2, corner)

@@ -13,9 +13,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.finding import require_readable
-from labapp.files.reading import from_srgb, read_bytes
-from labapp.files.writing import encoded
+from labapp.files.file_lookup import require_readable
+from labapp.files.reading import read_bytes, srgb_to_linear
+from labapp.files.writing import encode_image
 
 Light = NDArray[np.float32]
 
@@ -30,24 +30,24 @@ _BANDS = (1, 3)
 
 
 @dataclass(frozen=True, eq=False)
-class Photograph:
+class InputPhotograph:
     """A photograph, (bands, rows, columns); a colour one is red, green and blue.
 
-    levels: as in the file. coded: whether they are sRGB's 8 bits, and not linear.
+    levels: as in the file. is_srgb: whether they are sRGB's 8 bits, and not linear.
     """
 
     path: Path
     levels: NDArray[Any]
-    coded: bool
+    is_srgb: bool
 
     @property
     def light(self) -> Light:
         """Linear; white is 1 where the levels are coded, else in the file's levels."""
-        if not self.coded:
+        if not self.is_srgb:
             return self.levels.astype(np.float32)
-        return _LINEAR[self.levels]
+        return _SRGB_TO_LINEAR[self.levels]
 
-    def full_level(self) -> float | None:
+    def saturation_level(self) -> float | None:
         """The level at which the camera was full, if the picture shows one: pixels at its highest
         level lie side by side, and are more than those of the level below."""
         levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
@@ -64,7 +64,7 @@ class Photograph:
 
 def read_photograph(
     path: Path, *, linear: bool | None = None, frame: int | None = None
-) -> Photograph:
+) -> InputPhotograph:
     """A JPEG, PNG, TIFF or NumPy array, grey or colour.
 
     linear: whether levels are proportional to light; None: all are but 8-bit pictures. frame: of a
@@ -74,43 +74,43 @@ def read_photograph(
     if path.suffix.lower() == ".npy":
         levels, coded = _array(path), False
     else:
-        levels = _decoded(path, frame)
+        levels = _read_image(path, frame)
         coded = levels.dtype == np.uint8 if linear is None else not linear
         if coded and levels.dtype != np.uint8:
             raise UserError(f"{path}: has {levels.dtype} values; only 8-bit ones are sRGB's.")
-    return Photograph(path, levels, coded)
+    return InputPhotograph(path, levels, coded)
 
 
-def written(path: Path, light: Light, in_srgb: bool, full: float) -> bytes:
+def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: float) -> bytes:
     """A picture's file, by its ending: floating-point light in .npy and .tiff; levels in .png.
 
     light: (bands, rows, columns). A .png has 8 bits of sRGB where the picture it came from did,
-    else 16 linear ones; `full` is the light of its highest level.
+    else 16 linear ones; `white_level` is the light of its highest level.
     """
     ending = path.suffix.lower()
     shown = light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
     if ending == ".npy":
-        return encoded(path, shown)
+        return encode_image(path, shown)
     if ending in _TIFF:
         buffer, kind = io.BytesIO(), "minisblack" if len(light) == 1 else "rgb"
         tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
         return buffer.getvalue()
-    levels = coded(shown / full) if in_srgb else _sixteen(shown / full)
-    return encoded(path, levels[..., ::-1] if levels.ndim == 3 else levels)
+    levels = encode_srgb(shown / white_level) if in_srgb else _encode_16_bit(shown / white_level)
+    return encode_image(path, levels[..., ::-1] if levels.ndim == 3 else levels)
 
 
-def coded(light: NDArray[Any]) -> NDArray[np.uint8]:
+def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:
     """Light, white at 1, as sRGB's 8 bits (IEC 61966-2-1)."""
     light = np.clip(np.nan_to_num(light), 0, 1)
     levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255 * levels).astype(np.uint8)
 
 
-def _sixteen(light: NDArray[Any]) -> NDArray[np.uint16]:
+def _encode_16_bit(light: NDArray[Any]) -> NDArray[np.uint16]:
     return np.rint(65535 * np.clip(np.nan_to_num(light), 0, 1)).astype(np.uint16)
 
 
-_LINEAR = from_srgb(np.linspace(0, 1, 256)).astype(np.float32)
+_SRGB_TO_LINEAR = srgb_to_linear(np.linspace(0, 1, 256)).astype(np.float32)
 """Light of each of 8 bits' levels."""
 
 
@@ -136,7 +136,7 @@ def _array(path: Path) -> NDArray[Any]:
     return _bands(path, values)
 
 
-def _decoded(path: Path, frame: int | None) -> NDArray[Any]:
+def _read_image(path: Path, frame: int | None) -> NDArray[Any]:
     data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     number = _page(path, frame)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR

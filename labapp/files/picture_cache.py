@@ -14,17 +14,17 @@ _pictures: WeakValueDictionary[tuple[str, int], NDArray[np.float32]] = WeakValue
 """By file and the time of its last change; each lasts while a target is a print of it."""
 
 
-def picture_of(file: str) -> NDArray[np.float32]:
+def cached_picture(file: str) -> NDArray[np.float32]:
     """Linear red, green and blue, read once, though many targets may be prints of it; again
     when the file has changed."""
-    which = (file, _changed(file))
+    which = (file, _modification_time(file))
     found = _pictures.get(which)
     if found is None:
         found = _pictures[which] = read_picture(Path(file))
     return found
 
 
-def _changed(file: str) -> int:
+def _modification_time(file: str) -> int:
     try:
         return Path(file).stat().st_mtime_ns
     except OSError:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.finding import find_plan
+from labapp.files.file_lookup import find_plan
 from labapp.files.pattern_table import Pattern, VideoPattern
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel, read_file
@@ -36,7 +36,7 @@ class PlannedTarget(FileModel):
     distance_m: Positive | None = None
 
 
-class Interleaved(FileModel):
+class InterleavedFrames(FileModel):
     """Calibration frames between the frames of a block.
 
     Before every `every` frames (absent: before the first one only) come `frames` frames of
@@ -52,7 +52,7 @@ class Interleaved(FileModel):
     frames: Count = 1
 
     @model_validator(mode="after")
-    def _neutral_has_no_target(self) -> Interleaved:
+    def _neutral_has_no_target(self) -> InterleavedFrames:
         if self.role == "neutral" and self.target is not None:
             raise ValueError("neutral frames are of the block's own targets; remove 'target'")
         return self
@@ -78,7 +78,7 @@ class Acquisition(FileModel):
     order: tuple[Axis, ...] = ()
     together: tuple[tuple[Axis, ...], ...] = ()
     any_exposure: bool = False
-    interleave: tuple[Interleaved, ...] = ()
+    interleave: tuple[InterleavedFrames, ...] = ()
     role: Role = "light"
 
     @model_validator(mode="after")

@@ -13,22 +13,24 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.writing import encoded, make_folder, write_whole
+from labapp.files.writing import encode_image, make_folder, write_atomically
 
-PICTURES = "patterns"
+PATTERN_FOLDER = "patterns"
 """The folder of the pictures, beside the plan."""
 
 
-def write_plan(folder: Path, plan: PlanFile, shown: Mapping[str, NDArray[np.uint8]]) -> Path:
+def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Path:
     """Write patterns/*.png and plan.toml; the path of the plan. UserError if it can't be."""
-    pictures = folder / PICTURES
+    pictures = folder / PATTERN_FOLDER
     make_folder(pictures)
     path = folder / "plan.toml"
     try:
-        for name, grey in shown.items():
+        for name, grey in patterns.items():
             picture = pictures / f"{name}.png"
-            write_whole(picture, encoded(picture, grey))
-        write_whole(path, as_toml(plan.model_dump(mode="json", exclude_defaults=True)).encode())
+            write_atomically(picture, encode_image(picture, grey))
+        write_atomically(
+            path, as_toml(plan.model_dump(mode="json", exclude_defaults=True)).encode()
+        )
     except OSError as error:
         raise UserError(
             f"{folder}: cannot be written: {error.strerror}. Choose another place."

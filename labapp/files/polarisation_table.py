@@ -9,17 +9,17 @@ from pydantic import Field, model_validator
 
 from labapp.files.quantities import Finite, Share
 from labapp.files.reading import FileModel
-from optics.polarisation import Light, PolarisedPath, Polariser, Splitter
+from optics.polarisation import BeamSplitter, PolarisedPath, Polariser, SourcePolarisation
 
 
-class LightTable(FileModel):
+class PolarisedLightTable(FileModel):
     """Of the object: natural light by default. degree: of linear polarisation."""
 
     degree: Share = 0.0
     angle_deg: Finite = 0.0
 
-    def build(self) -> Light:
-        return Light(self.degree, math.radians(self.angle_deg))
+    def build(self) -> SourcePolarisation:
+        return SourcePolarisation(self.degree, math.radians(self.angle_deg))
 
 
 class PolariserTable(FileModel):
@@ -48,8 +48,8 @@ class SplitterTable(FileModel):
         self.build()
         return self
 
-    def build(self) -> Splitter:
-        return Splitter(self.transmitted, self.reflected, math.radians(self.angle_deg))
+    def build(self) -> BeamSplitter:
+        return BeamSplitter(self.transmitted, self.reflected, math.radians(self.angle_deg))
 
 
 class PolarisationTable(FileModel):
@@ -58,7 +58,7 @@ class PolarisationTable(FileModel):
     The panel's unmodulated share and a part of the camera's transmission follow from it.
     """
 
-    light: LightTable = LightTable()
+    light: PolarisedLightTable = PolarisedLightTable()
     polariser: PolariserTable | None = None
     splitter: SplitterTable | None = None
     analyser: PolariserTable | None = None

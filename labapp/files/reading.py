@@ -25,7 +25,7 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 
-def bundled(name: str) -> Path:
+def bundled_path(name: str) -> Path:
     """The path of a file that comes with the application."""
     return Path(str(resources.files("labapp") / "data" / name))
 
@@ -38,12 +38,15 @@ def read_bytes(path: Path) -> bytes:
         raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
 
 
-def read_text(path: Path, wanted: str) -> str:
-    """The text of a file. wanted: what to give, for the UserError about a file without text."""
+def read_text(path: Path, expected_content: str) -> str:
+    """The text of a file.
+
+    expected_content: what to give, for the UserError about a file without text.
+    """
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give {wanted}.") from error
+        raise UserError(f"{path}: is not a text file. Give {expected_content}.") from error
 
 
 def read_file(path: Path, model: type[M]) -> M:
@@ -68,19 +71,19 @@ def validate(data: dict[str, Any], model: type[M], source: str) -> M:
     try:
         return TypeAdapter(model).validate_python(data)
     except ValidationError as error:
-        raise UserError(explain(error, source)) from error
+        raise UserError(format_validation_error(error, source)) from error
 
 
-def explain(error: ValidationError, source: str) -> str:
+def format_validation_error(error: ValidationError, source: str) -> str:
     """The first problems of a validation, one a line."""
-    problems = _causes(error)
-    lines = [f"{source}: {_problem(dict(p))}" for p in problems[:2]]
+    problems = _innermost_problems(error)
+    lines = [f"{source}: {_format_problem(dict(p))}" for p in problems[:2]]
     if len(problems) > 2:
         lines[-1] += f" (and {len(problems) - 2} more)"
     return "\n".join(lines)
 
 
-def _causes(error: ValidationError) -> list[Any]:
+def _innermost_problems(error: ValidationError) -> list[Any]:
     """Without the complaint about a table that comes from one about something in it."""
     problems = error.errors()
     places = [problem["loc"] for problem in problems]
@@ -91,7 +94,7 @@ def _causes(error: ValidationError) -> list[Any]:
     return [problem for problem in problems if not holds_another(problem["loc"])]
 
 
-def _problem(problem: dict[str, Any]) -> str:
+def _format_problem(problem: dict[str, Any]) -> str:
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"key {key!r} is unknown. Remove it, or check its spelling."
@@ -113,10 +116,10 @@ def read_picture(path: Path) -> NDArray[np.float32]:
     """
     import numpy as np
 
-    values = _decoded(path, colour=True)
+    values = _require_image(path, colour=True)
     encoded = np.linspace(0, 1, np.iinfo(values.dtype).max + 1)
     # One look-up a value: a photograph of 24 megapixels shall not need gigabytes.
-    return from_srgb(encoded).astype(np.float32)[values[..., ::-1]]
+    return srgb_to_linear(encoded).astype(np.float32)[values[..., ::-1]]
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -124,14 +127,14 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
     UserError if the file is no picture, or isn't 8-bit.
     """
-    values = _decoded(path, colour=False)
+    values = _require_image(path, colour=False)
     if values.dtype != "uint8":
         raise UserError(f"{path}: has {values.dtype} values; the panel shows 8-bit grey levels.")
     return values
 
 
-def _decoded(path: Path, *, colour: bool) -> NDArray[Any]:
-    image = decoded(path, colour=colour)
+def _require_image(path: Path, *, colour: bool) -> NDArray[Any]:
+    image = decode_image(path, colour=colour)
     if image is None:
         raise UserError(f"{path}: is not a picture that can be read. Give a JPEG, PNG or TIFF.")
     if image.dtype not in ("uint8", "uint16"):
@@ -139,7 +142,7 @@ def _decoded(path: Path, *, colour: bool) -> NDArray[Any]:
     return image
 
 
-def decoded(path: Path, *, colour: bool) -> NDArray[Any] | None:
+def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
     """A picture's values as they are in its file, in OpenCV's order; None for no picture."""
     import cv2
     import numpy as np
@@ -149,8 +152,8 @@ def decoded(path: Path, *, colour: bool) -> NDArray[Any] | None:
     return cv2.imdecode(data, flags) if data.size else None
 
 
-def from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
+def srgb_to_linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
     """Light from sRGB's values (IEC 61966-2-1), both from 0 to 1."""
     import numpy as np
 
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator
 from labapp.files.reading import FileModel
 from labapp.files.spectrum_file import bundled_spectra, read_spectrum
 from optics.light import Spectrum
-from simulator.scene import basis_of, mixed, primaries
-from simulator.scene.colours import Basis, held
+from simulator.scene import basis_of, mix_reflectances, primaries
+from simulator.scene.colours import Basis, extend_to_silicon_range
 
 PAINTS: dict[str, tuple[float, float, float]] = {
     "white": (0.9, 0.9, 0.9),
@@ -26,7 +26,7 @@ PAINTS: dict[str, tuple[float, float, float]] = {
 """Linear red, green and blue of toys' plastic, about."""
 
 
-def _sound(value: Any) -> Any:
+def _validate_reflectance(value: Any) -> Any:
     """Before its kind is found out: an error about each kind that it isn't helps nobody."""
     shares = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
@@ -47,28 +47,28 @@ class SpectrumTable(FileModel):
 
 
 Reflectance = Annotated[
-    float | tuple[float, float, float] | str | SpectrumTable, BeforeValidator(_sound)
+    float | tuple[float, float, float] | str | SpectrumTable, BeforeValidator(_validate_reflectance)
 ]
 """Of all wavelengths alike; of linear red, green and blue; by name; or measured."""
 
 
-def reflectance(of: Reflectance) -> Spectrum:
+def reflectance_spectrum(surface: Reflectance) -> Spectrum:
     """As a spectrum; UserError if a table can't be read."""
-    if isinstance(of, SpectrumTable):
-        return held(read_spectrum(Path(of.file), of.column))
-    if isinstance(of, str):
-        of = PAINTS[of]
-    if isinstance(of, tuple):
-        return mixed(mallett(), of)
-    return Spectrum.even(of)
+    if isinstance(surface, SpectrumTable):
+        return extend_to_silicon_range(read_spectrum(Path(surface.file), surface.column))
+    if isinstance(surface, str):
+        surface = PAINTS[surface]
+    if isinstance(surface, tuple):
+        return mix_reflectances(mallett_basis(), surface)
+    return Spectrum.flat(surface)
 
 
-def mallett() -> Basis:
+def mallett_basis() -> Basis:
     """The reflectances of sRGB's primaries by Mallett and Yuksel (2019)."""
     table = bundled_spectra("mallett2019")
     return basis_of(table["red"], table["green"], table["blue"])
 
 
-def basis(spectra: Literal["mallett", "primaries"]) -> Basis:
+def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
     """How a photograph's colours become reflectances."""
-    return mallett() if spectra == "mallett" else primaries()
+    return mallett_basis() if spectra == "mallett" else primaries()

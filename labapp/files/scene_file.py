@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.light_table import LightTable
 from labapp.files.measured_targets import CubeTable, DisplayTable, ReliefTable
-from labapp.files.paths_in import files_of, with_folder
 from labapp.files.reading import FileModel
 from labapp.files.scene_targets import (
     ColorCheckerTable,
@@ -25,7 +24,8 @@ from labapp.files.scene_targets import (
 )
 from labapp.files.scene_targets import PhotographTable as PhotographTable
 from labapp.files.scene_targets import StarTable as StarTable
-from labapp.files.truth_table import TruthTable
+from labapp.files.table_paths import referenced_files, with_absolute_paths
+from labapp.files.true_bench_table import TrueBenchTable
 from simulator.scene import Scene
 
 TargetTable = Annotated[
@@ -45,7 +45,7 @@ TargetTable = Annotated[
     Field(discriminator="kind"),
 ]
 
-_FIRST = (DarkTable, StarTable, FlatTable, PhotographTable)
+_VERSION_1_KINDS = (DarkTable, StarTable, FlatTable, PhotographTable)
 """Kinds that the first version of the format has."""
 
 
@@ -63,7 +63,7 @@ class SceneFile(FileModel):
     effects: dict[str, bool | str] = Field(default_factory=dict)
     lights: dict[str, LightTable] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]
-    truth: TruthTable | None = None
+    truth: TrueBenchTable | None = None
 
     @model_validator(mode="after")
     def _fits_together(self) -> SceneFile:
@@ -76,11 +76,11 @@ class SceneFile(FileModel):
                     f"'lights' ({known})"
                 )
         if self.version == 1:
-            self._require_the_first_version()
+            self._require_version_1_content()
         return self
 
-    def _require_the_first_version(self) -> None:
-        new = [name for name, one in self.targets.items() if not isinstance(one, _FIRST)]
+    def _require_version_1_content(self) -> None:
+        new = [name for name, one in self.targets.items() if not isinstance(one, _VERSION_1_KINDS)]
         if new or self.lights:
             what = f"target {new[0]!r}" if new else "the table 'lights'"
             raise ValueError(f"{what} needs version = 2")
@@ -97,13 +97,13 @@ class SceneFile(FileModel):
         return Scene(built)
 
     @property
-    def pictures(self) -> list[Path]:
+    def input_files(self) -> list[Path]:
         """The files that the scene needs: pictures, and tables of numbers."""
-        return files_of(self)
+        return referenced_files(self)
 
-    def found_in(self, folder: Path) -> SceneFile:
+    def with_files_in(self, folder: Path) -> SceneFile:
         """The scene with absolute paths of its files, looked for in `folder`."""
-        return with_folder(self, folder)
+        return with_absolute_paths(self, folder)
 
     def with_photographs(self, changes: dict[str, str]) -> SceneFile:
         """The scene with keys of all its photographs changed."""

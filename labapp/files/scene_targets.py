@@ -10,13 +10,13 @@ import torch
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.chart_table import Chart, ColorChecker, Siemens, SlantedEdge, Usaf
+from labapp.files.chart_table import Chart, ColorChecker, SiemensStar, SlantedEdge, UsafChart
 from labapp.files.light_table import Lamp
-from labapp.files.picture_cache import picture_of
+from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
-from labapp.files.reflectance_table import basis
-from simulator.scene import Dark, Flat, Photograph, Pinhole, Sheet, Sheets, Star, Target
+from labapp.files.reflectance_table import reflectance_basis
+from simulator.scene import Dark, Flat, PhotographPrint, Pinhole, Sheet, Sheets, Star, Target
 
 Distance = Annotated[float, Field(gt=0)]
 
@@ -29,7 +29,7 @@ class MotionTable(FileModel):
     velocity_mm_s: tuple[Finite, Finite]
 
 
-class LitTable(FileModel):
+class IlluminatedTargetTable(FileModel):
     """What all targets but the dark have.
 
     light: a lamp of the table [lights]; none shines alike at all wavelengths. polarised_deg: the
@@ -41,7 +41,7 @@ class LitTable(FileModel):
     motion: MotionTable | None = None
     polarised_deg: Finite | None = None
 
-    def lit(self, lamps: Lamps) -> dict[str, Any]:
+    def light_arguments(self, lamps: Lamps) -> dict[str, Any]:
         """What a target is made with besides its picture."""
         lamp = lamps[self.light] if self.light is not None else Lamp(None)
         velocity = self.motion.velocity_mm_s if self.motion else (0.0, 0.0)
@@ -51,7 +51,7 @@ class LitTable(FileModel):
             "light": lamp.spectrum,
             "lamp": lamp.waveform,
             "velocity": (velocity[0] * 1e-3, velocity[1] * 1e-3),
-            "polarised": None if angle is None else math.radians(angle % 180),
+            "polarisation_angle": None if angle is None else math.radians(angle % 180),
         }
 
 
@@ -62,7 +62,7 @@ class DarkTable(FileModel):
         return Dark()
 
 
-class StarTable(LitTable):
+class StarTable(IlluminatedTargetTable):
     """A lit pinhole. offset_um: [y, x] from the axis to it, as in the upright picture."""
 
     kind: Literal["star"]
@@ -76,11 +76,11 @@ class StarTable(LitTable):
             diameter=self.diameter_um * 1e-6,
             distance=self.distance_m,
             offset=(y * 1e-6, x * 1e-6),
-            **self.lit(lamps),
+            **self.light_arguments(lamps),
         )
 
 
-class PinholeTable(LitTable):
+class PinholeTable(IlluminatedTargetTable):
     """A hole that is lit from behind, of a millimetre (thesis §5.6)."""
 
     kind: Literal["pinhole"]
@@ -94,21 +94,21 @@ class PinholeTable(LitTable):
             diameter=self.diameter_mm * 1e-3,
             distance=self.distance_m,
             offset=(y * 1e-3, x * 1e-3),
-            **self.lit(lamps),
+            **self.light_arguments(lamps),
         )
 
 
-class FlatTable(LitTable):
+class FlatTable(IlluminatedTargetTable):
     """An evenly lit field without an end."""
 
     kind: Literal["flat"]
     distance_m: Distance
 
     def build(self, lamps: Lamps) -> Target:
-        return Flat(distance=self.distance_m, **self.lit(lamps))
+        return Flat(distance=self.distance_m, **self.light_arguments(lamps))
 
 
-class PixelTable(LitTable):
+class PictureTargetTable(IlluminatedTargetTable):
     """A picture of pixels. cover: side of the picture over side of the frame, where it just
     covers it. height_mm: at the object, which counts instead of it where it is given.
     offset_mm: [y, x] from the axis to its middle. credit: who made it; reports say it.
@@ -120,17 +120,17 @@ class PixelTable(LitTable):
     offset_mm: tuple[Finite, Finite] = (0.0, 0.0)
     credit: str = ""
 
-    def framed(self, lamps: Lamps) -> dict[str, Any]:
+    def picture_arguments(self, lamps: Lamps) -> dict[str, Any]:
         y, x = self.offset_mm
         return {
             "cover": self.cover,
             "height": self.height_mm and self.height_mm * 1e-3,
             "offset": (y * 1e-3, x * 1e-3),
-            **self.lit(lamps),
+            **self.light_arguments(lamps),
         }
 
 
-class PhotographTable(PixelTable):
+class PhotographTable(PictureTargetTable):
     """A print of a picture file.
 
     spectra: "mallett" for smooth reflectances of its colours, "primaries" for lines between
@@ -142,34 +142,34 @@ class PhotographTable(PixelTable):
     spectra: Literal["mallett", "primaries"] = "primaries"
 
     def build(self, lamps: Lamps) -> Target:
-        return Photograph(
-            image=torch.from_numpy(picture_of(self.file)),
+        return PhotographPrint(
+            image=torch.from_numpy(cached_picture(self.file)),
             distance=self.distance_m,
-            basis=basis(self.spectra),
-            **self.framed(lamps),
+            basis=reflectance_basis(self.spectra),
+            **self.picture_arguments(lamps),
         )
 
 
-class _ChartTarget(LitTable):
+class _ChartTarget(IlluminatedTargetTable):
     """A chart that stands alone."""
 
     distance_m: Distance
 
     def build(self, lamps: Lamps) -> Target:
         assert isinstance(self, Chart)
-        painted, _ = self.painted()
-        return Sheets(sheets=(Sheet(self.distance_m, painted),), **self.lit(lamps))
+        painted, _ = self.content_and_outline()
+        return Sheets(sheets=(Sheet(self.distance_m, painted),), **self.light_arguments(lamps))
 
 
 class SlantedEdgeTable(_ChartTarget, SlantedEdge):
     pass
 
 
-class SiemensTable(_ChartTarget, Siemens):
+class SiemensTable(_ChartTarget, SiemensStar):
     pass
 
 
-class UsafTable(_ChartTarget, Usaf):
+class UsafTable(_ChartTarget, UsafChart):
     pass
 
 
@@ -184,15 +184,17 @@ class LayerTable(FileModel):
     picture: Annotated[Chart, Field(discriminator="kind")]
 
 
-class LayersTable(LitTable):
+class LayersTable(IlluminatedTargetTable):
     """Things at distances, the nearest first."""
 
     kind: Literal["layers"]
     layers: Annotated[list[LayerTable], Field(min_length=1, max_length=64)]
 
     def build(self, lamps: Lamps) -> Target:
-        sheets = tuple(Sheet(one.distance_m, *one.picture.painted()) for one in self.layers)
+        sheets = tuple(
+            Sheet(one.distance_m, *one.picture.content_and_outline()) for one in self.layers
+        )
         try:
-            return Sheets(sheets=sheets, **self.lit(lamps))
+            return Sheets(sheets=sheets, **self.light_arguments(lamps))
         except ValueError as error:
             raise UserError(f"layers: {error}.") from error

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.finding import find_part
+from labapp.files.file_lookup import find_part_file
 from labapp.files.quantities import Amount, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
@@ -20,7 +20,7 @@ Efficiency = Annotated[float, Field(gt=0, le=1)]
 Millionths = Annotated[float, Field(ge=0, le=1e6)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Nanometres = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")]
-Inline = dict[Nanometres, Annotated[float, Field(ge=0, le=1)]]
+InlineCurve = dict[Nanometres, Annotated[float, Field(ge=0, le=1)]]
 
 
 class CurveFile(FileModel):
@@ -29,13 +29,13 @@ class CurveFile(FileModel):
     file: str
     column: str | None = None
 
-    def found_in(self, folder: Path) -> Inline:
+    def read_curve(self, folder: Path) -> InlineCurve:
         """The curve itself, looked for in `folder`. UserError names file, line and value."""
         path = folder / self.file
         curve = read_spectrum(path, self.column)
-        if curve.most > 1:
+        if curve.peak > 1:
             raise UserError(
-                f"{path}: {curve.most:g} electrons a photon can't be. Give shares, 0 to 1."
+                f"{path}: {curve.peak:g} electrons a photon can't be. Give shares, 0 to 1."
             )
         return {
             f"{wavelength * 1e9:.6g}": value
@@ -43,7 +43,7 @@ class CurveFile(FileModel):
         }
 
 
-Curve = Inline | CurveFile
+Curve = InlineCurve | CurveFile
 
 
 class ColourTable(FileModel):
@@ -58,8 +58,8 @@ class ColourTable(FileModel):
             tuple(self.pattern), {name: _spectrum(one) for name, one in self.efficiency.items()}
         )
 
-    def found_in(self, folder: Path) -> ColourTable:
-        found = {name: _found(one, folder) for name, one in self.efficiency.items()}
+    def resolve_files(self, folder: Path) -> ColourTable:
+        found = {name: _read_curve(one, folder) for name, one in self.efficiency.items()}
         return self.model_copy(update={"efficiency": found})
 
 
@@ -95,7 +95,7 @@ class SensorTable(FileModel):
     line_time_us: Amount = 0.0
 
     @model_validator(mode="after")
-    def _sound(self) -> Self:
+    def _validate_sensor(self) -> Self:
         if self.quantum_efficiency is None and self.colour is None:
             raise ValueError("quantum_efficiency is missing; add it, or a table 'colour'")
         if self.quantum_efficiency is not None and self.colour is not None:
@@ -103,12 +103,12 @@ class SensorTable(FileModel):
                 "quantum_efficiency and a table 'colour' are given; the filters' curves are the "
                 "efficiency: remove one of the two"
             )
-        if self.resolved:
+        if self.has_all_curves:
             self.build()
         return self
 
     @property
-    def resolved(self) -> bool:
+    def has_all_curves(self) -> bool:
         """Whether all curves are in it, and none in a file of its own."""
         curves = [
             self.quantum_efficiency,
@@ -116,13 +116,13 @@ class SensorTable(FileModel):
         ]
         return not any(isinstance(one, CurveFile) for one in curves)
 
-    def found_in(self, folder: Path) -> Self:
+    def resolve_files(self, folder: Path) -> Self:
         """The sensor with all that its files hold, looked for in `folder`. UserError names file,
         line and value."""
         efficiency = self.quantum_efficiency
         if isinstance(efficiency, CurveFile):
-            efficiency = efficiency.found_in(folder)
-        colour = self.colour.found_in(folder) if self.colour else None
+            efficiency = efficiency.read_curve(folder)
+        colour = self.colour.resolve_files(folder) if self.colour else None
         return self.model_copy(update={"quantum_efficiency": efficiency, "colour": colour})
 
     def build(self) -> Sensor:
@@ -131,7 +131,7 @@ class SensorTable(FileModel):
         even = efficiency if isinstance(efficiency, float) else None
         curve = _spectrum(efficiency) if isinstance(efficiency, dict | CurveFile) else None
         colour = self.colour.build() if self.colour else None
-        peaks = [one.most for one in (colour.efficiencies.values() if colour else ())]
+        peaks = [one.peak for one in (colour.efficiencies.values() if colour else ())]
         return Sensor(
             shape=(self.height, self.width),
             pitch=self.pitch_um * 1e-6,
@@ -142,7 +142,7 @@ class SensorTable(FileModel):
             dark_current=self.dark_current_electrons_per_s,
             black_level=self.black_level_dn,
             # Who asks for one number of a curve gets its peak.
-            quantum_efficiency=even or max([curve.most] if curve else peaks),
+            quantum_efficiency=even or max([curve.peak] if curve else peaks),
             exposure_range=(self.shortest_exposure_us * 1e-6, self.longest_exposure_s),
             spectral_efficiency=curve,
             colour=colour,
@@ -169,8 +169,8 @@ def read_sensor(file: str, folder: Path) -> SensorTable:
 
     UserError names file, key, value and rule.
     """
-    path = find_part("sensor", file, folder)
-    found = read_file(path, SensorFile).found_in(path.parent)
+    path = find_part_file("sensor", file, folder)
+    found = read_file(path, SensorFile).resolve_files(path.parent)
     return validate(found.model_dump(exclude={"version"}), SensorTable, str(path))
 
 
@@ -194,8 +194,8 @@ def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, An
     return data | {"sensor": given | own}
 
 
-def _found(curve: Curve, folder: Path) -> Inline:
-    return curve.found_in(folder) if isinstance(curve, CurveFile) else curve
+def _read_curve(curve: Curve, folder: Path) -> InlineCurve:
+    return curve.read_curve(folder) if isinstance(curve, CurveFile) else curve
 
 
 def _spectrum(curve: Curve) -> Spectrum:

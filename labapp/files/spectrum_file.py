@@ -6,8 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.reading import bundled
-from labapp.files.text_table import numbers, table_lines
+from labapp.files.reading import bundled_path
+from labapp.files.text_table import parse_numbers, table_lines
 from optics.light.spectrum import Spectrum
 
 
@@ -36,7 +36,7 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
     names: list[str] = []
     rows: list[list[float]] = []
     for number, cells in table_lines(path):
-        values = numbers(cells)
+        values = parse_numbers(cells)
         if values is None and not rows and not names:
             names = cells
             continue
@@ -69,4 +69,4 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
 @lru_cache(maxsize=16)
 def bundled_spectra(name: str) -> dict[str, Spectrum]:
     """Of a table that comes with the application; not to be changed."""
-    return read_spectra(bundled("spectra") / f"{name}.csv")
+    return read_spectra(bundled_path("spectra") / f"{name}.csv")

@@ -33,14 +33,14 @@ Count = Annotated[int, Ge(1), Le(100_000)]
 class Key:
     """What a person is told of a key, and its field on a form.
 
-    says: what it is; its unit is what its name ends in. label: on the form, where a key without
-    one isn't; a file's is the hint. first: what stands there in the beginning. low, high: limits
-    of a number.
+    description: what it is; its unit is what its name ends in. label: on the form, where a key
+    without one isn't; a file's is the hint. initial: what stands there in the beginning. low, high:
+    limits of a number.
     """
 
-    says: str = ""
+    description: str = ""
     label: str = ""
-    first: Any = ""
+    initial: Any = ""
     low: float = -10_000
     high: float = 10_000
 
@@ -51,24 +51,25 @@ class Table:
 
     Unknown keys are errors, as are numbers that aren't finite; what else can't be, its
     `__post_init__` says by a ValueError. title: what a form calls it; without one it isn't on
-    forms. words: what it is and how large, with keys in braces, where that is always said alike.
+    forms. summary_template: what it is and how large, with keys in braces, where that is always
+    said alike.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid", "allow_inf_nan": False}
     title: ClassVar[str] = ""
-    words: ClassVar[str] = ""
+    summary_template: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         """What it is and how large, in a few words."""
-        return self.words.format(**vars(self))
+        return self.summary_template.format(**vars(self))
 
 
-def tag_of(table: type[Table], key: str) -> str:
+def tag_value(table: type[Table], key: str) -> str:
     """The value that a key of a table always has: what it is known by."""
     name: str = get_args(get_type_hints(table)[key])[0]
     return name

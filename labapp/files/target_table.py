@@ -16,7 +16,7 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from labapp.files.table import Key, Positive, Table
 
 if TYPE_CHECKING:
-    from optics.targets.drawing import Drawing
+    from optics.targets.target import Drawing
 
 Count = Annotated[int, Ge(1), Le(10_000)]
 
@@ -32,11 +32,11 @@ class TargetShape(Table):
     def require_frames(self, frames: int) -> None:
         """ValueError if a video of so many frames can't show it."""
 
-    def quick(self) -> TargetShape:
+    def with_least_work(self) -> TargetShape:
         """The same, at as few moments as show whether it can be drawn."""
         return self
 
-    def at(self, frames: int, folder: Path) -> list[Drawing]:
+    def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
         """Its pictures during a video, as many as divide the frames; of most shapes, one.
 
         folder: where picture files lie. ValueError for sizes that can't be.
@@ -48,10 +48,10 @@ class TargetShape(Table):
         raise NotImplementedError
 
 
-class Stroked(TargetShape):
+class StrokedTarget(TargetShape):
     """What is drawn within a circle, with a stroke; by the function of its shape's name."""
 
-    words: ClassVar = "{shape} {radius_um:g}/{width_um:g} µm"
+    summary_template: ClassVar = "{shape} {radius_um:g}/{width_um:g} µm"
     radius_um: Radius = 100.0
     width_um: Width = 8.0
 
@@ -66,20 +66,20 @@ class Stroked(TargetShape):
         return drawn
 
 
-class RingTarget(Stroked):
+class RingTarget(StrokedTarget):
     """A ring."""
 
     shape: Literal["ring"]
 
 
-class Spiral(Stroked):
+class SpiralTargetBase(StrokedTarget):
     """What every spiral has."""
 
     turns: Annotated[float, Gt(0), Le(50), Key("from the axis outwards")] = 3.0
     hole: Annotated[float, Ge(0), Lt(1), Key("share of the radius left out")] = 0.36
 
 
-class SpiralTarget(Spiral):
+class SpiralTarget(SpiralTargetBase):
     """The thesis' spiral (Fig. 3.3): its distance from the axis grows as the angle squared."""
 
     title: ClassVar = "Spiral"
@@ -91,7 +91,7 @@ class SpiralTarget(Spiral):
         return targets.spiral.draw(*self._metres, self.turns, self.hole)
 
 
-class ShrinkingSpiralTarget(Spiral):
+class ShrinkingSpiralTarget(SpiralTargetBase):
     """A spiral that shrinks with time (thesis Fig. 3.4); for videos."""
 
     shape: Literal["shrinking-spiral"]
@@ -100,7 +100,7 @@ class ShrinkingSpiralTarget(Spiral):
         int | None, Ge(2), Le(3600), Key("that frames share evenly; none: one each")
     ] = None
 
-    def quick(self) -> ShrinkingSpiralTarget:
+    def with_least_work(self) -> ShrinkingSpiralTarget:
         return replace(self, moments=None)
 
     def require_frames(self, frames: int) -> None:
@@ -111,7 +111,7 @@ class ShrinkingSpiralTarget(Spiral):
         if self.moments is not None and frames % self.moments:
             raise ValueError(f"{self.moments} moments don't share {frames} frames evenly")
 
-    def at(self, frames: int, folder: Path) -> list[Drawing]:
+    def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
         from optics import targets
 
         self.require_frames(frames)
@@ -120,21 +120,21 @@ class ShrinkingSpiralTarget(Spiral):
         return list(targets.shrinking_spiral.draw(*sizes).parts)
 
 
-class HeartTarget(Stroked):
+class HeartTarget(StrokedTarget):
     """A heart, upright."""
 
     title: ClassVar = "Heart"
     shape: Literal["heart"]
 
 
-class InfinityTarget(Stroked):
+class InfinityTarget(StrokedTarget):
     """The symbol of infinity, lying."""
 
     title: ClassVar = "Infinity"
     shape: Literal["infinity"]
 
 
-class EyeTarget(Stroked):
+class EyeTarget(StrokedTarget):
     """An eye with its iris and pupil."""
 
     title: ClassVar = "Eye"
@@ -161,7 +161,7 @@ class DotsTarget(TargetShape):
             raise ValueError("dots have either rows and columns, or positions_um")
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         if self.positions_um:
             return f"dots {len(self.positions_um)}"
         if self.rows is not None:
@@ -174,9 +174,9 @@ class DotsTarget(TargetShape):
         if self.positions_um:
             places = [(y * 1e-6, x * 1e-6) for y, x in self.positions_um]
         elif self.rows is not None and self.columns is not None:
-            places = targets.on_grid((self.rows, self.columns), self.spacing_um * 1e-6)
+            places = targets.grid_positions((self.rows, self.columns), self.spacing_um * 1e-6)
         else:
-            places = targets.on_ring(self.count, self.radius_um * 1e-6)
+            places = targets.ring_positions(self.count, self.radius_um * 1e-6)
         return targets.dots.draw(places, self.width_um * 1e-6)
 
 
@@ -184,7 +184,7 @@ class LettersTarget(TargetShape):
     """A line of text."""
 
     title: ClassVar = "Letters"
-    words: ClassVar = "letters {text} {height_um:g}/{width_um:g} µm"
+    summary_template: ClassVar = "letters {text} {height_um:g}/{width_um:g} µm"
     shape: Literal["letters"]
     text: Annotated[str, MinLen(1), MaxLen(80), Key("letters and digits", "Text", "EI", high=80)]
     height_um: Annotated[Positive, Key("of a capital", "Height", 100, 5, 2000)] = 100.0
@@ -208,7 +208,7 @@ class LogoTarget(TargetShape):
     invert: Annotated[bool, Key("dark is light")] = False
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         return f"logo {Path(self.file).name} {self.size_um:g} µm"
 
     def draw(self, folder: Path) -> Drawing:
@@ -232,13 +232,13 @@ class DispersionTarget(TargetShape):
     width_um: Annotated[Positive, Key("standard deviation of a dot")] = 8.0
 
     @property
-    def sizes(self) -> str:
+    def summary(self) -> str:
         return f"dispersion {len(self.wavelengths_nm)} x {self.um_per_nm:g} µm/nm"
 
     def draw(self, folder: Path) -> Drawing:
         from optics import targets
 
-        places = targets.dispersed(
+        places = targets.dispersed_positions(
             [nm * 1e-9 for nm in self.wavelengths_nm],
             self.reference_nm * 1e-9,
             self.um_per_nm * 1e3,
@@ -247,7 +247,7 @@ class DispersionTarget(TargetShape):
         return targets.dots.draw(places, self.width_um * 1e-6)
 
 
-SHAPES: tuple[type[TargetShape], ...] = (
+TARGET_SHAPES: tuple[type[TargetShape], ...] = (
     RingTarget,
     SpiralTarget,
     ShrinkingSpiralTarget,

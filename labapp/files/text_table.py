@@ -25,7 +25,7 @@ def table_lines(path: Path) -> list[tuple[int, list[str]]]:
     return [(k, [cell.strip() for cell in row]) for (k, _), row in zip(kept, rows, strict=True)]
 
 
-def numbers(cells: list[str]) -> list[float] | None:
+def parse_numbers(cells: list[str]) -> list[float] | None:
     """The numbers in cells; None if one holds something else."""
     try:
         return [float(cell) for cell in cells]

@@ -34,7 +34,7 @@ def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
             require_writable(path, force=force)
 
 
-def require_free(folder: Path, names: Sequence[str], *, force: bool) -> None:
+def require_free_names(folder: Path, names: Sequence[str], *, force: bool) -> None:
     """UserError if files would be replaced without leave, or the folder can't be written."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file. Name a folder.")
@@ -52,7 +52,7 @@ def make_folder(folder: Path) -> None:
         ) from error
 
 
-def to_disk(path: Path) -> None:
+def sync_to_disk(path: Path) -> None:
     """Return when what was written to a file is on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -61,7 +61,7 @@ def to_disk(path: Path) -> None:
         os.close(handle)
 
 
-def encoded(path: Path, picture: NDArray[Any]) -> bytes:
+def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
     """What a picture's file holds, by its ending; values in OpenCV's order, but those of .npy are
     kept as they are. UserError."""
     if path.suffix.lower() == ".npy":
@@ -78,7 +78,7 @@ def encoded(path: Path, picture: NDArray[Any]) -> bytes:
     return data.tobytes()
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_atomically(path: Path, data: bytes) -> None:
     """Write a file that takes its name only when it is whole."""
     draft = path.with_name(f".{path.name}.new")
     try:

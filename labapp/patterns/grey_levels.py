@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.grey_table import GreyPattern
-from labapp.files.pattern_table import Pattern, PSFPattern, Still, SumPattern, VideoPattern
+from labapp.files.pattern_table import Pattern, PSFPattern, StillPattern, SumPattern, VideoPattern
 from labapp.files.phase_table import FormulaPattern, PhasePattern, RingPattern
 from optics.camera import Camera
-from optics.patterns import superposed
+from optics.patterns import superpose
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.retrieval import Retrieved, design_plane, retrieve, window_for
+from optics.retrieval import RetrievalResult, design_plane, retrieve, window_for_reach
 from optics.slm import phase_to_grey
-from optics.targets.drawing import Drawn
+from optics.targets.target import Renderable
 
 
 @dataclass(frozen=True)
-class Work:
+class PatternContext:
     """What patterns are computed with. Chance comes from `seed` alone.
 
     folder: where picture files are looked for.
@@ -37,7 +37,7 @@ class Work:
     progress: Progress
     folder: Path
 
-    def part(self, number: int, count: int) -> Work:
+    def part(self, number: int, count: int) -> PatternContext:
         """For one of several pieces of the work, which take the same time."""
         return replace(self, progress=self.progress.part(number / count, (number + 1) / count))
 
@@ -46,16 +46,16 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Moment:
+class RetrievedMoment:
     """A target on the plane in which it was designed, and the frames that show it."""
 
     target: torch.Tensor
     plane: Plane
-    result: Retrieved
+    result: RetrievalResult
 
 
 @dataclass(frozen=True)
-class Frame:
+class PhaseFrame:
     """Radians on the panel, (rows, columns), and the whole waves that they are to be shown in."""
 
     phase: torch.Tensor
@@ -63,14 +63,14 @@ class Frame:
 
 
 def compute_pattern(
-    spec: Still, camera: Camera, seed: int, progress: Progress, folder: Path
+    spec: StillPattern, camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> NDArray[np.uint8]:
     """Grey levels of one pattern, (rows, columns) of the panel.
 
     folder: where picture files are looked for. Chance comes from `seed` alone.
     UserError or ValueError name what can't be shown and what can.
     """
-    (grey,) = grey_frames(spec, 1, Work(camera, seed, progress, folder))
+    (grey,) = grey_frames(spec, 1, PatternContext(camera, seed, progress, folder))
     return grey
 
 
@@ -84,7 +84,7 @@ def compute_patterns(
     shown: dict[str, NDArray[np.uint8]] = {}
     # Videos last: they may be made of the others.
     ordered = sorted(specs, key=lambda name: isinstance(specs[name], VideoPattern))
-    whole = Work(camera, seed, progress, folder)
+    whole = PatternContext(camera, seed, progress, folder)
     for number, name in enumerate(ordered):
         spec, work = specs[name], whole.part(number, len(specs))
         try:
@@ -100,27 +100,29 @@ def compute_patterns(
     return {name: shown[name] for name in specs}
 
 
-def grey_frames(spec: Still, count: int, work: Work) -> Iterator[NDArray[np.uint8]]:
+def grey_frames(
+    spec: StillPattern, count: int, work: PatternContext
+) -> Iterator[NDArray[np.uint8]]:
     """Grey levels of a pattern's frames, (rows, columns) each; errors as compute_pattern's."""
     if isinstance(spec, GreyPattern):
         for _ in range(count):
-            yield spec.levels(work.camera, work.folder)
+            yield spec.grey_levels(work.camera, work.folder)
         return
     for frame in phase_frames(spec, count, work):
-        yield shown_grey(frame, work.camera, spec.wavelength)
+        yield frame_to_grey(frame, work.camera, spec.wavelength)
 
 
-def shown_grey(frame: Frame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
+def frame_to_grey(frame: PhaseFrame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
     """The grey levels that show a phase at a wavelength in metres."""
     return phase_to_grey(camera.panel, frame.phase, wavelength, frame.orders).numpy()
 
 
-def phase_frames(spec: PhasePattern, count: int, work: Work) -> Iterator[Frame]:
+def phase_frames(spec: PhasePattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
     """The phases of a pattern's frames, one after the other: frame k from the seed + k."""
     if isinstance(spec, PSFPattern):
-        yield from frames_of(retrieve_psf(spec, count, work), spec)
+        yield from retrieved_frames(retrieve_psf(spec, count, work), spec)
     elif isinstance(spec, SumPattern):
-        yield from _summed(spec, count, work)
+        yield from _sum_frames(spec, count, work)
     else:
         for number in range(count):
             work.progress.report(number / count)
@@ -128,16 +130,16 @@ def phase_frames(spec: PhasePattern, count: int, work: Work) -> Iterator[Frame]:
                 phase = _ring(spec, number, work.part(number, count))
             else:
                 phase = cast(FormulaPattern, spec).phase(work.camera, work.generator(number))
-            yield Frame(phase, spec.orders)
+            yield PhaseFrame(phase, spec.orders)
 
 
-def retrieve_psf(spec: PSFPattern, count: int, work: Work) -> list[Moment]:
+def retrieve_psf(spec: PSFPattern, count: int, work: PatternContext) -> list[RetrievedMoment]:
     """The frames of a psf, moment by moment; those of a moment know of each other."""
-    moments = spec.target.at(count, work.folder)
+    moments = spec.target.video_drawings(count, work.folder)
     speed = None if spec.budget_s is None else machine_speed(work.progress.part(0, 0))
     found = []
     for number, drawing in enumerate(moments):
-        target, plane = designed(drawing, work.camera, spec.wavelength)
+        target, plane = target_on_design_grid(drawing, work.camera, spec.wavelength)
         result = retrieve(
             work.camera,
             target,
@@ -151,27 +153,31 @@ def retrieve_psf(spec: PSFPattern, count: int, work: Work) -> list[Moment]:
             progress=work.part(number, len(moments)).progress,
             speed=speed,
         )
-        found.append(Moment(target, plane, result))
+        found.append(RetrievedMoment(target, plane, result))
     return found
 
 
-def frames_of(moments: list[Moment], spec: PSFPattern) -> Iterator[Frame]:
+def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterator[PhaseFrame]:
     """All frames of a retrieved video in turn."""
     for moment in moments:
         orders = max(spec.orders, moment.result.orders)
         for phase in moment.result.phases:
-            yield Frame(phase, orders)
+            yield PhaseFrame(phase, orders)
 
 
-def designed(drawing: Drawn, camera: Camera, wavelength: float) -> tuple[torch.Tensor, Plane]:
+def target_on_design_grid(
+    drawing: Renderable, camera: Camera, wavelength: float
+) -> tuple[torch.Tensor, Plane]:
     """A target on a window of the design grid that holds it, with dark around it."""
-    window = window_for(camera, wavelength, drawing.reach)
+    window = window_for_reach(camera, wavelength, drawing.reach)
     plane = design_plane(camera, wavelength, window)
-    return drawing.on(plane), plane
+    return drawing.render(plane), plane
 
 
-def _ring(spec: RingPattern, number: int, work: Work) -> torch.Tensor:
-    target, plane = designed(spec.target.draw(work.folder), work.camera, spec.wavelength)
+def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
+    target, plane = target_on_design_grid(
+        spec.target.draw(work.folder), work.camera, spec.wavelength
+    )
     result = retrieve(
         work.camera,
         target,
@@ -186,20 +192,20 @@ def _ring(spec: RingPattern, number: int, work: Work) -> torch.Tensor:
     return result.phases[0]
 
 
-def _summed(spec: SumPattern, count: int, work: Work) -> Iterator[Frame]:
+def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
     """Parts that jump are added to the others' sum, whose slope is judged."""
     parts = [
-        phase_frames(part, count, replace(work.part(i, len(spec.parts)), seed=_seed(work, i)))
+        phase_frames(part, count, replace(work.part(i, len(spec.parts)), seed=_part_seed(work, i)))
         for i, part in enumerate(spec.parts)
     ]
     for frames in zip(*parts, strict=True):
         both = list(zip(spec.parts, frames, strict=True))
-        total = superposed(work.camera.panel, *(one.phase for part, one in both if part.smooth))
+        total = superpose(work.camera.panel, *(one.phase for part, one in both if part.smooth))
         for part, one in both:
             total = total if part.smooth else total + one.phase
-        yield Frame(total, max([spec.orders, *(one.orders for one in frames)]))
+        yield PhaseFrame(total, max([spec.orders, *(one.orders for one in frames)]))
 
 
-def _seed(work: Work, number: int) -> int:
+def _part_seed(work: PatternContext, number: int) -> int:
     """Of a sum's part: two parts of one kind shall not be alike."""
     return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])

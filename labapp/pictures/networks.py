@@ -12,18 +12,18 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
-from labapp.files.reading import bundled
-from optics.deconvolution.denoiser import denoiser_of
+from labapp.files.reading import bundled_path
+from optics.deconvolution.denoiser import load_denoiser
 from optics.deconvolution.method import Denoise
 
-PACKAGED = bundled("denoiser.npz")
+BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
 """Trained by `labapp train`; see SOURCES.txt beside it."""
 
 
 @functools.cache
-def packaged_denoiser() -> Denoise:
+def bundled_denoiser() -> Denoise:
     """The denoiser behind plug-and-play restoration."""
-    return read_denoiser(PACKAGED)
+    return read_denoiser(BUNDLED_WEIGHTS)
 
 
 def read_denoiser(path: Path) -> Denoise:
@@ -31,7 +31,7 @@ def read_denoiser(path: Path) -> Denoise:
     try:
         with np.load(path, allow_pickle=False) as stored:
             weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
-        return denoiser_of(weights).denoised
+        return load_denoiser(weights).denoise
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise UserError(
             f"{path}: not a denoiser's weights: {error} Write some with labapp train."

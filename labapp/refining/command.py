@@ -7,17 +7,17 @@ from pathlib import Path
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, read_design, write_design
-from labapp.files.places import is_design
-from labapp.files.writing import make_folder, require_free, require_writable, write_whole
-from labapp.refining.exposing import record_of
-from labapp.refining.request import Request, completed
-from labapp.refining.result import Result, contents_of
-from labapp.refining.start import start_from
-from labapp.refining.telling import tell, warn_of_description
-from labapp.refining.view import view_of
-from labapp.refining.watching import Watcher
-from labapp.runs.acquisition.taking import Ask
-from labapp.runs.running import Manner, attended
+from labapp.files.output_paths import is_design
+from labapp.files.writing import make_folder, require_free_names, require_writable, write_atomically
+from labapp.refining.psf_exposure import record_path
+from labapp.refining.psf_measurement import PSFMeasurer
+from labapp.refining.refinement_report import print_report, warn_of_missing_registration
+from labapp.refining.refinement_request import RefinementRequest, with_star_size
+from labapp.refining.result import RefinementResult, refined_design_contents
+from labapp.refining.sensor_view import build_view
+from labapp.refining.start import build_start
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.run_commands import ExecutionOptions, interactive_progress
 from optics.progress import Progress
 from optics.retrieval import refine
 
@@ -26,7 +26,12 @@ _SHARE = 0.95
 
 
 def refine_design(
-    design: Path, path: Path, runs: Path | None, request: Request, files: BenchFiles, manner: Manner
+    design: Path,
+    path: Path,
+    runs: Path | None,
+    request: RefinementRequest,
+    files: BenchFiles,
+    manner: ExecutionOptions,
 ) -> None:
     """Write the refined design and its picture; say how good every picture of the bench was.
 
@@ -38,56 +43,65 @@ def refine_design(
     folder = runs or path.with_name(f"{path.stem}_runs")
     for file in (path, drawn):
         require_writable(file, force=manner.force)
-    records = [record_of(folder, number + 1).name for number in range(request.pictures)]
-    require_free(folder, records, force=manner.force)
+    records = [record_path(folder, number + 1).name for number in range(request.pictures)]
+    require_free_names(folder, records, force=manner.force)
     before = read_design(design)
-    with open_bench(files, speed=manner.speed) as bench, attended(manner) as (progress, ask):
+    with (
+        open_bench(files, speed=manner.speed) as bench,
+        interactive_progress(manner) as (progress, ask),
+    ):
         pictures = progress.part(0, _SHARE)
-        result = refined(bench, before, design, folder, request, pictures, ask, force=manner.force)
-        contents = contents_of(result, design, before, bench.file, progress.part(_SHARE, 1))
+        result = run_refinement(
+            bench, before, design, folder, request, pictures, ask, force=manner.force
+        )
+        contents = refined_design_contents(
+            result, design, before, bench.file, progress.part(_SHARE, 1)
+        )
         name = bench.file.name
     write_design(path, contents)
-    from labapp.refining.picture import picture
+    from labapp.refining.refinement_picture import draw_refinement
 
     notes = f"{name}, {result.start.spec.wavelength_nm:g} nm, {len(result.pictures)} pictures"
-    write_whole(drawn, picture(contents.title, notes, result))
-    tell(result, [path, drawn], as_json=manner.as_json)
+    write_atomically(drawn, draw_refinement(contents.title, notes, result))
+    print_report(result, [path, drawn], as_json=manner.as_json)
 
 
-def refined(
+def run_refinement(
     bench: Bench,
     contents: DesignContents,
     design: Path,
     folder: Path,
-    request: Request,
+    request: RefinementRequest,
     progress: Progress | None = None,
-    ask: Ask | None = None,
+    ask: AskOperator | None = None,
     *,
     force: bool = False,
-) -> Result:
+) -> RefinementResult:
     """Take the pictures of a design on a bench, each into a record of a folder.
 
     design: the file's name in errors. UserError says what is wrong; Cancelled if the progress
     was cancelled. The bench is left safe.
     """
-    start = start_from(contents, design, bench.description)
-    request = completed(request, bench)
+    start = build_start(contents, design, bench.description)
+    request = with_star_size(request, bench)
     assert request.star_um is not None
     assert request.star_m is not None
-    view = view_of(bench.file, start.goal, request.star_um * 1e-6, request.star_m)
-    if not view.calibrated:
-        warn_of_description()
+    view = build_view(bench.file, start.goal, request.star_um * 1e-6, request.star_m)
+    if not view.is_calibrated:
+        warn_of_missing_registration()
     make_folder(folder)
-    watcher = Watcher(bench, request, start, view, folder, force, ask, [])
+    watcher = PSFMeasurer(bench, request, start, view, folder, force, ask, [])
     try:
         found = refine(
             start.goal,
             start.phases,
             watcher,
             request.pictures,
-            blur=view.blurred,
+            blur=view.convolve_with_star,
             progress=progress,
         )
     except ValueError as error:
         raise UserError(f"{design}: {error}.") from error
-    return Result(start, request, view, watcher.seen, start.on_panel(found.phases))
+    return RefinementResult(
+        start, request, view, watcher.measurements, start.phases_on_panel(found.phases)
+    )

@@ -12,24 +12,24 @@ import torch
 
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid
-from labapp.light.predicted import predicted_psf
-from labapp.refining.request import Request
-from labapp.refining.start import Start
-from labapp.refining.view import View
-from labapp.refining.watching import Seen
+from labapp.light.pattern_psf import predicted_psf
+from labapp.refining.psf_measurement import MeasuredPSF
+from labapp.refining.refinement_request import RefinementRequest
+from labapp.refining.sensor_view import SensorView
+from labapp.refining.start import RefinementStart
 from optics.progress import Progress
-from optics.retrieval.judging import judge
-from optics.retrieval.slow_crystal import shown_light
+from optics.retrieval.quality import measure_quality
+from optics.retrieval.slow_crystal import displayed_psf
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class RefinementResult:
     """pictures: in the order in which they were taken. phases: of the best one."""
 
-    start: Start
-    request: Request
-    view: View
-    pictures: Sequence[Seen]
+    start: RefinementStart
+    request: RefinementRequest
+    view: SensorView
+    pictures: Sequence[MeasuredPSF]
     phases: torch.Tensor
 
     @cached_property
@@ -39,10 +39,10 @@ class Result:
         return errors.index(min(errors))
 
     @property
-    def account(self) -> dict[str, Any]:
+    def refinement_record(self) -> dict[str, Any]:
         """How it was refined, for programs; pictures count from 1, as their records do."""
         return {
-            "registration": "calibrated" if self.view.calibrated else "described",
+            "registration": "calibrated" if self.view.is_calibrated else "described",
             "best": self.best + 1,
             "pictures": [
                 {
@@ -57,17 +57,21 @@ class Result:
         }
 
 
-def contents_of(
-    result: Result, design: Path, before: DesignContents, bench: BenchFile, progress: Progress
+def refined_design_contents(
+    result: RefinementResult,
+    design: Path,
+    before: DesignContents,
+    bench: BenchFile,
+    progress: Progress,
 ) -> DesignContents:
     """The refined design's file; `before` is what `design` holds."""
     start, goal = result.start, result.start.goal
     camera, phases = goal.camera, result.phases
-    greys = start.greys(phases)
+    greys = start.grey_levels(phases)
     rows, columns = before.psf.images.shape[1:]
-    pixels = camera.sensor.window((rows, columns))
+    pixels = camera.sensor.window_plane((rows, columns))
     psf = predicted_psf(camera, torch.from_numpy(greys), goal.wavelength, pixels, progress)
-    quality = judge(goal, shown_light(goal, phases, start.orders))
+    quality = measure_quality(goal, displayed_psf(goal, phases, start.orders))
     figures = {
         "efficiency": [quality.efficiency],
         "contrast": [quality.contrast],
@@ -82,17 +86,17 @@ def contents_of(
         grey=greys,
         phase=phases.numpy(),
         frame_time=1 / camera.panel.frame_rate if start.frames > 1 else 0.0,
-        psf=Grid.of(psf, pixels),
-        target=Grid.of(target[None], goal.plane),
+        psf=Grid.from_tensor(psf, pixels),
+        target=Grid.from_tensor(target[None], goal.plane),
         quality={**before.quality, **figures},
     )
 
 
-def _settings(result: Result, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
+def _settings(result: RefinementResult, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
     """The design's own, and how it was refined, each time that it was."""
     account = {
         "from": str(design.resolve()),
         "request": result.request.model_dump(mode="json"),
-        **result.account,
+        **result.refinement_record,
     }
     return {**before, "refined": [*before.get("refined", []), account]}

@@ -13,20 +13,20 @@ from pydantic import TypeAdapter, ValidationError
 from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents
 from labapp.files.pattern_table import Pattern, PSFPattern, VideoPattern
-from labapp.patterns.grey_levels import designed
+from labapp.patterns.grey_levels import target_on_design_grid
 from optics.camera import Camera
-from optics.retrieval.goal import Goal
-from optics.retrieval.slow_crystal import orders_of, shown_ways
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.slow_crystal import shortest_panel_phases, usable_orders
 from optics.slm import grey_to_phase, phase_to_grey
 from optics.slm.flatness import flatness_phase
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class RefinementStart:
     """phases: (frames, rows, columns), radians. orders: whole waves that they are shown in."""
 
     spec: PSFPattern
-    goal: Goal
+    goal: RetrievalGoal
     phases: torch.Tensor
     orders: int
 
@@ -34,15 +34,15 @@ class Start:
     def frames(self) -> int:
         return len(self.phases)
 
-    def on_panel(self, phases: torch.Tensor) -> torch.Tensor:
+    def phases_on_panel(self, phases: torch.Tensor) -> torch.Tensor:
         """Phases as they are shown: in the orders of a video that its liquid crystal likes best."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         slow = self.frames > 1 and panel.response_time > 0
-        if not slow or self.orders != orders_of(panel, wavelength):
+        if not slow or self.orders != usable_orders(panel, wavelength):
             return phases
-        return shown_ways(self.goal, phases)
+        return shortest_panel_phases(self.goal, phases)
 
-    def greys(self, phases: torch.Tensor) -> NDArray[np.uint8]:
+    def grey_levels(self, phases: torch.Tensor) -> NDArray[np.uint8]:
         """Grey levels, (frames, rows, columns), of phases as they are shown."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         return np.stack(
@@ -50,25 +50,25 @@ class Start:
         )
 
 
-def start_from(contents: DesignContents, path: Path, camera: Camera) -> Start:
+def build_start(contents: DesignContents, path: Path, camera: Camera) -> RefinementStart:
     """The goal that a design was made for, anew for a camera as it is known now.
 
     UserError if the design isn't one for a PSF's shape, or is for another panel.
     """
     spec = _spec(contents, path)
     _require_panel(contents, path, camera)
-    drawings = spec.target.at(len(contents.grey), Path())
+    drawings = spec.target.video_drawings(len(contents.grey), Path())
     if len(drawings) > 1:
         raise UserError(
-            f"{path}: {spec.sizes} changes with time, and a picture shows its mean. Refine a "
+            f"{path}: {spec.summary} changes with time, and a picture shows its mean. Refine a "
             "shape that stands still."
         )
     try:
-        target, plane = designed(drawings[0], camera, spec.wavelength)
-        goal = Goal(camera, target, plane, spec.wavelength)
+        target, plane = target_on_design_grid(drawings[0], camera, spec.wavelength)
+        goal = RetrievalGoal(camera, target, plane, spec.wavelength)
     except ValueError as error:
         raise UserError(f"{path}: {error}.") from error
-    return Start(spec, goal, _phases(contents, camera, spec.wavelength), contents.orders)
+    return RefinementStart(spec, goal, _phases(contents, camera, spec.wavelength), contents.orders)
 
 
 def _spec(contents: DesignContents, path: Path) -> PSFPattern:

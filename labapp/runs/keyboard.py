@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from labapp.common.errors import UserError
 from optics.progress import Progress
 
-_LOOK = 0.05
+_POLL_INTERVAL = 0.05
 """Seconds between looks at whether somebody has answered, or has cancelled."""
 
 
@@ -28,25 +28,25 @@ class Keyboard:
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._asked, self._entered = threading.Event(), threading.Event()
-        self._gone = threading.Event()
+        self._question_pending, self._answer_given = threading.Event(), threading.Event()
+        self._input_ended = threading.Event()
         self._done = threading.Event()
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def wait_for_enter(self, progress: Progress) -> None:
         """Return when Enter is pressed from now on. UserError if nobody ever can."""
-        self._entered.clear()
-        self._asked.set()
+        self._answer_given.clear()
+        self._question_pending.set()
         try:
-            while not self._entered.wait(_LOOK):
-                progress.check()
-                if self._gone.is_set() and not self._entered.is_set():
+            while not self._answer_given.wait(_POLL_INTERVAL):
+                progress.raise_if_cancelled()
+                if self._input_ended.is_set() and not self._answer_given.is_set():
                     raise UserError(
                         "the run asks a person, and standard input has ended. Run it in a "
                         "terminal, or with --yes when all is in place."
                     )
         finally:
-            self._asked.clear()
+            self._question_pending.clear()
 
     def close(self) -> None:
         self._done.set()
@@ -54,30 +54,30 @@ class Keyboard:
     def _read(self) -> None:
         source = _standard_input()
         if source is None:
-            self._gone.set()
+            self._input_ended.set()
             return
         terminal = os.isatty(source)
         while not self._done.is_set():
-            if not (_is_ours(source) if terminal else self._wants_answer):
-                self._done.wait(_LOOK)
+            if not (_is_in_foreground(source) if terminal else self._wants_answer):
+                self._done.wait(_POLL_INTERVAL)
                 continue
-            ready, _, _ = select.select([source], [], [], _LOOK)
+            ready, _, _ = select.select([source], [], [], _POLL_INTERVAL)
             if not ready:
                 continue
             pressed = os.read(source, 1)
             if not pressed:
-                self._gone.set()
+                self._input_ended.set()
                 return
             self._press(pressed, terminal)
 
     @property
     def _wants_answer(self) -> bool:
         """Each question takes one line: the next one belongs to the next question."""
-        return self._asked.is_set() and not self._entered.is_set()
+        return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
         if key in b"\r\n":
-            self._entered.set()
+            self._answer_given.set()
         elif terminal and key in b"pP":
             self._progress.pause()
         elif terminal and key in b"rR":
@@ -92,7 +92,7 @@ def _standard_input() -> int | None:
         return None
 
 
-def _is_ours(terminal: int) -> bool:
+def _is_in_foreground(terminal: int) -> bool:
     """Whether this process is in the terminal's foreground: who reads behind it is stopped."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
@@ -101,10 +101,12 @@ def _is_ours(terminal: int) -> bool:
 
 
 @contextmanager
-def listening(progress: Progress) -> Iterator[Keyboard]:
+def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
     """A keyboard whose keys are heard one by one, without Enter, where it is a terminal."""
     source = _standard_input()
-    terminal = source if source is not None and os.isatty(source) and _is_ours(source) else None
+    terminal = (
+        source if source is not None and os.isatty(source) and _is_in_foreground(source) else None
+    )
     before = termios.tcgetattr(terminal) if terminal is not None else None
     if terminal is not None:
         tty.setcbreak(terminal)
@@ -113,5 +115,5 @@ def listening(progress: Progress) -> Iterator[Keyboard]:
         yield keyboard
     finally:
         keyboard.close()
-        if terminal is not None and before is not None and _is_ours(terminal):
+        if terminal is not None and before is not None and _is_in_foreground(terminal):
             termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -9,10 +9,10 @@ from itertools import product
 from math import lcm
 from typing import Any
 
-from labapp.files.plan_file import AXES, Acquisition, Axis, Interleaved, PlanFile, Role
-from labapp.runs.abilities import Abilities
+from labapp.files.plan_file import AXES, Acquisition, Axis, InterleavedFrames, PlanFile, Role
+from labapp.runs.capabilities import BenchCapabilities
 
-Setting = Mapping[Axis, Any]
+AxisValues = Mapping[Axis, Any]
 """A value for every axis; wavelengths in metres with their slot, exposures in seconds."""
 
 
@@ -22,8 +22,8 @@ class Shot:
 
     wavelength: metres. exposure: seconds. role: light, or what calibration frame it is.
     place: the target's name on the bench. prompt: what a person does before it is placed.
-    slot: of a filter wheel; 0 sets the wavelength. moment: seconds from the beginning of the
-    run at which the exposure begins, if nothing goes wrong. lasts: seconds that it takes,
+    slot: of a filter wheel; 0 sets the wavelength. start_time: seconds from the beginning of the
+    run at which the exposure begins, if nothing goes wrong. duration: seconds that it takes,
     settling included.
     """
 
@@ -38,53 +38,64 @@ class Shot:
     place: str = ""
     prompt: str = ""
     slot: int = 0
-    moment: float = 0.0
-    lasts: float = 0.0
+    start_time: float = 0.0
+    duration: float = 0.0
 
 
-def shots(plan: PlanFile, abilities: Abilities) -> list[Shot]:
+def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]:
     """Every frame of a plan on a bench, in the order in which they are taken."""
     listed: list[Shot] = []
     for block in plan.acquire:
         first = max((shot.step for shot in listed), default=-1) + 1
-        listed += _block(block, plan, abilities, first)
+        listed += _block_shots(block, plan, capabilities, first)
     listed = [replace(shot, index=index) for index, shot in enumerate(listed)]
-    return _timed(listed, abilities)
+    return _schedule_shots(listed, capabilities)
 
 
-def exposures(block: Acquisition, plan: PlanFile, abilities: Abilities) -> list[float]:
+def block_exposures(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
+) -> list[float]:
     """The exposures of a block in seconds, whole microseconds as cameras count."""
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
     # A period of all videos, so that pictures of different patterns can be compared.
     frames = lcm(*(video.length for video in plan.videos(block).values()))
-    return [round(n * frames * abilities.video_frame * 1e6) / 1e6 for n in block.periods or ()]
+    return [round(n * frames * capabilities.video_frame * 1e6) / 1e6 for n in block.periods or ()]
 
 
-def _block(block: Acquisition, plan: PlanFile, abilities: Abilities, first: int) -> list[Shot]:
+def _block_shots(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, first: int
+) -> list[Shot]:
     """The frames of a block, calibration frames between them; steps count from `first`."""
-    light = [_shot(setting, block.role, plan) for setting in _settings(block, plan, abilities)]
+    light = [
+        _build_shot(setting, block.role, plan)
+        for setting in _axis_combinations(block, plan, capabilities)
+    ]
     listed: list[Shot] = []
     for number, shot in enumerate(light):
         for asked in block.interleave:
             if number % (asked.every or len(light)) == 0:
                 group = light[number : number + (asked.every or len(light))]
-                listed += _calibration(asked, group, plan)
+                listed += _calibration_shots(asked, group, plan)
         listed.append(shot)
-    return _numbered(listed, first)
+    return _assign_steps(listed, first)
 
 
-def _settings(block: Acquisition, plan: PlanFile, abilities: Abilities) -> Iterator[Setting]:
+def _axis_combinations(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
+) -> Iterator[AxisValues]:
     """Every combination of a block's axes, in its order; some axes may step together."""
     if block.slots is not None:
-        wavelengths = [(n, abilities.slots[n - 1]) for n in block.slots]
+        wavelengths = [(n, capabilities.slots[n - 1]) for n in block.slots]
     else:
-        wavelengths = [(0, abilities.metres(nm)) for nm in block.wavelengths_nm or ()]
+        wavelengths = [
+            (0, capabilities.wavelength_in_metres(nm)) for nm in block.wavelengths_nm or ()
+        ]
     values: dict[Axis, list[Any]] = {
         "target": list(block.targets),
         "pattern": list(block.patterns),
         "wavelength": wavelengths,
-        "exposure": exposures(block, plan, abilities),
+        "exposure": block_exposures(block, plan, capabilities),
         "repeat": list(range(block.repeats)),
     }
     order = [*block.order, *(axis for axis in AXES if axis not in block.order)]
@@ -102,7 +113,7 @@ def _settings(block: Acquisition, plan: PlanFile, abilities: Abilities) -> Itera
         }
 
 
-def _shot(setting: Setting, role: Role, plan: PlanFile) -> Shot:
+def _build_shot(setting: AxisValues, role: Role, plan: PlanFile) -> Shot:
     slot, wavelength = setting["wavelength"]
     known = plan.targets.get(setting["target"])
     return Shot(
@@ -120,28 +131,30 @@ def _shot(setting: Setting, role: Role, plan: PlanFile) -> Shot:
     )
 
 
-def _calibration(asked: Interleaved, group: list[Shot], plan: PlanFile) -> list[Shot]:
+def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: PlanFile) -> list[Shot]:
     """The calibration frames that a group of frames needs: each setting once, repeated."""
     needed: dict[Any, Shot] = {}
     for shot in group:
-        made = _shot(
+        made = _build_shot(
             {
-                "target": shot.target if asked.role == "neutral" else asked.target or asked.role,
-                "pattern": asked.pattern,
+                "target": shot.target
+                if request.role == "neutral"
+                else request.target or request.role,
+                "pattern": request.pattern,
                 "wavelength": (shot.slot, shot.wavelength),
                 "exposure": shot.exposure,
                 "repeat": 0,
             },
-            asked.role,
+            request.role,
             plan,
         )
         # No light, no colour: darks of every exposure are enough.
-        colour = None if asked.role == "dark" else (made.slot, made.wavelength)
+        colour = None if request.role == "dark" else (made.slot, made.wavelength)
         needed.setdefault((made.target, colour, made.exposure), made)
-    return [replace(shot, repeat=n) for shot in needed.values() for n in range(asked.frames)]
+    return [replace(shot, repeat=n) for shot in needed.values() for n in range(request.frames)]
 
 
-def _numbered(listed: Iterable[Shot], first: int) -> list[Shot]:
+def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
     """With a step for every setting; a setting that comes again, repeat and all, is a new one.
 
     A frame's chance follows from step and repeat, so that no two frames may share both.
@@ -158,24 +171,24 @@ def _numbered(listed: Iterable[Shot], first: int) -> list[Shot]:
     return numbered
 
 
-def _timed(listed: Iterable[Shot], abilities: Abilities) -> list[Shot]:
+def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
     """With the moment at which each is due: what changes settles at once, then the exposure."""
     timed: list[Shot] = []
     now = 0.0
     before: Shot | None = None
     for shot in listed:
-        settling = _settling(before, shot, abilities)
-        lasts = settling + shot.exposure + abilities.readout
-        timed.append(replace(shot, moment=now + settling, lasts=lasts))
+        settling = _settling_time(before, shot, capabilities)
+        lasts = settling + shot.exposure + capabilities.readout
+        timed.append(replace(shot, start_time=now + settling, duration=lasts))
         now, before = now + lasts, shot
     return timed
 
 
-def _settling(before: Shot | None, shot: Shot, abilities: Abilities) -> float:
+def _settling_time(before: Shot | None, shot: Shot, capabilities: BenchCapabilities) -> float:
     changes = (
-        (lambda s: s.place, abilities.target_settling),
-        (lambda s: s.pattern, abilities.slm_settling),
-        (lambda s: (s.wavelength, s.slot), abilities.filter_settling),
+        (lambda s: s.place, capabilities.target_settling),
+        (lambda s: s.pattern, capabilities.slm_settling),
+        (lambda s: (s.wavelength, s.slot), capabilities.filter_settling),
     )
     changed = [time for of, time in changes if before is None or of(before) != of(shot)]
     return max(changed, default=0.0)

@@ -9,24 +9,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["STUDIES", "Entry"]
+__all__ = ["STUDIES", "StudyEntry"]
 
 
 @dataclass(frozen=True)
-class Entry:
+class StudyEntry:
     """Where a study is, and what it is in a line. module: of the catalogue, has a `STUDY`."""
 
     module: str
     figure: str
-    line: str
+    summary: str
 
 
-STUDIES: dict[str, Entry] = {
-    "psf-shapes": Entry("psf_shapes", "Fig. 3.3", "PSFs of many shapes, by phase retrieval"),
-    "psf-video": Entry("psf_video", "Fig. 3.4", "a PSF that shrinks with time"),
-    "psf-stability": Entry("psf_stability", "Fig. 3.5", "how smooth a phase video makes a PSF"),
-    "refocus": Entry("refocus", "Fig. 3.6", "another focus by a lens on the SLM"),
-    "cubic-edof": Entry("cubic_edof", "Fig. 2.15-2.17", "more depth of field, by a cubic phase"),
-    "deconvolution": Entry("deconvolution", "Fig. 2.9", "a blurred photograph, restored"),
+STUDIES: dict[str, StudyEntry] = {
+    "psf-shapes": StudyEntry("psf_shapes", "Fig. 3.3", "PSFs of many shapes, by phase retrieval"),
+    "psf-video": StudyEntry("psf_video", "Fig. 3.4", "a PSF that shrinks with time"),
+    "psf-stability": StudyEntry(
+        "psf_stability", "Fig. 3.5", "how smooth a phase video makes a PSF"
+    ),
+    "refocus": StudyEntry("refocus", "Fig. 3.6", "another focus by a lens on the SLM"),
+    "cubic-edof": StudyEntry(
+        "cubic_edof", "Fig. 2.15-2.17", "more depth of field, by a cubic phase"
+    ),
+    "deconvolution": StudyEntry("deconvolution", "Fig. 2.9", "a blurred photograph, restored"),
 }
 """By name. Without what they need to run, so that help is instant."""

@@ -9,19 +9,19 @@ import numpy as np
 from labapp.files.scene_targets import LayersTable
 from labapp.pictures.analysis.brackets import Picture
 from labapp.runs.record.reader import Record
-from labapp.studies.contract import Row
+from labapp.studies.contract import ResultRow
 from optics.camera import Camera
 
-BRICKS = "bricks"
+BRICKS_TARGET = "bricks"
 """The target's name."""
 
-Region = tuple[float, slice, slice]
+BrickRegion = tuple[float, slice, slice]
 """Distance, rows and columns of a brick on the sensor."""
 
 
-def regions_of(record: Record, camera: Camera) -> list[Region]:
+def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
     """Where a simulated scene's bricks are seen, the nearest first; of a real one unknown."""
-    table = record.scene.targets.get(BRICKS) if record.scene else None
+    table = record.scene.targets.get(BRICKS_TARGET) if record.scene else None
     if not isinstance(table, LayersTable):
         return []
     found = []
@@ -39,16 +39,18 @@ def regions_of(record: Record, camera: Camera) -> list[Region]:
     return found
 
 
-def sharpened(scenes: Sequence[Picture], regions: Sequence[Region], near: float) -> list[Row]:
+def sharpness_rows(
+    scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
+) -> list[ResultRow]:
     rows = []
     for distance, y, x in regions:
-        plain, coded = (steepness(scene[y, x]) for scene in scenes)
+        plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)
         ratio = coded / plain
         wanted = "more than 1" if abs(distance - near) < 0.05 else "-"
         if distance == max(one[0] for one in regions):
             wanted = "less than 1"
         rows.append(
-            Row(
+            ResultRow(
                 f"steepest edges of the brick at {distance:g} m, with the lens over without",
                 "picture only",
                 wanted,
@@ -59,7 +61,7 @@ def sharpened(scenes: Sequence[Picture], regions: Sequence[Region], near: float)
     return rows
 
 
-def steepness(picture: Picture) -> float:
+def edge_steepness(picture: Picture) -> float:
     """Of the steepest edges, relative to the picture's range: 99th percentile of the gradient
     over two pixels, so that noise counts little."""
     y = picture[2:, 1:-1] - picture[:-2, 1:-1]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from optics.progress import Progress
 
 
-class Settings(FileModel):
+class StudySettings(FileModel):
     """What a person can set, one field each, with a default.
 
     A field's name ends in its unit, as in `radius_um`, and its description says what it is.
@@ -29,11 +29,11 @@ class Settings(FileModel):
     QUICK: ClassVar[Mapping[str, Any]] = {}
 
 
-S = TypeVar("S", bound=Settings)
+S = TypeVar("S", bound=StudySettings)
 
 
 @dataclass(frozen=True)
-class Row:
+class ResultRow:
     """A figure of the study: what was published, or must be by theory, and ours.
 
     published: in words, with its source; "picture only" where the thesis prints no number, and
@@ -49,14 +49,14 @@ class Row:
     @classmethod
     def of_score(
         cls, name: str, score: Score, published: Mapping[str, str], expected: str = "-"
-    ) -> Row:
+    ) -> ResultRow:
         """How near a picture comes to the sharp one. published: words by the pictures' names."""
         ours = f"{score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
         return cls(name, published.get(name, "-"), expected, ours, score.psnr)
 
 
 @dataclass(frozen=True, eq=False)
-class Plate:
+class StudyFigure:
     """A picture of the study's page."""
 
     title: str
@@ -65,7 +65,7 @@ class Plate:
 
 
 @dataclass(frozen=True, eq=False)
-class Movie:
+class StudyAnimation:
     """A moving picture of the study's page. data: a GIF file."""
 
     title: str
@@ -74,19 +74,19 @@ class Movie:
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class StudyResults:
     """What a study found.
 
-    rows: one at least. plates: one at least; the first is also written as study.png. notes:
+    rows: one at least. figures: one at least; the first is also written as study.png. notes:
     sentences on what the study can't tell, and why ours may differ. data: further figures for
     programs, plain and finite.
     """
 
-    rows: Sequence[Row]
-    plates: Sequence[Plate]
+    rows: Sequence[ResultRow]
+    figures: Sequence[StudyFigure]
     notes: Sequence[str] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
-    movies: Sequence[Movie] = ()
+    animations: Sequence[StudyAnimation] = ()
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Study(Generic[S]):
         plan: PlanFile = import_module(self.module).plan(settings, camera)
         return plan
 
-    def evaluate(self, record: Record, settings: S, progress: Progress) -> Results:
+    def evaluate(self, record: Record, settings: S, progress: Progress) -> StudyResults:
         """What a complete record shows."""
-        results: Results = import_module(self.module).evaluate(record, settings, progress)
+        results: StudyResults = import_module(self.module).evaluate(record, settings, progress)
         return results

@@ -11,39 +11,39 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import bundled, read_grey
-from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
+from labapp.files.reading import bundled_path, read_grey
+from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
 from labapp.pictures.analysis.score import Score, score
-from labapp.pictures.analysis.star import measure_psf
+from labapp.pictures.analysis.star_psf import measure_psf
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.cubic_edof import STUDY
 from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
-from labapp.studies.contract import Plate, Results, Row
-from labapp.studies.drawing import draw_grey, draw_log, draw_panel
-from labapp.studies.stars import bracket, correlation, plan_of
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
+from labapp.studies.stars import acquisition_block, build_study_plan, correlation
 from optics.camera import Camera
-from optics.deconvolution.depths import depths, pasted
-from optics.deconvolution.layered import layered
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.layered_observation import build_layered_observation
+from optics.deconvolution.layered_restoration import paste_layers, restore_layers
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.separable import separable_parts
 from optics.deconvolution.total_variation import total_variation
+from optics.otf import ambiguity_function, defocused_transfer_function
 from optics.progress import Progress
-from optics.transfer import ambiguity, defocused_transfer
 
-STARS = {"star": 2.0, "star-far": 2.2}
+STAR_DISTANCES = {"star": 2.0, "star-far": 2.2}
 """Their distances, metres: of the layers as well, the near one in focus."""
 
-_NEAR = 2
+_NEAR_LEVEL = 2
 """In the picture of depths."""
 
-_COVER = 1.05
+_PHOTOGRAPH_OVERSIZE = 1.05
 """Side of the photograph over that of the frame."""
 
 _WINDOW = 128
 """Sensor pixels across a PSF."""
 
-_SLIT = 129
+_AMBIGUITY_SAMPLES = 129
 """Samples of the polar display along each axis."""
 
 _PUBLISHED = {
@@ -56,38 +56,39 @@ _PUBLISHED = {
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
     nm, both = settings.wavelength_nm, ["neutral", "cubic"]
-    return plan_of(
+    return build_study_plan(
         STUDY,
         {"cubic": {"kind": "cubic", "strength_rad": settings.strength_rad}},
-        bracket(list(STARS), both, nm, exposures_ms=settings.star_ms),
-        bracket(["depths"], both, nm, exposures_ms=settings.scene_ms),
-        bracket(["sharp"], ["neutral"], nm, exposures_ms=settings.scene_ms) | {"interleave": []},
+        acquisition_block(list(STAR_DISTANCES), both, nm, exposures_ms=settings.star_ms),
+        acquisition_block(["depths"], both, nm, exposures_ms=settings.scene_ms),
+        acquisition_block(["sharp"], ["neutral"], nm, exposures_ms=settings.scene_ms)
+        | {"interleave": []},
     )
 
 
-def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> StudyResults:
     """How alike the PSFs are, what the transfer functions do, and the pictures restored."""
     brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.bench.build_camera()
     psfs = {
         (star, pattern): _psf(record, brackets, star, pattern, settings)
-        for star in STARS
+        for star in STAR_DISTANCES
         for pattern in ("neutral", "cubic")
     }
-    pictures = _restored(record, brackets, psfs, settings, progress.part(0.3, 0.95))
+    pictures = _restore_pictures(record, brackets, psfs, settings, progress.part(0.3, 0.95))
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     del scores["sharp"]
-    waves, strength = _slit(camera, settings)
+    waves, strength = _defocus_and_strength(camera, settings)
     rows = [
-        _alike_row(psfs),
+        _depth_invariance_row(psfs),
         _zeros_row(waves, strength),
         _separable_row(psfs),
-        *(Row.of_score(name, one, _PUBLISHED) for name, one in scores.items()),
+        *(ResultRow.of_score(name, one, _PUBLISHED) for name, one in scores.items()),
     ]
     plates = [
-        _pictures_plate(pictures, scores),
-        _psf_plate(record, psfs),
-        _ambiguity_plate(waves, strength),
+        _pictures_figure(pictures, scores),
+        _psfs_figure(record, psfs),
+        _ambiguity_figure(waves, strength),
     ]
     notes = [
         "The photograph's near part is at 2 m, in focus, its far part at 2.2 m; nearer things hide "
@@ -100,10 +101,10 @@ def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> Resu
         "column and a row.",
     ]
     data = {name: one.as_data for name, one in scores.items()}
-    return Results(rows, plates, notes, {"scores": data, "waves": waves})
+    return StudyResults(rows, plates, notes, {"scores": data, "waves": waves})
 
 
-PSFs = dict[tuple[str, str], Picture]
+PSFsByStarAndPattern = dict[tuple[str, str], Picture]
 
 
 def _psf(
@@ -115,78 +116,82 @@ def _psf(
     return measure_psf(record, brackets, roles).measured
 
 
-def _restored(
+def _restore_pictures(
     record: Record,
     brackets: list[Bracket],
-    psfs: PSFs,
+    psfs: PSFsByStarAndPattern,
     settings: EdofSettings,
     progress: Progress,
 ) -> dict[str, Picture]:
     """All pictures on the sharp one's scale, white about 1."""
     wavelength = settings.wavelength_nm * 1e-9
     sharp, still, coded = (
-        find(brackets, target, pattern, wavelength, record.path).rate
+        find_bracket(brackets, target, pattern, wavelength, record.path).rate
         for target, pattern in (("sharp", "neutral"), ("depths", "neutral"), ("depths", "cubic"))
     )
     white = float(np.percentile(sharp, 99.9))
     image = (coded / white).astype(np.float32)
-    layers = frame_layers(image.shape)
-    each = [psfs[star, "cubic"].astype(np.float32) for star in STARS]
-    one = measured(image, each[0])
-    seen = layered(image, each, layers)
+    layers = frame_layer_indices(image.shape)
+    each = [psfs[star, "cubic"].astype(np.float32) for star in STAR_DISTANCES]
+    one = build_observation(image, each[0])
+    seen = build_layered_observation(image, each, layers)
     progress.report(0, "one PSF for all depths")
     found = {
         "sharp": sharp / white,
         "open aperture": still / white,
         "cubic, as taken": coded / white,
-        "one PSF, Richardson-Lucy": _array(richardson_lucy(one, 60).image),
-        "one PSF, total variation": _array(total_variation(one).image),
-        "PSF of each depth, pasted": _array(pasted(seen, total_variation)),
+        "one PSF, Richardson-Lucy": _to_numpy(richardson_lucy(one, 60).image),
+        "one PSF, total variation": _to_numpy(total_variation(one).image),
+        "PSF of each depth, pasted": _to_numpy(paste_layers(seen, total_variation)),
     }
-    together = depths(seen, iterations=settings.iterations, progress=progress.part(0.3, 0.65))
-    found["PSF of each depth, together"] = _array(together.image)
-    opened = [psfs[star, "neutral"].astype(np.float32) for star in STARS]
-    plain = layered((still / white).astype(np.float32), opened, layers)
-    sharpened = depths(plain, iterations=settings.iterations, progress=progress.part(0.65, 1))
-    found["open aperture, PSF of each depth"] = _array(sharpened.image)
+    together = restore_layers(
+        seen, iterations=settings.iterations, progress=progress.part(0.3, 0.65)
+    )
+    found["PSF of each depth, together"] = _to_numpy(together.image)
+    opened = [psfs[star, "neutral"].astype(np.float32) for star in STAR_DISTANCES]
+    plain = build_layered_observation((still / white).astype(np.float32), opened, layers)
+    sharpened = restore_layers(
+        plain, iterations=settings.iterations, progress=progress.part(0.65, 1)
+    )
+    found["open aperture, PSF of each depth"] = _to_numpy(sharpened.image)
     return found
 
 
-def _array(image: torch.Tensor) -> Picture:
+def _to_numpy(image: torch.Tensor) -> Picture:
     found: Picture = image.double().numpy()
     return found
 
 
-def frame_layers(shape: tuple[int, ...]) -> NDArray[np.int64]:
+def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Of each pixel of a frame whether it sees the near layer, 0, or the far one, 1."""
-    depth = read_grey(bundled("studies/edof-depth.png"))
+    depth = read_grey(bundled_path("studies/edof-depth.png"))
     rows, columns = shape[-2:]
     # Of the photograph's pixels on the sensor, as it just covers the frame and a little more.
-    side = _COVER * max(rows / depth.shape[0], columns / depth.shape[1])
+    side = _PHOTOGRAPH_OVERSIZE * max(rows / depth.shape[0], columns / depth.shape[1])
     y = (np.arange(rows) - rows // 2) / side + depth.shape[0] // 2
     x = (np.arange(columns) - columns // 2) / side + depth.shape[1] // 2
     down, along = (
         np.clip(np.rint(at), 0, n - 1).astype(np.int64)
         for at, n in zip((y, x), depth.shape, strict=True)
     )
-    return np.where(depth[down[:, None], along] == _NEAR, 0, 1)
+    return np.where(depth[down[:, None], along] == _NEAR_LEVEL, 0, 1)
 
 
-def _slit(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
+def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
     """Waves of defocus of the far star at the panel's longer half, and the plate's strength."""
     half = camera.panel.shape[1] * camera.panel.pitch / 2
-    near, far = STARS.values()
+    near, far = STAR_DISTANCES.values()
     vergence = 1 / near - 1 / far
     return half**2 * vergence / 2 / (settings.wavelength_nm * 1e-9), settings.strength_rad
 
 
-def _alike_row(psfs: PSFs) -> Row:
+def _depth_invariance_row(psfs: PSFsByStarAndPattern) -> ResultRow:
     """In focus and out of it."""
     alike = {
         pattern: correlation(psfs["star", pattern], psfs["star-far", pattern])
         for pattern in ("neutral", "cubic")
     }
-    return Row(
+    return ResultRow(
         "PSFs in focus and out of it, correlation",
         "depth-invariant with the plate (Fig. 2.16, p. of section 2.5; no number)",
         "nearer to 1 with the plate than without",
@@ -195,16 +200,17 @@ def _alike_row(psfs: PSFs) -> Row:
     )
 
 
-def _zeros_row(waves: float, strength: float) -> Row:
+def _zeros_row(waves: float, strength: float) -> ResultRow:
     """Of a slit as long as the panel, below half of its cut-off."""
     u = np.linspace(0.02, 1.0, 200)
     least = {}
-    for name, phase in (("open", None), ("plate", _cubic(strength))):
+    for name, phase in (("open", None), ("plate", _cubic_phase(strength))):
         focused, defocused = (
-            np.abs(np.asarray(defocused_transfer(phase, u, np.asarray(w)))) for w in (0.0, waves)
+            np.abs(np.asarray(defocused_transfer_function(phase, u, np.asarray(w))))
+            for w in (0.0, waves)
         )
         least[name] = float((defocused / focused).min())
-    return Row(
+    return ResultRow(
         "least MTF out of focus over that in focus, to half the cut-off, by the ambiguity function",
         "the plate's lines don't pass through zeros (Eq. 2.40; no number)",
         "0 for the open aperture",
@@ -213,57 +219,57 @@ def _zeros_row(waves: float, strength: float) -> Row:
     )
 
 
-def _cubic(strength: float) -> Any:
+def _cubic_phase(strength: float) -> Any:
     return lambda x: strength * x**3
 
 
-def _separable_row(psfs: PSFs) -> Row:
+def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
     """How far the measured PSF is from a product, as it is and without unmodulated light."""
     straight, coded = psfs["star", "neutral"], psfs["star", "cubic"]
     shares = np.linspace(0, 0.1, 41)
-    found = [left_out(coded - share * straight) for share in shares]
+    found = [separability_residual(coded - share * straight) for share in shares]
     best = int(np.argmin(found))
-    return Row(
+    return ResultRow(
         "plate's PSF that no product of a column and a row has, L2",
         "rectangularly separable (section 2.5)",
         "0 without unmodulated light and noise",
-        f"{left_out(coded):.2f}; {found[best]:.2f} without {shares[best]:.1%} unmodulated light",
+        f"{separability_residual(coded):.2f}; {found[best]:.2f} without {shares[best]:.1%} unmodulated light",
         found[best],
     )
 
 
-def left_out(psf: Picture) -> float:
+def separability_residual(psf: Picture) -> float:
     """Relative L2 beyond the nearest product."""
     down, along = separable_parts(psf, math.inf)
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
 
 
-def _pictures_plate(pictures: dict[str, Picture], scores: dict[str, Score]) -> Plate:
+def _pictures_figure(pictures: dict[str, Picture], scores: dict[str, Score]) -> StudyFigure:
     figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
     for axes, (name, one) in zip(figure.subplots(2, 4).flat, pictures.items(), strict=True):
         told = f", {scores[name].psnr:.1f} dB" if name in scores else ""
-        draw_grey(axes, one, name + told, 1.0)
-    return Plate("Pictures", figure, "Fig. 2.17: near rocks in focus, the rest beyond it.")
+        draw_photograph(axes, one, name + told, 1.0)
+    return StudyFigure("Pictures", figure, "Fig. 2.17: near rocks in focus, the rest beyond it.")
 
 
-def _psf_plate(record: Record, psfs: PSFs) -> Plate:
+def _psfs_figure(record: Record, psfs: PSFsByStarAndPattern) -> StudyFigure:
     figure = Figure(figsize=(17, 3.8), dpi=100, layout="constrained")
     axes = figure.subplots(1, 5)
-    draw_panel(axes[0], record.pattern("cubic"), "cubic pattern (Fig. 2.15)")
+    draw_pattern(axes[0], record.pattern("cubic"), "cubic pattern (Fig. 2.15)")
     for one, ((star, pattern), psf) in zip(axes[1:], psfs.items(), strict=True):
         name = "open" if pattern == "neutral" else "plate"
-        draw_log(one, psf, f"{name}, {STARS[star]:g} m")
-    return Plate("PSFs", figure, "Fig. 2.16: measured on a star, 4 decades.")
+        draw_log(one, psf, f"{name}, {STAR_DISTANCES[star]:g} m")
+    return StudyFigure("PSFs", figure, "Fig. 2.16: measured on a star, 4 decades.")
 
 
-def _ambiguity_plate(waves: float, strength: float) -> Plate:
+def _ambiguity_figure(waves: float, strength: float) -> StudyFigure:
     figure = Figure(figsize=(15, 4.6), dpi=100, layout="constrained")
     axes = figure.subplots(1, 3)
-    u, steepest = np.linspace(-2, 2, _SLIT), 4 * waves
-    v = np.linspace(-steepest, steepest, _SLIT)
-    phases = (("open", None), ("plate", _cubic(strength)))
+    u, steepest = np.linspace(-2, 2, _AMBIGUITY_SAMPLES), 4 * waves
+    v = np.linspace(-steepest, steepest, _AMBIGUITY_SAMPLES)
+    phases = (("open", None), ("plate", _cubic_phase(strength)))
     for one, (name, phase) in zip(axes, phases, strict=False):
-        shown = np.abs(np.asarray(ambiguity(phase, u[None, :], v[:, None], tol=1e-4)))
+        shown = np.abs(np.asarray(ambiguity_function(phase, u[None, :], v[:, None], tol=1e-4)))
         one.imshow(
             shown, origin="lower", extent=(-2, 2, -steepest, steepest), aspect="auto",
             cmap="magma", vmax=0.5,
@@ -274,11 +280,11 @@ def _ambiguity_plate(waves: float, strength: float) -> Plate:
     x = np.linspace(0, 2, 300)
     for name, phase in phases:
         for w, style in ((0.0, "-"), (waves, "--")):
-            mtf = np.abs(np.asarray(defocused_transfer(phase, x, np.asarray(w), tol=1e-4)))
+            mtf = np.abs(np.asarray(defocused_transfer_function(phase, x, np.asarray(w), tol=1e-4)))
             axes[2].semilogy(x, np.maximum(mtf, 1e-4), style, label=f"{name}, {w:.1f} waves")
     axes[2].set(xlabel="frequency u", ylabel="MTF", ylim=(1e-3, 1.1))
     axes[2].legend()
-    return Plate(
+    return StudyFigure(
         "Ambiguity function",
         figure,
         "Of a slit as long as the panel. Dashed: the lines on which the MTF in focus and out of it "

@@ -14,17 +14,21 @@ from scipy.ndimage import shift
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.pictures.analysis.brackets import Picture, merge_all
 from labapp.pictures.analysis.score import Score, score
-from labapp.pictures.reconstructing.records import found_in
+from labapp.pictures.reconstructing.recorded_photograph import find_photograph
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.deconvolution import STUDY, DeconvolutionSettings
-from labapp.studies.contract import Plate, Results, Row
-from labapp.studies.drawing import draw_grey, draw_log, draw_tone
-from labapp.studies.stars import bracket, plan_of, psf_pattern
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_linear, draw_log, draw_photograph
+from labapp.studies.stars import acquisition_block, build_study_plan, psf_pattern_table
 from optics.camera import Camera
 from optics.deconvolution.blind import find_kernel
-from optics.deconvolution.blind.statistics import fitted_generalised, fitted_mixture, log_histogram
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.blind.gradient_statistics import (
+    fit_generalised_gaussian,
+    fit_mixture,
+    log_histogram,
+)
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
@@ -34,7 +38,7 @@ from optics.progress import Progress
 _WINDOW = 96
 """Sensor pixels across a PSF, so that what it sends past its shape is in it."""
 
-_LOOKED_AT = 255
+_KERNEL_SEARCH_SIDE = 255
 """Pixels of a side of the photograph's middle, in which an unknown kernel is looked for."""
 
 _CODED = "heart"
@@ -43,26 +47,26 @@ _CODED = "heart"
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
     """Star and photograph, each with no pattern and with the heart."""
     nm, patterns = settings.wavelength_nm, ["neutral", _CODED]
-    return plan_of(
+    return build_study_plan(
         STUDY,
-        {_CODED: psf_pattern(settings, "heart", radius_um=settings.radius_um)},
-        bracket(["star"], patterns, nm, exposures_ms=settings.star_ms),
-        bracket(["photograph"], patterns, nm, exposures_ms=settings.photograph_ms),
+        {_CODED: psf_pattern_table(settings, "heart", radius_um=settings.radius_um)},
+        acquisition_block(["star"], patterns, nm, exposures_ms=settings.star_ms),
+        acquisition_block(["photograph"], patterns, nm, exposures_ms=settings.photograph_ms),
     )
 
 
-def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> StudyResults:
     """The photograph restored in several ways, against the one that no pattern blurred."""
     brackets = merge_all(record, progress.part(0, 0.3))
     roles = Reconstruction(
         coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
     )
-    problem = found_in(record, brackets, roles).problem()
-    (seen,), sharp, white = problem.bands(), problem.reference, problem.white
+    problem = find_photograph(record, brackets, roles).build_problem()
+    (seen,), sharp, white = problem.observations(), problem.reference, problem.white
     assert sharp is not None
     psf = problem.psf[0].astype(np.float64)
-    ways: dict[str, Callable[[], Restored]] = {
-        "Wiener, one weight for all frequencies": lambda: wiener(seen, smooth="flat"),
+    ways: dict[str, Callable[[], RestoredImage]] = {
+        "Wiener, one weight for all frequencies": lambda: wiener(seen, penalty_kind="flat"),
         "Wiener, gradient": lambda: wiener(seen),
         "Richardson-Lucy": lambda: richardson_lucy(seen, settings.lucy),
         "total variation": lambda: total_variation(seen),
@@ -81,7 +85,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     del scores["sharp"]
     better = dict.fromkeys(scores, "better than blurred") | {"blurred": "-"}
-    rows = [Row.of_score(name, one, _PUBLISHED, better[name]) for name, one in scores.items()]
+    rows = [ResultRow.of_score(name, one, _PUBLISHED, better[name]) for name, one in scores.items()]
     notes = [
         "PSNR (peak 1) and SSIM (range 1) are against the photograph taken with a neutral pattern, "
         "over the central 90 %; its own noise and the lens' blur are in it, so that nothing comes "
@@ -98,7 +102,9 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         )
     data = {name: one.as_data for name, one in scores.items()}
     kernel = None if blind is None else blind.kernel
-    return Results(rows, [_plate(pictures, scores, psf, kernel), *plates], notes, data)
+    return StudyResults(
+        rows, [_restorations_figure(pictures, scores, psf, kernel), *plates], notes, data
+    )
 
 
 @dataclass(frozen=True)
@@ -112,19 +118,21 @@ class _Blind:
 
 
 def _blind(
-    seen: Blurred, settings: DeconvolutionSettings, camera: Camera, progress: Progress
+    observation: Observation, settings: DeconvolutionSettings, camera: Camera, progress: Progress
 ) -> _Blind:
     radius = (settings.radius_um + 2 * settings.width_um) * 1e-6 / camera.sensor.pitch
     size = 2 * math.ceil(radius) + 1
-    rows, columns = (min(n, _LOOKED_AT) for n in seen.image.shape)
-    found = find_kernel(centred_crop(seen.filled, (rows, columns)), size, progress=progress)
+    rows, columns = (min(n, _KERNEL_SEARCH_SIDE) for n in observation.image.shape)
+    found = find_kernel(
+        centred_crop(observation.inpainted_image, (rows, columns)), size, progress=progress
+    )
     kernel = np.asarray(found.psf, dtype=np.float64)
-    away = _centroid(seen.psf.double().numpy()) - _centroid(kernel)
+    away = _centroid(observation.psf.double().numpy()) - _centroid(kernel)
     room = math.ceil(float(np.abs(away).max())) + 1
     moved = np.clip(shift(np.pad(kernel, room), away, order=1), 0, None)
-    again = replace(seen, psf=torch.from_numpy(moved / moved.sum()).to(seen.image))
+    again = replace(observation, psf=torch.from_numpy(moved / moved.sum()).to(observation.image))
     restored = total_variation(again).image.double().numpy()
-    return _Blind(moved, restored, found.score, found.trust)
+    return _Blind(moved, restored, found.score, found.verdict)
 
 
 def _centroid(psf: Picture) -> Picture:
@@ -134,10 +142,12 @@ def _centroid(psf: Picture) -> Picture:
     return np.asarray((places * bright).sum((1, 2)) / bright.sum())
 
 
-def _statistics(sharp: Picture) -> Plate:
+def _statistics(sharp: Picture) -> StudyFigure:
     """Fig. 2.10: how often gradients of a length occur."""
     lengths, density = log_histogram(torch.from_numpy(sharp), 161, 0.6)
-    mixture, heavy = (fit(torch.from_numpy(sharp)) for fit in (fitted_mixture, fitted_generalised))
+    mixture, heavy = (
+        fit(torch.from_numpy(sharp)) for fit in (fit_mixture, fit_generalised_gaussian)
+    )
     normal = -0.5 * (lengths / (sharp_spread := float(np.std(np.diff(sharp))))).square()
     figure = Figure(figsize=(8, 5), dpi=100, layout="constrained")
     axes = figure.subplots()
@@ -153,7 +163,7 @@ def _statistics(sharp: Picture) -> Plate:
     axes.set(ylim=(-8, None), xlabel="gradient, of white a pixel", ylabel="log density")
     axes.legend()
     axes.grid(alpha=0.3)
-    return Plate("Natural pictures' gradients", figure, "Fig. 2.10, of the same photograph.")
+    return StudyFigure("Natural pictures' gradients", figure, "Fig. 2.10, of the same photograph.")
 
 
 _PUBLISHED = {
@@ -164,22 +174,24 @@ _PUBLISHED = {
 }
 
 
-def _plate(
+def _restorations_figure(
     pictures: dict[str, Picture],
     scores: dict[str, Score],
     psf: Picture,
     kernel: Picture | None,
-) -> Plate:
+) -> StudyFigure:
     figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
     axes = figure.subplots(2, 4).ravel()
     draw_log(axes[0], psf, "PSF, measured, 4 decades")
     for one, (name, picture) in zip(axes[1:], pictures.items(), strict=False):
         told = f"\n{scores[name].psnr:.1f} dB" if name in scores else ""
-        draw_grey(one, picture, name + told, 1.0)
+        draw_photograph(one, picture, name + told, 1.0)
     if kernel is None:
         axes[-1].set_axis_off()
     else:
         axes[0].set_title("PSF: star, 4 decades; blind", fontsize=11)
         inset = axes[0].inset_axes((0.64, 0.0, 0.36, 0.36))
-        draw_tone(inset, kernel, "")
-    return Plate("Deconvolution", figure, "Fig. 2.9, on another photograph, through the bench.")
+        draw_linear(inset, kernel, "")
+    return StudyFigure(
+        "Deconvolution", figure, "Fig. 2.9, on another photograph, through the bench."
+    )

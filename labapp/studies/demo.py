@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from labapp.bench.opening import BenchFiles, open_bench
-from labapp.common.console import out, print_json, watched
+from labapp.common.console import out, print_json, terminal_progress
 from labapp.common.stopwatch import Stopwatch
-from labapp.files.places import RECORD, REPORT_FILES
+from labapp.files.output_paths import RECORD, REPORT_FILES
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled, read_file
-from labapp.files.writing import make_folder, require_free
+from labapp.files.reading import bundled_path, read_file
+from labapp.files.writing import make_folder, require_free_names
 from labapp.pictures.report import as_data, print_tables, write_report
-from labapp.pictures.report.analysis import Analysis, analyse
+from labapp.pictures.report.record_analysis import RecordAnalysis, analyse_record
 from labapp.runs.acquisition.runner import run_plan
-from labapp.runs.running import require_complete
+from labapp.runs.run_commands import require_complete
 from optics.progress import Progress
 
 
@@ -22,8 +22,8 @@ def run_demo(
     folder: Path, *, image: Path | None, seed: int | None, force: bool, as_json: bool
 ) -> None:
     """Run the bundled plan on the bundled bench, analyse it, and write record and report."""
-    with watched() as progress:
-        analysis = first_light(folder, image=image, seed=seed, force=force, progress=progress)
+    with terminal_progress() as progress:
+        analysis = run_first_light(folder, image=image, seed=seed, force=force, progress=progress)
     if as_json:
         print_json(as_data(analysis))
         return
@@ -32,25 +32,25 @@ def run_demo(
         out.print(f"wrote {folder / name}")
 
 
-def first_light(
+def run_first_light(
     folder: Path,
     *,
     image: Path | None = None,
     seed: int | None = None,
     force: bool = False,
     progress: Progress | None = None,
-) -> Analysis:
+) -> RecordAnalysis:
     """The whole demo without a word: run.h5, report.png and report.html in a folder.
 
     UserError if a file is there already, or the folder can't be written.
     """
     progress = progress or Progress()
-    plan = read_file(bundled("first_light.toml"), PlanFile)
+    plan = read_file(bundled_path("first_light.toml"), PlanFile)
     if seed is not None:
         plan = plan.model_copy(update={"seed": seed})
-    require_free(folder, (RECORD, *REPORT_FILES), force=force)
+    require_free_names(folder, (RECORD, *REPORT_FILES), force=force)
     watch = Stopwatch()
-    with open_bench(BenchFiles.default(image=image)) as bench:
+    with open_bench(BenchFiles.with_defaults(image=image)) as bench:
         make_folder(folder)
         outcome = run_plan(
             bench,
@@ -59,10 +59,10 @@ def first_light(
             source="first_light.toml",
             force=force,
             progress=progress.part(0, 0.7),
-            watch=watch,
+            stopwatch=watch,
         )
     require_complete(outcome)
-    analysis = analyse(outcome.path, progress.part(0.7, 0.9))
+    analysis = analyse_record(outcome.path, progress.part(0.7, 0.9))
     analysis.seconds = watch.seconds | analysis.seconds
     progress.report(0.9, "report")
     write_report(analysis, folder)

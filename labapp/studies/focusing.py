@@ -9,18 +9,18 @@ import numpy as np
 
 from labapp.common.errors import UserError
 from labapp.pictures.analysis.brackets import Picture
-from labapp.pictures.analysis.star import centre_of, cut
+from labapp.pictures.analysis.star_psf import bright_centroid, crop_centred
 from optics.camera import Camera
 
 _WINDOW = 192
 """Sensor pixels across a defocused star."""
 
-_ARM = 6
+_DIFFRACTION_ARM_PX = 6
 """Pixels around the axes that are left to the diffraction of a rectangle in focus."""
 
 
 @dataclass(frozen=True)
-class Focus:
+class FocusCurve:
     """Blur of stars by their vergence, and the parabola through it.
 
     vergences: 1 / distance, dioptres. squares: mean square radius of each star, m². best: the
@@ -39,33 +39,41 @@ class DefocusedStar:
 
     def __init__(self, distance: float, plain: Picture, coded: Picture) -> None:
         self.distance = distance
-        centre = centre_of(plain)
+        centre = bright_centroid(plain)
         window = min(_WINDOW, *plain.shape)
-        total = float(cut(plain, centre, window).sum())
+        total = float(crop_centred(plain, centre, window).sum())
         if not total > 0:
             raise UserError(
                 f"the star at {distance:g} m is dark. Expose it longer: the setting 'star_ms'."
             )
-        self.plain = cut(plain, centre, window) / total
-        self.coded = cut(coded, centre, window) / total
+        self.plain = crop_centred(plain, centre, window) / total
+        self.coded = crop_centred(coded, centre, window) / total
 
     @property
-    def unmodulated(self) -> float:
+    def unmodulated_share(self) -> float:
         """How much of the picture without the lens is in the one with it, beside its focus."""
         y, x = np.abs(np.indices(self.plain.shape) - self.plain.shape[0] // 2)
-        beside = (y > _ARM) & (x > _ARM) & (self.plain > 0.2 * np.percentile(self.plain, 99))
+        beside = (
+            (y > _DIFFRACTION_ARM_PX)
+            & (x > _DIFFRACTION_ARM_PX)
+            & (self.plain > 0.2 * np.percentile(self.plain, 99))
+        )
         if not beside.any():
             return 0.0
         plain, coded = self.plain[beside], self.coded[beside]
         return float(np.clip((plain * coded).sum() / (plain * plain).sum(), 0, 1))
 
 
-def focus_of(stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera) -> Focus:
+def fit_focus_curve(
+    stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
+) -> FocusCurve:
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
     best = -linear / (2 * slope)
-    return Focus(vergences, squares, float(best), float(slope), float(constant - slope * best**2))
+    return FocusCurve(
+        vergences, squares, float(best), float(slope), float(constant - slope * best**2)
+    )
 
 
 def _mean_square(picture: Picture) -> float:
@@ -76,7 +84,7 @@ def _mean_square(picture: Picture) -> float:
     return float((((y - cy) ** 2 + (x - cx) ** 2) * light).sum())
 
 
-def opening(camera: Camera) -> float:
+def mean_square_pupil_radius(camera: Camera) -> float:
     """Mean of x² + y² over the panel within the stop, m²: of a star's blur by a dioptre, over
     the square of the image distance."""
     panel = camera.panel

@@ -11,58 +11,58 @@ from pathlib import Path
 from typing import Any
 
 import labapp
-from labapp.common.drawing import png
-from labapp.files.keys import described_keys
-from labapp.files.places import STUDY_FILES
-from labapp.files.writing import write_whole
+from labapp.common.figure_png import figure_to_png
+from labapp.files.key_values import describe_keys
+from labapp.files.output_paths import STUDY_FILES
+from labapp.files.writing import write_atomically
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
-from labapp.studies.contract import Results, Settings, Study
+from labapp.studies.contract import Study, StudyResults, StudySettings
 
 
 @dataclass(frozen=True, eq=False)
-class Account:
-    """A study that was done. seconds: wall-clock time of its stages."""
+class CompletedStudy:
+    """A study that was done. stage_seconds: wall-clock time of its stages."""
 
     name: str
     study: Study[Any]
-    settings: Settings
+    settings: StudySettings
     seed: int
     record: Path
-    simulated: list[str]
-    results: Results
-    seconds: Mapping[str, float]
+    simulated_devices: list[str]
+    results: StudyResults
+    stage_seconds: Mapping[str, float]
 
     @property
-    def badge(self) -> str:
-        listed = ", ".join(self.simulated)
-        return f"SIMULATED: {listed}" if self.simulated else "real devices"
+    def simulation_badge(self) -> str:
+        listed = ", ".join(self.simulated_devices)
+        return f"SIMULATED: {listed}" if self.simulated_devices else "real devices"
 
 
-def write(account: Account, folder: Path) -> None:
+def write_study_files(account: CompletedStudy, folder: Path) -> None:
     """Write the files of STUDY_FILES; each takes its name only when it is whole."""
-    pictures = [png(plate.figure) for plate in account.results.plates]
-    write_whole(folder / STUDY_FILES[0], pictures[0])
-    write_whole(folder / STUDY_FILES[1], page(account, pictures).encode())
-    text = json.dumps(as_data(account), indent=2, allow_nan=False, ensure_ascii=False)
-    write_whole(folder / STUDY_FILES[2], f"{text}\n".encode())
+    pictures = [figure_to_png(plate.figure) for plate in account.results.figures]
+    write_atomically(folder / STUDY_FILES[0], pictures[0])
+    write_atomically(folder / STUDY_FILES[1], study_html(account, pictures).encode())
+    text = json.dumps(study_as_data(account), indent=2, allow_nan=False, ensure_ascii=False)
+    write_atomically(folder / STUDY_FILES[2], f"{text}\n".encode())
 
 
-def page(account: Account, pictures: list[bytes]) -> str:
+def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
     """The study as HTML text. pictures: PNG files of its plates."""
     study, results = account.study, account.results
     rows = [[row.what, row.published, row.expected, row.ours] for row in results.rows]
     plates = [
         f"<h2>{escape(plate.title)}</h2>" + html_figure(picture, plate.caption)
-        for plate, picture in zip(results.plates, pictures, strict=True)
+        for plate, picture in zip(results.figures, pictures, strict=True)
     ]
     movies = [
         f"<h2>{escape(movie.title)}</h2>" + html_figure(movie.data, movie.caption, "gif")
-        for movie in results.movies
+        for movie in results.animations
     ]
     return document(
         study.title,
         [
-            heading(study.title, account.simulated),
+            heading(study.title, account.simulated_devices),
             f"<p>{escape(study.source)} of the thesis Programmable Optics for Computational "
             "Photography, done again.</p>",
             f"<p><b>Published.</b> {escape(study.shows)}</p>",
@@ -76,13 +76,15 @@ def page(account: Account, pictures: list[bytes]) -> str:
             html_table(["key", "value", "what it is"], _settings(account)),
             f"<p>Seed {account.seed}; record {escape(account.record.name)}.</p>",
             "<h2>Time</h2>",
-            html_table(["stage", "s "], [[k, f"{v:.2f}"] for k, v in account.seconds.items()]),
+            html_table(
+                ["stage", "s "], [[k, f"{v:.2f}"] for k, v in account.stage_seconds.items()]
+            ),
             footer(),
         ],
     )
 
 
-def as_data(account: Account) -> dict[str, Any]:
+def study_as_data(account: CompletedStudy) -> dict[str, Any]:
     """Everything but the pictures, as plain data."""
     results = account.results
     return {
@@ -93,24 +95,24 @@ def as_data(account: Account) -> dict[str, Any]:
         "settings": account.settings.model_dump(mode="json"),
         "seed": account.seed,
         "record": account.record.name,
-        "simulated": account.simulated,
-        "rows": [_finite(asdict(row)) for row in results.rows],
+        "simulated": account.simulated_devices,
+        "rows": [_without_infinities(asdict(row)) for row in results.rows],
         "notes": list(results.notes),
         "data": dict(results.data),
-        "seconds": dict(account.seconds),
+        "seconds": dict(account.stage_seconds),
         "version": labapp.__version__,
     }
 
 
-def _settings(account: Account) -> list[list[str]]:
+def _settings(account: CompletedStudy) -> list[list[str]]:
     values = account.settings.model_dump(mode="json")
     return [
         [one["key"], json.dumps(values[one["key"]], ensure_ascii=False), one["what"]]
-        for one in described_keys(type(account.settings))
+        for one in describe_keys(type(account.settings))
     ]
 
 
-def _finite(row: dict[str, Any]) -> dict[str, Any]:
+def _without_infinities(row: dict[str, Any]) -> dict[str, Any]:
     """JSON has no words for infinities."""
     value = row["value"]
     return row | {"value": value if value is None or math.isfinite(value) else None}

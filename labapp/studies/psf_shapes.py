@@ -10,19 +10,25 @@ from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
 from labapp.pictures.analysis.brackets import Picture
-from labapp.pictures.analysis.star import PSFReport
+from labapp.pictures.analysis.star_psf import PSFReport
 from labapp.runs.record.reader import Record
-from labapp.studies.catalogue.psf_shapes import PUBLISHED, STUDY, Shape, ShapesSettings
-from labapp.studies.contract import Plate, Results, Row
-from labapp.studies.drawing import draw_log, draw_tone
-from labapp.studies.published import RADIUS, RING_BAND, RING_ENERGY, published_ring, ring_sizes
+from labapp.studies.catalogue.psf_shapes import PUBLISHED_SHAPES, STUDY, Shape, ShapesSettings
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_linear, draw_log
+from labapp.studies.published_data import (
+    RING_BAND,
+    RING_ENERGY,
+    RING_RADIUS_SAMPLES,
+    published_ring_sizes,
+    read_published_ring,
+)
 from labapp.studies.stars import (
-    bracket,
+    acquisition_block,
+    build_study_plan,
     correlation,
-    measured_psfs,
-    plan_of,
-    psf_pattern,
-    target_of,
+    measure_psfs,
+    psf_pattern_table,
+    requested_psf,
 )
 from optics import metrics
 from optics.camera import Camera
@@ -36,13 +42,15 @@ def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
     """The star with no pattern, and with one for each shape."""
     shapes = dict.fromkeys(settings.shapes)
     names = ["neutral", *shapes]
-    return plan_of(
+    return build_study_plan(
         STUDY,
         {
-            shape: psf_pattern(settings, shape, **_sizes(shape, settings, camera))
+            shape: psf_pattern_table(settings, shape, **_sizes(shape, settings, camera))
             for shape in shapes
         },
-        bracket(["star"], names, settings.wavelength_nm, exposures_ms=settings.exposures_ms),
+        acquisition_block(
+            ["star"], names, settings.wavelength_nm, exposures_ms=settings.exposures_ms
+        ),
     )
 
 
@@ -50,31 +58,31 @@ def _sizes(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, 
     if shape == "letters":
         return {"text": settings.text, "height_um": 1.4 * settings.radius_um}
     if shape == "ring":
-        radius, width = ring_sizes(camera, settings.wavelength_nm * 1e-9)
+        radius, width = published_ring_sizes(camera, settings.wavelength_nm * 1e-9)
         return {"radius_um": radius * 1e6, "width_um": width * 1e6}
     return {"radius_um": settings.radius_um}
 
 
-def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> StudyResults:
     """Light within each shape, its likeness, and how smooth it is."""
     shapes = list(dict.fromkeys(settings.shapes))
-    found = measured_psfs(record, shapes, settings.wavelength_nm, _WINDOW, progress)
+    found = measure_psfs(record, shapes, settings.wavelength_nm, _WINDOW, progress)
     rows = [_row(shape, report) for shape, report in found.items()]
     camera = record.bench.build_camera()
     first = next(iter(found.values()))
     rows.append(
-        Row(
+        ResultRow(
             "light that no pattern moves, in the central peak",
             "a prominent central peak (no number)",
-            f"{_said(camera.panel.unmodulated)} (bench file)",
-            _said(first.unmodulated),
+            f"{_format_percent(camera.panel.unmodulated)} (bench file)",
+            _format_percent(first.unmodulated),
             first.unmodulated,
         )
     )
     plates = [_overview(record, found)]
     if "ring" in found:
         rows.append(_ring_row(found["ring"], camera, settings))
-        plates.append(_ring_plate(found["ring"], camera, settings))
+        plates.append(_ring_figure(found["ring"], camera, settings))
     notes = [
         "Light within a shape is where the target exceeds 2 % of its peak, as a share of all the "
         "star's light, unmodulated light removed as the thesis proposes: by subtracting the "
@@ -83,29 +91,33 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> Re
         "The simulated panel has no reflecting frame around its active area, so that the vertical "
         "strikes of the thesis' pictures aren't there.",
     ]
-    return Results(rows, plates, notes, {shape: _figures(one) for shape, one in found.items()})
+    return StudyResults(
+        rows, plates, notes, {shape: _measured_quality(one) for shape, one in found.items()}
+    )
 
 
-def _row(shape: str, report: PSFReport) -> Row:
-    ours = _figures(report)
-    asked = {} if report.predicted is None else _figures_of(_predicted_shape(report), report)
+def _row(shape: str, report: PSFReport) -> ResultRow:
+    ours = _measured_quality(report)
+    asked = (
+        {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
+    )
     name = "EI letters" if shape == "letters" else shape
-    return Row(
+    return ResultRow(
         f"{name}: light within it, likeness, speckle",
-        "picture only" if shape in PUBLISHED else "see below",
-        _in_words(asked) if asked else "-",
-        _in_words(ours),
+        "picture only" if shape in PUBLISHED_SHAPES else "see below",
+        _quality_text(asked) if asked else "-",
+        _quality_text(ours),
         ours["light"],
     )
 
 
-def _figures(report: PSFReport) -> dict[str, float]:
-    return _figures_of(report.shape, report)
+def _measured_quality(report: PSFReport) -> dict[str, float]:
+    return _shape_quality(report.modulated_psf, report)
 
 
-def _figures_of(shape: Picture, report: PSFReport) -> dict[str, float]:
+def _shape_quality(shape: Picture, report: PSFReport) -> dict[str, float]:
     """Of a PSF without its unmodulated light. light: of all the star's; contrast: of speckle."""
-    target = target_of(report)
+    target = requested_psf(report)
     return {
         "light": metrics.efficiency(shape, target, 1.0),
         "correlation": correlation(shape, target),
@@ -113,28 +125,28 @@ def _figures_of(shape: Picture, report: PSFReport) -> dict[str, float]:
     }
 
 
-def _predicted_shape(report: PSFReport) -> Picture:
+def _predicted_modulated_psf(report: PSFReport) -> Picture:
     assert report.predicted is not None
     return report.predicted - report.unmodulated * report.neutral
 
 
-def _in_words(figures: Mapping[str, float]) -> str:
+def _quality_text(figures: Mapping[str, float]) -> str:
     return (
-        f"{_said(figures['light'])}, correlation {figures['correlation']:.3f}, "
+        f"{_format_percent(figures['light'])}, correlation {figures['correlation']:.3f}, "
         f"contrast {figures['contrast']:.2f}"
     )
 
 
-def _said(share: float) -> str:
+def _format_percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Row:
+def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> ResultRow:
     """The ring that the thesis' authors published, at the radius of theirs."""
-    share = ring_share(report.shape, camera, settings.wavelength_nm * 1e-9)
+    share = ring_energy_share(report.modulated_psf, camera, settings.wavelength_nm * 1e-9)
     modulated = share / (1 - report.unmodulated)
     published = ", ".join(f"{energy:.3f} after {n}" for n, energy in RING_ENERGY.items())
-    return Row(
+    return ResultRow(
         "ring of 30 samples: modulated light at 20 to 40 samples from the axis",
         f"{published} iterations (computed from the published patterns)",
         "at least the published one",
@@ -143,23 +155,23 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Ro
     )
 
 
-def ring_share(shape: Picture, camera: Camera, wavelength: float) -> float:
+def ring_energy_share(shape: Picture, camera: Camera, wavelength: float) -> float:
     """Light of a PSF in the band around the published ring, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
-    radius = np.hypot(y, x) / (ring_sizes(camera, wavelength)[0] / RADIUS)
+    radius = np.hypot(y, x) / (published_ring_sizes(camera, wavelength)[0] / RING_RADIUS_SAMPLES)
     low, high = RING_BAND
     return float(shape[(radius > low) & (radius < high)].sum())
 
 
-def _overview(record: Record, found: Mapping[str, PSFReport]) -> Plate:
+def _overview(record: Record, found: Mapping[str, PSFReport]) -> StudyFigure:
     columns = len(found)
     figure = Figure(figsize=(3.1 * max(columns, 3), 10.2), dpi=100, layout="constrained")
     axes = figure.subplots(3, columns, squeeze=False)
     for column, (shape, report) in zip(axes.T, found.items(), strict=True):
-        draw_tone(column[0], target_of(report), f"{shape}: asked for")
+        draw_linear(column[0], requested_psf(report), f"{shape}: asked for")
         draw_log(column[1], report.measured, "measured, 4 decades")
-        draw_tone(column[2], report.shape, "without unmodulated light")
-    return Plate(
+        draw_linear(column[2], report.modulated_psf, "without unmodulated light")
+    return StudyFigure(
         "PSFs",
         figure,
         "Fig. 3.3 (a) to (e) shows the middle row, logarithmic as here. Below, the picture with "
@@ -168,20 +180,24 @@ def _overview(record: Record, found: Mapping[str, PSFReport]) -> Plate:
     )
 
 
-def _ring_plate(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Plate:
+def _ring_figure(report: PSFReport, camera: Camera, settings: ShapesSettings) -> StudyFigure:
     figure = Figure(figsize=(11, 5.4), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
-    grey = published_ring()
+    grey = read_published_ring()
     half_samples = grey.shape[0] / 2
-    draw_tone(left, grey, "published, computed by its authors (569 iterations)")
-    draw_tone(right, report.shape, "ours, through the bench")
+    draw_linear(left, grey, "published, computed by its authors (569 iterations)")
+    draw_linear(right, report.modulated_psf, "ours, through the bench")
     # The same part of the image beside each other.
-    sample = ring_sizes(camera, settings.wavelength_nm * 1e-9)[0] / RADIUS / camera.sensor.pitch
-    middle = report.shape.shape[0] // 2
+    sample = (
+        published_ring_sizes(camera, settings.wavelength_nm * 1e-9)[0]
+        / RING_RADIUS_SAMPLES
+        / camera.sensor.pitch
+    )
+    middle = report.modulated_psf.shape[0] // 2
     reach = min(half_samples * sample, middle)
     right.set_xlim(middle - reach, middle + reach)
     right.set_ylim(middle + reach, middle - reach)
-    return Plate(
+    return StudyFigure(
         "The published ring",
         figure,
         "Left: from github.com/cgtuebingen/computational_camera_phase_retrieval (MIT licence).",

@@ -12,18 +12,18 @@ from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
 from labapp.pictures.analysis.brackets import Picture
-from labapp.pictures.analysis.star import PSFReport
+from labapp.pictures.analysis.star_psf import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_stability import STUDY, StabilitySettings
-from labapp.studies.contract import Plate, Results, Row
-from labapp.studies.drawing import draw_tone
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_linear
 from labapp.studies.stars import (
-    bracket,
-    measured_psfs,
-    plan_of,
-    psf_pattern,
-    summed_noise,
-    target_of,
+    acquisition_block,
+    build_study_plan,
+    measure_psfs,
+    psf_noise_variances,
+    psf_pattern_table,
+    requested_psf,
 )
 from optics import metrics
 from optics.camera import Camera
@@ -32,27 +32,27 @@ from optics.progress import Progress
 _WINDOW = 96
 """Sensor pixels across a PSF."""
 
-_RATE = 60
+_FRAMES_PER_SECOND = 60
 """Frames a second of the thesis' panel: exposures last about a second."""
 
 
 def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
     """About a second of each video, in whole periods, and of one still pattern."""
-    still = psf_pattern(settings, "spiral", radius_um=settings.radius_um)
-    lengths = _lengths(settings)
+    still = psf_pattern_table(settings, "spiral", radius_um=settings.radius_um)
+    lengths = _frames_by_pattern(settings)
     # One seed begins all of them, so that a shorter video is the longer one's beginning.
     patterns = {
         name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
         for name, count in lengths.items()
     }
-    neutral = bracket(
+    neutral = acquisition_block(
         ["star"], ["neutral"], settings.wavelength_nm, exposures_ms=settings.neutral_ms
     )
-    blocks = [_block(name, count, settings) for name, count in lengths.items()]
-    return plan_of(STUDY, patterns, neutral, *blocks)
+    blocks = [_acquisition_block(name, count, settings) for name, count in lengths.items()]
+    return build_study_plan(STUDY, patterns, neutral, *blocks)
 
 
-def _lengths(settings: StabilitySettings) -> dict[str, int]:
+def _frames_by_pattern(settings: StabilitySettings) -> dict[str, int]:
     """Frames by the name of the pattern; the reference is the last but one."""
     counts = {f"frames-{count}": count for count in sorted(set(settings.counts))}
     return counts | {"reference": settings.reference, "joint": settings.joint}
@@ -62,14 +62,14 @@ def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
     return still if count == 1 else {"kind": "video", "pattern": still, "count": count}
 
 
-def _block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
-    periods = {"periods": [max(1, round(_RATE / count))]}
+def _acquisition_block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
+    periods = {"periods": [max(1, round(_FRAMES_PER_SECOND / count))]}
     exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
-    return bracket(["star"], [name], settings.wavelength_nm, **exposures)
+    return acquisition_block(["star"], [name], settings.wavelength_nm, **exposures)
 
 
 @dataclass(frozen=True)
-class Averaged:
+class AveragedVideo:
     """A video of so many frames. error: mean square difference to the reference over the
     reference's mean square, what the camera's noise adds taken off. contrast: of speckle."""
 
@@ -78,21 +78,23 @@ class Averaged:
     contrast: float
 
 
-def evaluate(record: Record, settings: StabilitySettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: StabilitySettings, progress: Progress) -> StudyResults:
     """The error against the longest video by the number of frames, beside the law of speckle."""
-    names = list(_lengths(settings))
-    found = measured_psfs(record, names, settings.wavelength_nm, _WINDOW, progress.part(0, 0.8))
-    noise = summed_noise(record, names, settings.wavelength_nm, _WINDOW, progress.part(0.8, 1))
-    truth = found["reference"].shape
+    names = list(_frames_by_pattern(settings))
+    found = measure_psfs(record, names, settings.wavelength_nm, _WINDOW, progress.part(0, 0.8))
+    noise = psf_noise_variances(
+        record, names, settings.wavelength_nm, _WINDOW, progress.part(0.8, 1)
+    )
+    truth = found["reference"].modulated_psf
     size = float((truth**2).sum())
     averaged = []
     for count in sorted(set(settings.counts)):
         name = f"frames-{count}"
-        raw = float(((found[name].shape - truth) ** 2).sum())
+        raw = float(((found[name].modulated_psf - truth) ** 2).sum())
         error = (raw - noise[name] - noise["reference"]) / size
-        averaged.append(Averaged(count, error, _contrast(found[name])))
+        averaged.append(AveragedVideo(count, error, _speckle_contrast(found[name])))
     rows = [*_rows(averaged, settings), *_smoothness(found, averaged, settings)]
-    plates = [_plate(found, averaged, settings)]
+    plates = [_errors_figure(found, averaged, settings)]
     notes = [
         "A video of n frames is the beginning of the reference of N frames. Frames from "
         "independent random starts have independent speckle, so that the expected error is "
@@ -103,24 +105,24 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
         "they need far fewer frames.",
     ]
     data = {"averaged": [vars(one) for one in averaged], "noise": noise}
-    return Results(rows, plates, notes, data)
+    return StudyResults(rows, plates, notes, data)
 
 
-def _contrast(report: PSFReport) -> float:
-    return metrics.speckle_contrast(report.shape, target_of(report))
+def _speckle_contrast(report: PSFReport) -> float:
+    return metrics.speckle_contrast(report.modulated_psf, requested_psf(report))
 
 
-def law(frames: int, reference: int) -> float:
+def independent_frames_error(frames: int, reference: int) -> float:
     """Error of the mean of the first frames of a video, over that of one frame alone and of
     infinitely many for a reference: the variance of independent frames."""
     return 1 / frames - 1 / reference
 
 
-def _rows(averaged: Sequence[Averaged], settings: StabilitySettings) -> list[Row]:
+def _rows(averaged: Sequence[AveragedVideo], settings: StabilitySettings) -> list[ResultRow]:
     first = averaged[0]
-    whole = law(first.frames, settings.reference)
+    whole = independent_frames_error(first.frames, settings.reference)
     rows = [
-        Row(
+        ResultRow(
             f"error of {_frames(first.frames)} against {settings.reference}, mean square",
             "curve only",
             "-",
@@ -131,10 +133,10 @@ def _rows(averaged: Sequence[Averaged], settings: StabilitySettings) -> list[Row
     for one in averaged[1:]:
         share = one.error / first.error
         rows.append(
-            Row(
+            ResultRow(
                 f"error of {_frames(one.frames)} over that of {_frames(first.frames)}",
                 "decreases quickly, levels off at 30 of 60" if one is averaged[-1] else "",
-                f"{law(one.frames, settings.reference) / whole:.3f}",
+                f"{independent_frames_error(one.frames, settings.reference) / whole:.3f}",
                 f"{share:.3f}",
                 share,
             )
@@ -143,27 +145,27 @@ def _rows(averaged: Sequence[Averaged], settings: StabilitySettings) -> list[Row
 
 
 def _smoothness(
-    found: Mapping[str, PSFReport], averaged: Sequence[Averaged], settings: StabilitySettings
-) -> list[Row]:
+    found: Mapping[str, PSFReport], averaged: Sequence[AveragedVideo], settings: StabilitySettings
+) -> list[ResultRow]:
     first = averaged[0]
-    long, together = _contrast(found["reference"]), _contrast(found["joint"])
+    long, together = _speckle_contrast(found["reference"]), _speckle_contrast(found["joint"])
     root = first.contrast * (first.frames / settings.reference) ** 0.5
     return [
-        Row(
+        ResultRow(
             f"speckle contrast of {_frames(first.frames)}",
             "unwanted discontinuities (no number)",
             "-",
             f"{first.contrast:.2f}",
             first.contrast,
         ),
-        Row(
+        ResultRow(
             f"speckle contrast of {settings.reference} independent frames",
             "much improved smoothness (no number)",
             f"{root:.3f} or more: 1/√n",
             f"{long:.3f}",
             long,
         ),
-        Row(
+        ResultRow(
             f"speckle contrast of {settings.joint} frames found together",
             "not in the thesis",
             "-",
@@ -177,23 +179,23 @@ def _frames(count: int) -> str:
     return "one frame" if count == 1 else f"{count} frames"
 
 
-def _plate(
-    found: Mapping[str, PSFReport], averaged: Sequence[Averaged], settings: StabilitySettings
-) -> Plate:
+def _errors_figure(
+    found: Mapping[str, PSFReport], averaged: Sequence[AveragedVideo], settings: StabilitySettings
+) -> StudyFigure:
     figure = Figure(figsize=(13, 9), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1, 1.05]))
     axes = top.subplots(1, 3)
     first = averaged[0]
     pictures = {
-        f"(a) {_frames(first.frames)}": found[f"frames-{first.frames}"].shape,
-        f"(b) {settings.reference} independent frames": found["reference"].shape,
-        f"{settings.joint} frames found together": found["joint"].shape,
+        f"(a) {_frames(first.frames)}": found[f"frames-{first.frames}"].modulated_psf,
+        f"(b) {settings.reference} independent frames": found["reference"].modulated_psf,
+        f"{settings.joint} frames found together": found["joint"].modulated_psf,
     }
-    white = _white(found["reference"].shape)
+    white = _white(found["reference"].modulated_psf)
     for one, (title, picture) in zip(axes, pictures.items(), strict=True):
-        draw_tone(one, picture, title, white)
+        draw_linear(one, picture, title, white)
     _draw_errors(bottom.subplots(), averaged, settings)
-    return Plate(
+    return StudyFigure(
         "PSFs and their error",
         figure,
         "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
@@ -205,9 +207,11 @@ def _white(picture: Picture) -> float:
     return 1.3 * float(np.percentile(picture, 99.8))
 
 
-def _draw_errors(axes: Axes, averaged: Sequence[Averaged], settings: StabilitySettings) -> None:
+def _draw_errors(
+    axes: Axes, averaged: Sequence[AveragedVideo], settings: StabilitySettings
+) -> None:
     first = averaged[0]
-    scale = first.error / law(first.frames, settings.reference)
+    scale = first.error / independent_frames_error(first.frames, settings.reference)
     n = np.linspace(1, settings.reference, 400)
     curve = scale * (1 / n - 1 / settings.reference)
     axes.semilogy(n[:-1], curve[:-1], "-", color="0.6", label="law: 1/n - 1/N, through the first")

@@ -7,19 +7,19 @@ from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
 from labapp.pictures.analysis.brackets import Picture
-from labapp.pictures.analysis.star import PSFReport
+from labapp.pictures.analysis.star_psf import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_video import STUDY, VideoSettings
-from labapp.studies.contract import Movie, Plate, Results, Row
-from labapp.studies.drawing import animated, draw_log, draw_tone
+from labapp.studies.contract import ResultRow, StudyAnimation, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_linear, draw_log, encode_gif
 from labapp.studies.stars import (
-    bracket,
+    acquisition_block,
+    build_study_plan,
     correlation,
-    measured_psfs,
-    plan_of,
-    psf_pattern,
-    summed_noise,
-    target_of,
+    measure_psfs,
+    psf_noise_variances,
+    psf_pattern_table,
+    requested_psf,
 )
 from optics import metrics
 from optics.camera import Camera
@@ -28,7 +28,7 @@ from optics.progress import Progress
 _WINDOW = 112
 """Sensor pixels across a PSF."""
 
-_MOST_SHOWN = 8
+_MAX_FRAMES_IN_FIGURE = 8
 """Frames of a plate; a movie shows all of them."""
 
 
@@ -36,7 +36,7 @@ def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
     """Every frame of the video by itself, and the whole video in one exposure."""
     share = (1 - settings.smallest) / (settings.moments - 1)
     frames = {
-        _name(moment): psf_pattern(
+        _name(moment): psf_pattern_table(
             settings,
             "spiral",
             radius_um=settings.radius_um * (1 - share * moment),
@@ -45,11 +45,11 @@ def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
         for moment in range(settings.moments)
     }
     nm = settings.wavelength_nm
-    return plan_of(
+    return build_study_plan(
         STUDY,
         frames | {"video": {"kind": "video", "frames": list(frames)}},
-        bracket(["star"], ["neutral", *frames], nm, exposures_ms=settings.exposures_ms),
-        bracket(["star"], ["video"], nm, periods=[1, 4]),
+        acquisition_block(["star"], ["neutral", *frames], nm, exposures_ms=settings.exposures_ms),
+        acquisition_block(["star"], ["video"], nm, periods=[1, 4]),
     )
 
 
@@ -57,50 +57,50 @@ def _name(moment: int) -> str:
     return f"frame-{moment + 1}"
 
 
-def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> StudyResults:
     """Sizes frame by frame against those asked for, and the video against the frames' mean."""
     names = [_name(moment) for moment in range(settings.moments)]
-    found = measured_psfs(
+    found = measure_psfs(
         record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress.part(0, 0.8)
     )
-    noise = _noise(record, names, settings, progress.part(0.8, 1))
+    noise = _noise_difference(record, names, settings, progress.part(0.8, 1))
     frames, video = [found[name] for name in names], found["video"]
-    asked = [spread(target_of(one)) for one in frames]
-    seen = [spread(_lit(one)) for one in frames]
+    asked = [rms_radius(requested_psf(one)) for one in frames]
+    seen = [rms_radius(_psf_within_target(one)) for one in frames]
     mean = np.mean([one.measured for one in frames], axis=0)
     multiplexed = metrics.relative_error(video.measured, mean)
     worst = max(abs(s / a - 1) for s, a in zip(seen, asked, strict=True))
-    likeness = [correlation(one.shape, target_of(one)) for one in frames]
+    likeness = [correlation(one.modulated_psf, requested_psf(one)) for one in frames]
     last, wanted = seen[-1] / seen[0], asked[-1] / asked[0]
     rows = [
-        Row(
+        ResultRow(
             "size of the last frame over that of the first, root mean square radius",
             "shrinks smoothly (animation only)",
             f"{wanted:.3f}",
             f"{last:.3f}",
             last,
         ),
-        Row(
+        ResultRow(
             "largest error of a frame's size",
             "animation only",
             "0 %",
             f"{100 * worst:.1f} %",
             worst,
         ),
-        Row(
+        ResultRow(
             "every frame is smaller than the one before it",
             "shrinks smoothly",
             "yes",
             "yes" if all(np.diff(seen) < 0) else "no",
         ),
-        Row(
+        ResultRow(
             "correlation with the spiral asked for, the least of the frames",
             "animation only",
             "1 without speckle",
             f"{min(likeness):.3f}",
             min(likeness),
         ),
-        Row(
+        ResultRow(
             "the video in one exposure, against the mean of its frames, relative L2",
             "-",
             f"{noise / float(np.linalg.norm(mean)):.3f}, of the camera's noise alone",
@@ -122,38 +122,42 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Res
         "from each frame to the next, and differs from the mean of its frames by that.",
     ]
     plates = [_filmstrip(frames, video, mean), _sizes(asked, seen, pitch)]
-    movie = Movie(
+    movie = StudyAnimation(
         "The video, frame by frame",
-        animated([one.measured for one in frames]),
+        encode_gif([one.measured for one in frames]),
         "As the thesis animates it: measured PSFs on a logarithmic scale of four decades.",
     )
-    return Results(rows, plates, notes, data, movies=[movie])
+    return StudyResults(rows, plates, notes, data, animations=[movie])
 
 
-def _noise(record: Record, names: list[str], settings: VideoSettings, progress: Progress) -> float:
+def _noise_difference(
+    record: Record, names: list[str], settings: VideoSettings, progress: Progress
+) -> float:
     """Expected L2 difference of the video to the frames' mean, by the camera's noise alone."""
-    summed = summed_noise(record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress)
+    summed = psf_noise_variances(
+        record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress
+    )
     frames = sum(summed[name] for name in names) / len(names) ** 2
     return float(np.sqrt(frames + summed["video"]))
 
 
-def _lit(report: PSFReport) -> Picture:
+def _psf_within_target(report: PSFReport) -> Picture:
     """The PSF where its target has light: what is beside it would count by its distance."""
-    target = target_of(report)
-    return np.where(target > 0.02 * target.max(), report.shape, 0.0)
+    target = requested_psf(report)
+    return np.where(target > 0.02 * target.max(), report.modulated_psf, 0.0)
 
 
-def spread(picture: Picture) -> float:
+def rms_radius(picture: Picture) -> float:
     """Root mean square distance of light from the axis, pixels."""
     y, x = np.indices(picture.shape) - picture.shape[0] // 2
     light = np.clip(picture, 0, None)
     return float(np.sqrt((light * (y**2 + x**2)).sum() / light.sum()))
 
 
-def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> Plate:
-    count = min(len(frames), _MOST_SHOWN)
+def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> StudyFigure:
+    count = min(len(frames), _MAX_FRAMES_IN_FIGURE)
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
-    columns = min(max(2, count), _MOST_SHOWN // 2)
+    columns = min(max(2, count), _MAX_FRAMES_IN_FIGURE // 2)
     rows = -(-count // columns)
     size = (3.2 * columns, 3.4 * (rows + 1))
     figure = Figure(figsize=size, dpi=100, layout="constrained")
@@ -164,9 +168,9 @@ def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> Plat
     for one, number in zip(axes[:rows].ravel(), shown, strict=False):
         draw_log(one, frames[number].measured, f"frame {number + 1}", peak)
     still = mean - video.unmodulated * video.neutral
-    draw_tone(axes[rows][0], video.shape, "the video in one exposure")
-    draw_tone(axes[rows][1], still, "mean of its frames")
-    return Plate(
+    draw_linear(axes[rows][0], video.modulated_psf, "the video in one exposure")
+    draw_linear(axes[rows][1], still, "mean of its frames")
+    return StudyFigure(
         "PSFs frame by frame",
         figure,
         "Above, the measured PSF of each frame over four decades. Below, linear and without "
@@ -174,15 +178,15 @@ def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> Plat
     )
 
 
-def _sizes(asked: list[float], seen: list[float], pitch: float) -> Plate:
+def _sizes(requested_radii: list[float], measured_radii: list[float], pitch: float) -> StudyFigure:
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     axes = figure.subplots()
-    number = np.arange(1, len(asked) + 1)
-    axes.plot(number, np.array(asked) * pitch, "-", color="0.6", label="asked for")
-    axes.plot(number, np.array(seen) * pitch, "o", label="measured")
+    number = np.arange(1, len(requested_radii) + 1)
+    axes.plot(number, np.array(requested_radii) * pitch, "-", color="0.6", label="asked for")
+    axes.plot(number, np.array(measured_radii) * pitch, "o", label="measured")
     axes.set_xlabel("frame")
     axes.set_ylabel("root mean square radius, µm")
     axes.set_ylim(0, None)
     axes.grid(alpha=0.3)
     axes.legend()
-    return Plate("Size by frame", figure, "On the sensor, where the target has light.")
+    return StudyFigure("Size by frame", figure, "On the sensor, where the target has light.")

@@ -12,27 +12,32 @@ from matplotlib.figure import Figure
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.pictures.analysis.brackets import Bracket, Picture, find, merge_all
+from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
 from labapp.runs.record.reader import Record
-from labapp.studies.bricks import BRICKS, Region, regions_of, sharpened
+from labapp.studies.bricks import BRICKS_TARGET, BrickRegion, brick_regions, sharpness_rows
 from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
-from labapp.studies.contract import Plate, Results, Row
-from labapp.studies.drawing import draw_grey, draw_log, draw_panel
-from labapp.studies.focusing import DefocusedStar, Focus, focus_of, opening
-from labapp.studies.stars import bracket, plan_of
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
+from labapp.studies.focusing import (
+    DefocusedStar,
+    FocusCurve,
+    fit_focus_curve,
+    mean_square_pupil_radius,
+)
+from labapp.studies.stars import acquisition_block, build_study_plan
 from optics.camera import Camera
 from optics.progress import Progress
-from optics.shadow import in_focus
+from optics.stop_shadow import panel_to_focus_distance
 
 
-def power(settings: RefocusSettings, camera: Camera) -> float:
+def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
     """Dioptres that the SLM must add: the thin-lens equation at both distances."""
-    return 1 / settings.near_m - 1 / in_focus(camera)
+    return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
 def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
     """Stars at several distances and the bricks, without a pattern and with a Fresnel lens."""
-    added = power(settings, camera)
+    added = added_lens_power(settings, camera)
     if abs(added) < 1e-6:
         raise UserError(
             f"study refocus: near_m is {settings.near_m:g}, where the lens of the bench is "
@@ -40,45 +45,46 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
         )
     nm, both = settings.wavelength_nm, ["neutral", "lens"]
     lens = {"kind": "lens", "focal_length_m": 1 / added, "wavelength_nm": nm}
-    stars = {star_at(metres): {"distance_m": metres} for metres in settings.stars_m}
-    blocks = [bracket(list(stars), both, nm, exposures_ms=settings.star_ms)]
+    stars = {star_target_name(metres): {"distance_m": metres} for metres in settings.stars_m}
+    blocks = [acquisition_block(list(stars), both, nm, exposures_ms=settings.star_ms)]
     if settings.bricks:
-        blocks.append(bracket([BRICKS], both, nm, exposures_ms=settings.scene_ms))
-    return plan_of(STUDY, {"lens": lens}, *blocks, targets=stars)
+        blocks.append(acquisition_block([BRICKS_TARGET], both, nm, exposures_ms=settings.scene_ms))
+    return build_study_plan(STUDY, {"lens": lens}, *blocks, targets=stars)
 
 
-def star_at(metres: float) -> str:
+def star_target_name(metres: float) -> str:
     """The target's name."""
     return f"star-{round(100 * metres)}cm"
 
 
-def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> Results:
+def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> StudyResults:
     """Where the focus lies without and with the lens, and what becomes of the bricks."""
     camera = record.bench.build_camera()
     brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9
 
-    def taken(target: str, pattern: str) -> Bracket:
-        return find(brackets, target, pattern, metres, record.path)
+    def bracket_of(target: str, pattern: str) -> Bracket:
+        return find_bracket(brackets, target, pattern, metres, record.path)
 
     stars = [
         DefocusedStar(
-            distance, *(taken(star_at(distance), name).rate for name in ("neutral", "lens"))
+            distance,
+            *(bracket_of(star_target_name(distance), name).rate for name in ("neutral", "lens")),
         )
         for distance in sorted(settings.stars_m)
     ]
     nearest = min(stars, key=lambda star: abs(1 / star.distance - 1 / settings.near_m))
-    halo = nearest.unmodulated
-    before = focus_of(stars, [star.plain for star in stars], camera)
-    after = focus_of(stars, [star.coded - halo * star.plain for star in stars], camera)
+    halo = nearest.unmodulated_share
+    before = fit_focus_curve(stars, [star.plain for star in stars], camera)
+    after = fit_focus_curve(stars, [star.coded - halo * star.plain for star in stars], camera)
     rows = [*_rows(before, after, settings, camera), _halo(halo, nearest, camera)]
-    plates = [_focus_plate(before, after, nearest, settings, camera)]
+    plates = [_focus_figure(before, after, nearest, settings, camera)]
     if settings.bricks:
         progress.report(0.9, "bricks")
-        scenes = [taken(BRICKS, name).rate for name in ("neutral", "lens")]
-        regions = regions_of(record, camera)
-        rows += sharpened(scenes, regions, settings.near_m)
-        plates.insert(0, _scene_plate(scenes, record.pattern("lens"), regions, settings))
+        scenes = [bracket_of(BRICKS_TARGET, name).rate for name in ("neutral", "lens")]
+        regions = brick_regions(record, camera)
+        rows += sharpness_rows(scenes, regions, settings.near_m)
+        plates.insert(0, _bricks_figure(scenes, record.pattern("lens"), regions, settings))
     data = {"before": vars(before), "after": vars(after)}
     notes = [
         "A star that is out of focus is the projection of the pupil: its mean square radius is "
@@ -87,46 +93,48 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> R
         "diffraction adds the same at all distances. Light that the SLM can't modulate is "
         "subtracted before: it stays in focus where the lens was.",
     ]
-    return Results(rows, plates, notes, data)
+    return StudyResults(rows, plates, notes, data)
 
 
-def _rows(before: Focus, after: Focus, settings: RefocusSettings, camera: Camera) -> list[Row]:
-    z, added = camera.lens.image_distance, power(settings, camera)
-    geometric = z**2 * opening(camera)
+def _rows(
+    before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
+) -> list[ResultRow]:
+    z, added = camera.lens.image_distance, added_lens_power(settings, camera)
+    geometric = z**2 * mean_square_pupil_radius(camera)
     blur = math.sqrt(geometric) * abs(added)
     near = 1 / settings.near_m
-    blurred = math.sqrt(max(_at(before, near) - before.least, 0.0))
-    cleared = math.sqrt(max(_at(after, near) - after.least, 0.0))
+    blurred = math.sqrt(max(_square_radius_at(before, near) - before.least, 0.0))
+    cleared = math.sqrt(max(_square_radius_at(after, near) - after.least, 0.0))
     return [
-        Row(
+        ResultRow(
             "distance in focus, no pattern",
             "the farthest brick (no number)",
-            f"{in_focus(camera):.3f} m",
+            f"{panel_to_focus_distance(camera):.3f} m",
             f"{1 / before.best:.3f} m",
             1 / before.best,
         ),
-        Row(
+        ResultRow(
             f"distance in focus, Fresnel lens of {1 / added:.3g} m",
             "the nearer figure (no number)",
             f"{settings.near_m:.3f} m: thin-lens equation",
             f"{1 / after.best:.3f} m",
             1 / after.best,
         ),
-        Row(
+        ResultRow(
             f"blur of a star at {settings.near_m:g} m, no pattern, root mean square",
             "out of focus (picture only)",
             f"{1e6 * blur:.1f} µm: projection of the pupil",
             f"{1e6 * blurred:.1f} µm",
             blurred,
         ),
-        Row(
+        ResultRow(
             "the same with the Fresnel lens, beyond diffraction",
             "high-frequency edges (picture only)",
             "0 µm",
             f"{1e6 * cleared:.1f} µm",
             cleared,
         ),
-        Row(
+        ResultRow(
             "opening of the parabola, over z² <x² + y²> of the pupil",
             "-",
             "1",
@@ -136,12 +144,12 @@ def _rows(before: Focus, after: Focus, settings: RefocusSettings, camera: Camera
     ]
 
 
-def _at(focus: Focus, vergence: float) -> float:
+def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
     return focus.least + focus.slope * (vergence - focus.best) ** 2
 
 
-def _halo(share: float, star: DefocusedStar, camera: Camera) -> Row:
-    return Row(
+def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
+    return ResultRow(
         f"halo: light of a star at {star.distance:g} m that stays out of focus",
         "a halo around each object (picture only)",
         f"{100 * camera.panel.unmodulated:.1f} % (bench file)",
@@ -150,40 +158,44 @@ def _halo(share: float, star: DefocusedStar, camera: Camera) -> Row:
     )
 
 
-def _scene_plate(
+def _bricks_figure(
     scenes: Sequence[Picture],
     grey: Any,
-    regions: Sequence[Region],
+    regions: Sequence[BrickRegion],
     settings: RefocusSettings,
-) -> Plate:
+) -> StudyFigure:
     figure = Figure(figsize=(15, 9.8), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1.25, 1]))
     white = float(np.percentile(scenes[0], 99.8))
     titles = ("(a) no pattern", f"(b) Fresnel lens, in focus at {settings.near_m:g} m")
     for axes, scene, title in zip(top.subplots(1, 2), scenes, titles, strict=True):
-        draw_grey(axes, scene, title, white)
+        draw_photograph(axes, scene, title, white)
     axes = bottom.subplots(1, 3, width_ratios=[1.0, 1.0, 1.6])
     if regions:
         distance, y, x = min(regions, key=lambda one: abs(one[0] - settings.near_m))
         for one, scene, title in zip(axes, scenes, ("no pattern", "Fresnel lens"), strict=False):
-            draw_grey(one, scene[y, x], f"the brick at {distance:g} m, {title}", white)
+            draw_photograph(one, scene[y, x], f"the brick at {distance:g} m, {title}", white)
     else:
         axes[0].axis("off")
         axes[1].axis("off")
-    draw_panel(axes[2], grey, "(c) the Fresnel lens on the SLM")
-    return Plate("Bricks", figure, "As Fig. 3.6: before, after, and the pattern on the SLM.")
+    draw_pattern(axes[2], grey, "(c) the Fresnel lens on the SLM")
+    return StudyFigure("Bricks", figure, "As Fig. 3.6: before, after, and the pattern on the SLM.")
 
 
-def _focus_plate(
-    before: Focus, after: Focus, star: DefocusedStar, settings: RefocusSettings, camera: Camera
-) -> Plate:
+def _focus_figure(
+    before: FocusCurve,
+    after: FocusCurve,
+    star: DefocusedStar,
+    settings: RefocusSettings,
+    camera: Camera,
+) -> StudyFigure:
     figure = Figure(figsize=(14, 5), dpi=100, layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.7, 1, 1])
     _draw_focus(left, before, after, settings, camera)
     peak = float(star.coded.max())
     draw_log(middle, star.plain, f"star at {star.distance:g} m, no pattern", peak)
     draw_log(right, star.coded, "with the Fresnel lens", peak)
-    return Plate(
+    return StudyFigure(
         "Blur of stars",
         figure,
         "Left: dots are measured, lines the projection of the pupil with the measured least blur. "
@@ -192,11 +204,11 @@ def _focus_plate(
 
 
 def _draw_focus(
-    axes: Axes, before: Focus, after: Focus, settings: RefocusSettings, camera: Camera
+    axes: Axes, before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
 ) -> None:
-    z2 = camera.lens.image_distance**2 * opening(camera)
+    z2 = camera.lens.image_distance**2 * mean_square_pupil_radius(camera)
     line = np.linspace(min(before.vergences) - 0.03, max(before.vergences) + 0.03, 300)
-    centres = (1 / in_focus(camera), 1 / settings.near_m)
+    centres = (1 / panel_to_focus_distance(camera), 1 / settings.near_m)
     for focus, centre, name, colour in zip(
         (before, after), centres, ("no pattern", "Fresnel lens"), ("C0", "C1"), strict=True
     ):

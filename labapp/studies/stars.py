@@ -9,14 +9,14 @@ import numpy as np
 
 from labapp.files.plan_file import PlanFile, Reconstruction
 from labapp.files.reading import validate
-from labapp.pictures.analysis.brackets import Picture, find, merge_all
-from labapp.pictures.analysis.star import PSFReport, centre_of, cut, measure_psf
+from labapp.pictures.analysis.brackets import Picture, find_bracket, merge_all
+from labapp.pictures.analysis.star_psf import PSFReport, bright_centroid, crop_centred, measure_psf
 from labapp.runs.record.reader import Record
 from labapp.studies.contract import Study
 from optics.progress import Progress
 
 
-def plan_of(
+def build_study_plan(
     study: Study[Any], patterns: Mapping[str, Any], *blocks: Mapping[str, Any], **more: Any
 ) -> PlanFile:
     """A study's plan; the pattern "neutral" is there beside its own."""
@@ -29,7 +29,7 @@ def plan_of(
     return validate(data | more, PlanFile, f"study {study.title!r}")
 
 
-def psf_pattern(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
+def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
     """A pattern whose PSF has a shape, as a study's settings have it retrieved."""
     return {
         "kind": "psf",
@@ -39,7 +39,7 @@ def psf_pattern(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
     }
 
 
-def bracket(
+def acquisition_block(
     targets: Sequence[str], patterns: Sequence[str], wavelength_nm: float, **exposures: Any
 ) -> dict[str, Any]:
     """Targets with each pattern, after dark frames of every exposure.
@@ -55,7 +55,7 @@ def bracket(
     }
 
 
-def measured_psfs(
+def measure_psfs(
     record: Record,
     patterns: Sequence[str],
     wavelength_nm: float,
@@ -72,7 +72,7 @@ def measured_psfs(
     return found
 
 
-def summed_noise(
+def psf_noise_variances(
     record: Record,
     patterns: Sequence[str],
     wavelength_nm: float,
@@ -83,18 +83,18 @@ def summed_noise(
     square of a difference, on the scale of the neutral star's light."""
     brackets = merge_all(record, progress)
     metres = wavelength_nm * 1e-9
-    neutral = find(brackets, "star", "neutral", metres, record.path).rate
-    centre = centre_of(neutral)
-    total = float(cut(neutral, centre, window_px).sum())
+    neutral = find_bracket(brackets, "star", "neutral", metres, record.path).rate
+    centre = bright_centroid(neutral)
+    total = float(crop_centred(neutral, centre, window_px).sum())
     found = {}
     for name in patterns:
-        variance = find(brackets, "star", name, metres, record.path).variance
+        variance = find_bracket(brackets, "star", name, metres, record.path).variance
         known = np.where(np.isfinite(variance), variance, 0.0)
-        found[name] = float(cut(known, centre, window_px).sum()) / total**2
+        found[name] = float(crop_centred(known, centre, window_px).sum()) / total**2
     return found
 
 
-def target_of(report: PSFReport) -> Picture:
+def requested_psf(report: PSFReport) -> Picture:
     """What was asked for: all patterns of a study's own have it."""
     assert report.target is not None
     return report.target

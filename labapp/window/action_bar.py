@@ -6,8 +6,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QToolButton, QWidget
 
-from labapp.window.badge import Badge
-from labapp.window.parts import tool_button
+from labapp.window.simulation_badge import SimulationBadge
+from labapp.window.widgets import make_tool_button
 
 _GROUPS = (
     ("live",),
@@ -23,14 +23,14 @@ class ActionBar(QWidget):
 
     def __init__(self, actions: dict[str, QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.badge = Badge(self)
+        self.badge = SimulationBadge(self)
         self.buttons: dict[str, QToolButton] = {}
         layout = QHBoxLayout(self)
         layout.setContentsMargins(6, 5, 6, 5)
         layout.setSpacing(4)
         for group in _GROUPS:
             for name in group:
-                button = tool_button(self, actions[name])
+                button = make_tool_button(self, actions[name])
                 button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
                 self.buttons[name] = button
                 layout.addWidget(button)

@@ -11,9 +11,9 @@ from PySide6.QtWidgets import QApplication
 
 from labapp.common.errors import UserError
 from labapp.window import theme
-from labapp.window.connection import Connection
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
-from labapp.window.remembered import Remembered, default_file
+from labapp.window.remembered_settings import RememberedSettings, default_settings_file
 
 
 def main(**files: Path | None) -> int:
@@ -22,7 +22,7 @@ def main(**files: Path | None) -> int:
     return int(application.exec())
 
 
-def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, Connection]:
+def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, EngineConnection]:
     """The window on the screen, and its engine on the way.
 
     files: bench, scene, image, and faults that simulated devices shall suffer. Nothing heavy is
@@ -34,9 +34,9 @@ def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, Connect
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     application = QApplication(sys.argv[:1])
     application.setApplicationName("labapp")
-    theme.apply(application)
-    connection = Connection(**files)
-    window = MainWindow(connection, Remembered(default_file()))
+    theme.apply_theme(application)
+    connection = EngineConnection(**files)
+    window = MainWindow(connection, RememberedSettings(default_settings_file()))
     window.show()
     connection.start()
     return application, window, connection

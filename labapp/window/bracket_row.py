@@ -5,8 +5,8 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
 
-from labapp.window.bracket import Bracket
-from labapp.window.parts import label
+from labapp.window.exposure_bracket import ExposureBracket
+from labapp.window.widgets import make_label
 
 
 class BracketRow(QObject):
@@ -14,9 +14,9 @@ class BracketRow(QObject):
 
     changed = Signal()
 
-    def __init__(self, name: str, first: Bracket, parent: QWidget) -> None:
+    def __init__(self, name: str, first: ExposureBracket, parent: QWidget) -> None:
         super().__init__(parent)
-        self._name = label(parent, name)
+        self._name = make_label(parent, name)
         self.shortest = QDoubleSpinBox(
             parent, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=first.shortest_ms
         )
@@ -25,21 +25,21 @@ class BracketRow(QObject):
             parent, prefix="× ", decimals=1, minimum=1.1, maximum=100, value=first.ratio
         )
         self.count = QSpinBox(parent, minimum=1, maximum=12, value=first.count)
-        self.listed = label(parent, look="faint", wrap=True)
+        self.exposures_label = make_label(parent, look="faint", wrap=True)
         for box in (self.shortest, self.ratio, self.count):
             box.valueChanged.connect(lambda _: self._update())
         self._update()
 
-    def place(self, grid: QGridLayout, line: int) -> None:
+    def add_to_grid(self, grid: QGridLayout, line: int) -> None:
         for column, widget in enumerate((self._name, self.shortest, self.ratio, self.count)):
             grid.addWidget(widget, line, column)
-        grid.addWidget(self.listed, line + 1, 0, 1, 4)
+        grid.addWidget(self.exposures_label, line + 1, 0, 1, 4)
 
     @property
-    def bracket(self) -> Bracket:
-        return Bracket(self.shortest.value(), self.ratio.value(), self.count.value())
+    def bracket(self) -> ExposureBracket:
+        return ExposureBracket(self.shortest.value(), self.ratio.value(), self.count.value())
 
     def _update(self) -> None:
         times = "  ".join(f"{ms:.6g}" for ms in self.bracket.exposures_ms)
-        self.listed.setText(f"{times} ms")
+        self.exposures_label.setText(f"{times} ms")
         self.changed.emit()

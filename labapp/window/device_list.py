@@ -8,10 +8,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.messages import DeviceInfo
-from labapp.window.parts import OF_A_PANEL, Panel, fill, label
 from labapp.window.theme import ERROR, FAINT, REAL, SIMULATED
+from labapp.window.widgets import PANEL_MARGINS, WrappingPanel, fill_layout, make_label
 
-TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
+DEVICE_TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
 
 
 class DeviceRow(QWidget):
@@ -19,7 +19,7 @@ class DeviceRow(QWidget):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._title, self._value = label(self), label(self, wrap=True)
+        self._title, self._value = make_label(self), make_label(self, wrap=True)
         self.reconnect = QPushButton("Reconnect", self)
         self.reconnect.setToolTip("Open the device again")
         layout = QGridLayout(self)
@@ -36,27 +36,27 @@ class DeviceRow(QWidget):
         return f"{self._title.text()}<br>{self._value.text()}"
 
     def show_device(self, device: DeviceInfo) -> None:
-        self._title.setText(_headed(device))
-        self._value.setText(_described(device))
+        self._title.setText(_heading_html(device))
+        self._value.setText(_value_html(device))
         self.reconnect.setVisible(device.state == "failed")
         self.reconnect.setText("Reconnect")
 
 
-class DeviceList(Panel):
+class DeviceList(WrappingPanel):
     """A row a device; a failed one is red until it does as it is told.
 
-    reconnect_asked: the bench's name of a device that the person wants opened again.
+    reconnect_requested: the bench's name of a device that the person wants opened again.
     """
 
-    reconnect_asked = Signal(str)
+    reconnect_requested = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.rows: dict[str, DeviceRow] = {}
         self._in_run = False
         self._layout = QVBoxLayout(self)
-        self._empty = label(self, "opening the bench …", look="faint")
-        fill(self._layout, self._empty, 1, margins=OF_A_PANEL, spacing=4)
+        self._empty = make_label(self, "opening the bench …", look="faint")
+        fill_layout(self._layout, self._empty, 1, margins=PANEL_MARGINS, spacing=4)
 
     def clear(self, text: str) -> None:
         """No devices are known; say why."""
@@ -73,9 +73,9 @@ class DeviceList(Panel):
             if device.name not in self.rows:
                 self._add(device.name)
             self.rows[device.name].show_device(device)
-        self.set_in_run(self._in_run)
+        self.set_run_active(self._in_run)
 
-    def set_in_run(self, on: bool) -> None:
+    def set_run_active(self, on: bool) -> None:
         """A run mends its devices itself; nobody else opens them meanwhile."""
         self._in_run = on
         for row in self.rows.values():
@@ -86,21 +86,21 @@ class DeviceList(Panel):
 
     def _add(self, name: str) -> None:
         row = DeviceRow(self)
-        row.reconnect.clicked.connect(lambda: self._ask(name))
+        row.reconnect.clicked.connect(lambda: self._request_reconnect(name))
         self.rows[name] = row
         self._layout.insertWidget(len(self.rows), row)
 
-    def _ask(self, name: str) -> None:
+    def _request_reconnect(self, name: str) -> None:
         button = self.rows[name].reconnect
         button.setEnabled(False)
         button.setText("opening …")
-        self.reconnect_asked.emit(name)
+        self.reconnect_requested.emit(name)
 
 
-def _headed(device: DeviceInfo) -> str:
+def _heading_html(device: DeviceInfo) -> str:
     kind, kind_colour = ("simulated", SIMULATED) if device.simulated else ("real", REAL)
     state_colour = ERROR if device.error else REAL
-    title = TITLES.get(device.name, device.name)
+    title = DEVICE_TITLES.get(device.name, device.name)
     return (
         f"<span style='color:{state_colour}'>●</span> <b>{escape(title)}</b> "
         f"<span style='color:{state_colour}'>{escape(device.state)}</span> "
@@ -108,7 +108,7 @@ def _headed(device: DeviceInfo) -> str:
     )
 
 
-def _described(device: DeviceInfo) -> str:
+def _value_html(device: DeviceInfo) -> str:
     model = f"<span style='color:{FAINT}'>{escape(device.model)}:</span>"
     if not device.error:
         return f"{model} {escape(device.value)}"

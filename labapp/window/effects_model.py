@@ -7,8 +7,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt
 
-from labapp.window.messages import EffectTold
-from labapp.window.rows import Index, RowsModel
+from labapp.window.messages import EffectInfo
+from labapp.window.table_base import ModelIndex, RowsModel
 from labapp.window.theme import FAINT, SIMULATED, TEXT
 
 _COLUMNS = {
@@ -23,12 +23,12 @@ _COLUMNS = {
 class EffectsModel(RowsModel):
     """The effects of one picture, in the order of the light."""
 
-    rows: Sequence[EffectTold]
+    rows: Sequence[EffectInfo]
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(_COLUMNS, parent)
 
-    def show_rows(self, rows: tuple[EffectTold, ...]) -> None:
+    def show_rows(self, rows: tuple[EffectInfo, ...]) -> None:
         """Rows that are of the same effects as before stay where the person has scrolled to."""
         if [row.name for row in rows] != [row.name for row in self.rows]:
             self.beginResetModel()
@@ -36,16 +36,16 @@ class EffectsModel(RowsModel):
             self.endResetModel()
         else:
             self.rows = rows
-            self.tell_all_changed()
+            self.emit_all_changed()
 
-    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+    def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return (row.name, row.level, limit(row))[index.column()]
+            return (row.name, row.level, bound_text(row))[index.column()]
         return _tip(row) if role == Qt.ItemDataRole.ToolTipRole else None
 
 
-def share(number: float) -> str:
+def format_share(number: float) -> str:
     """A relative change as a person reads it: 0.18, 4e-3, 1.2e-5, 0."""
     if number == 0 or number >= 0.1:
         return f"{number:.2g}"
@@ -53,29 +53,29 @@ def share(number: float) -> str:
     return f"{digits.removesuffix('.0')}e{int(power)}"
 
 
-def limit(row: EffectTold) -> str:
-    if row.at_most is None:
+def bound_text(row: EffectInfo) -> str:
+    if row.error_bound is None:
         return "no limit known"
-    return share(row.at_most) if row.at_most else "nothing"
+    return format_share(row.error_bound) if row.error_bound else "nothing"
 
 
-def reason(row: EffectTold) -> str:
+def reason_text(row: EffectInfo) -> str:
     """Why an effect is at its level, with what the level is likely to change."""
     forced = "forced by the scene; " if row.forced else ""
-    about = f"about {share(row.about)}: " if row.about else ""
+    about = f"about {format_share(row.error_estimate)}: " if row.error_estimate else ""
     return _sentence(f"{forced}{about}{row.why}")
 
 
-def colour(row: EffectTold) -> str:
+def effect_colour(row: EffectInfo) -> str:
     if row.forced:
         return SIMULATED
     return TEXT if row.on else FAINT
 
 
-def _tip(row: EffectTold) -> str:
+def _tip(row: EffectInfo) -> str:
     forced = "forced by the scene" if row.forced else ""
     source = f"source: {row.source}" if row.source else ""
-    sentences = (row.physics, row.why, f"limit {row.how}", source, forced)
+    sentences = (row.physics, row.why, f"limit {row.bound_source}", source, forced)
     return "\n".join(_sentence(text) for text in sentences if text)
 
 

@@ -13,15 +13,15 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from labapp.window.effects_model import EffectsModel, colour, limit, reason
-from labapp.window.messages import EffectTold
-from labapp.window.rows import LEFT, MARGIN, Index, RowsTable, paint_bar
+from labapp.window.effects_model import EffectsModel, bound_text, effect_colour, reason_text
+from labapp.window.messages import EffectInfo
+from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsTable, paint_bar
 from labapp.window.theme import FAINT, PANEL
 
-BAR = 2
+BAR_COLUMN = 2
 """The column of bars."""
 
-_LEAST = 1e-7
+_BAR_MINIMUM = 1e-7
 """Relative change at the left end of a bar; the right end is the whole picture."""
 
 _WIDEST = ("neighbour coupling", "skewed Gaussian")
@@ -38,17 +38,17 @@ class EffectsTable(RowsTable):
         self.effects = EffectsModel(self)
         self.tol = 0.0
         widths = [self.fontMetrics().horizontalAdvance(words) + 2 * MARGIN for words in _WIDEST]
-        self.fill(self.effects, _Painter(self), BAR, dict(enumerate(widths)))
+        self.set_up(self.effects, _EffectPainter(self), BAR_COLUMN, dict(enumerate(widths)))
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
 
-    def show_effects(self, effects: tuple[EffectTold, ...], tol: float) -> None:
+    def show_effects(self, effects: tuple[EffectInfo, ...], tol: float) -> None:
         self.tol = tol
         self.effects.show_rows(effects)
         self._fit_rows()
 
     @property
-    def line(self) -> int:
+    def line_height(self) -> int:
         """Pixels from the top of a row's cells to its sentence."""
         return self.fontMetrics().lineSpacing() + 6
 
@@ -60,56 +60,58 @@ class EffectsTable(RowsTable):
         """Sentences wrap, so how high a row is follows from how wide the table is."""
         room = QRect(0, 0, self.viewport().width() - 2 * MARGIN, 1000)
         for number, row in enumerate(self.effects.rows):
-            needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason(row))
-            self.setRowHeight(number, self.line + needed.height() + MARGIN + 5)
+            needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason_text(row))
+            self.setRowHeight(number, self.line_height + needed.height() + MARGIN + 5)
 
 
-class _Painter(QStyledItemDelegate):
+class _EffectPainter(QStyledItemDelegate):
     """A line of cells, and below it a sentence as wide as the row."""
 
     def __init__(self, table: EffectsTable) -> None:
         super().__init__(table)
         self._table = table
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: ModelIndex) -> None:
         row = self._table.effects.rows[index.row()]
         cell: QRect = option.rect
-        top = QRect(cell.left(), cell.top() + 3, cell.width(), self._table.line)
+        top = QRect(cell.left(), cell.top() + 3, cell.width(), self._table.line_height)
         painter.save()
         # Each cell paints its own part of the sentence, for cells are painted one by one.
         painter.setClipRect(cell, Qt.ClipOperation.IntersectClip)
-        if index.column() == BAR:
+        if index.column() == BAR_COLUMN:
             _bar(painter, top.adjusted(0, 1, -MARGIN, -3), row, self._table.tol)
         else:
             text, place = index.data(), top.adjusted(MARGIN, 1, 0, -3)
-            painter.setPen(QColor(colour(row)))
-            painter.drawText(place, LEFT, _elided(painter, text, place.width() - MARGIN))
+            painter.setPen(QColor(effect_colour(row)))
+            painter.drawText(place, ALIGN_LEFT, _elide_text(painter, text, place.width() - MARGIN))
         whole = QRect(0, cell.top(), self._table.viewport().width(), cell.height())
         painter.setPen(QColor(FAINT))
-        below = whole.adjusted(MARGIN, 3 + self._table.line, -MARGIN, 0)
-        painter.drawText(below, _WRAPPED, reason(row))
+        below = whole.adjusted(MARGIN, 3 + self._table.line_height, -MARGIN, 0)
+        painter.drawText(below, _WRAPPED, reason_text(row))
         painter.setPen(QColor(PANEL))
         painter.drawLine(whole.bottomLeft(), whole.bottomRight())
         painter.restore()
 
 
-def _bar(painter: QPainter, place: QRect, row: EffectTold, tol: float) -> None:
+def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
     """A bar on a logarithmic scale, a mark at the tolerance, and the number."""
-    paint_bar(painter, place, _along(row.at_most), QColor(colour(row)).darker(250))
-    mark = place.left() + round((place.width() - 1) * _along(tol))
+    paint_bar(
+        painter, place, _bar_position(row.error_bound), QColor(effect_colour(row)).darker(250)
+    )
+    mark = place.left() + round((place.width() - 1) * _bar_position(tol))
     painter.drawLine(mark, place.top(), mark, place.bottom())
-    painter.setPen(QColor(colour(row)))
-    painter.drawText(place.adjusted(MARGIN, 0, 0, 0), LEFT, limit(row))
+    painter.setPen(QColor(effect_colour(row)))
+    painter.drawText(place.adjusted(MARGIN, 0, 0, 0), ALIGN_LEFT, bound_text(row))
 
 
-def _elided(painter: QPainter, text: str, width: int) -> str:
+def _elide_text(painter: QPainter, text: str, width: int) -> str:
     return painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, width)
 
 
-def _along(share: float | None) -> float:
+def _bar_position(share: float | None) -> float:
     """Where a share lies on a bar, 0 to 1; one that isn't known at its end."""
     if share is None:
         return 1.0
-    if share <= _LEAST:
+    if share <= _BAR_MINIMUM:
         return 0.0
-    return min(1 - math.log(share) / math.log(_LEAST), 1.0)
+    return min(1 - math.log(share) / math.log(_BAR_MINIMUM), 1.0)

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from labapp.window.parts import fill
 from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD
+from labapp.window.widgets import fill_layout
 
 _COLUMNS = 512
 _HEIGHT = 100
 
 
 class HistogramView(QWidget):
-    """Pixels per digital number. dragged: the person moved the levels (black, white)."""
+    """Pixels per digital number. levels_dragged: the person moved the levels (black, white)."""
 
-    dragged = Signal(float, float)
+    levels_dragged = Signal(float, float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -38,7 +38,7 @@ class HistogramView(QWidget):
         )
         self._plot.addItem(self._levels)
         self._levels.sigRegionChangeFinished.connect(self._drag)
-        fill(QVBoxLayout(self), self._plot)
+        fill_layout(QVBoxLayout(self), self._plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
         """Counts per bin of `width` DN; neighbouring bins are added up to what fits."""
@@ -59,4 +59,4 @@ class HistogramView(QWidget):
 
     def _drag(self) -> None:
         low, high = self._levels.getRegion()
-        self.dragged.emit(float(low), float(high))
+        self.levels_dragged.emit(float(low), float(high))

@@ -9,11 +9,11 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
-from labapp.window import tone
+from labapp.window import tone_mapping
 from labapp.window.histogram_view import HistogramView
 from labapp.window.messages import LiveFrame
-from labapp.window.parts import fill, label
-from labapp.window.picture import Picture
+from labapp.window.picture_view import PictureView
+from labapp.window.widgets import fill_layout, make_label
 
 _HISTOGRAM_INTERVAL = 0.1
 """Seconds between drawings of the histogram; levels follow every frame all the same."""
@@ -25,47 +25,47 @@ _STALE = 1.0
 class LiveView(QWidget):
     """Draws frames; everything that it says about a frame came with that frame.
 
-    auto_changed: whether the contrast follows the picture, when a drag has changed it.
+    auto_contrast_changed: whether the contrast follows the picture, when a drag has changed it.
     """
 
-    auto_changed = Signal(bool)
+    auto_contrast_changed = Signal(bool)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.picture = Picture(self)
-        self.caption = label(self.picture, "no picture yet", look="caption")
+        self.picture = PictureView(self)
+        self.caption = make_label(self.picture, "no picture yet", look="caption")
         self.caption.move(8, 8)
         self.caption.ensurePolished()
         self.caption.adjustSize()
         self.caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.cursor_reading = label(self, look="readings")
-        self.frame_reading = label(self, look="readings")
+        self.cursor_reading = make_label(self, look="readings")
+        self.frame_reading = make_label(self, look="readings")
         self._histogram = HistogramView(self)
-        self._histogram.dragged.connect(self.take_levels)
-        self._scale = tone.Scale()
+        self._histogram.levels_dragged.connect(self.set_levels)
+        self._scale = tone_mapping.DigitalScale()
         self.levels = (0.0, float(self._scale.full_scale))
         self._auto = True
         self._running = True
-        self._palette = tone.palette(marked=True)
+        self._palette = tone_mapping.build_palette(mark_clipping=True)
         self._frame: LiveFrame | None = None
         self._arrivals: deque[float] = deque(maxlen=_RATE_OVER)
         self._drawn = 0.0
         self._under_mouse = (-1, -1)
-        self.picture.hovered.connect(self._hover)
-        readings = fill(QHBoxLayout(), (self.cursor_reading, 1), self.frame_reading)
-        fill(QVBoxLayout(self), (self.picture, 1), readings, self._histogram, spacing=2)
+        self.picture.pixel_hovered.connect(self._hover)
+        readings = fill_layout(QHBoxLayout(), (self.cursor_reading, 1), self.frame_reading)
+        fill_layout(QVBoxLayout(self), (self.picture, 1), readings, self._histogram, spacing=2)
 
-    def set_scale(self, scale: tone.Scale) -> None:
+    def set_scale(self, scale: tone_mapping.DigitalScale) -> None:
         self._scale = scale
 
-    def set_auto(self, on: bool) -> None:
+    def set_auto_contrast(self, on: bool) -> None:
         """Whether the contrast levels follow every picture or stay as they are."""
         self._auto = on
         self._redraw()
 
-    def set_marked(self, on: bool) -> None:
+    def set_clipping_marks(self, on: bool) -> None:
         """Whether saturated and black pixels are shown in colour."""
-        self._palette = tone.palette(marked=on)
+        self._palette = tone_mapping.build_palette(mark_clipping=on)
         self._redraw()
 
     def set_running(self, on: bool) -> None:
@@ -85,11 +85,11 @@ class LiveView(QWidget):
         if self._frame is None:
             return
         image = self._frame.image
-        counts, width = tone.histogram(image, self._scale)
+        counts, width = tone_mapping.histogram(image, self._scale)
         if self._auto:
-            self.levels = tone.auto_levels(counts, width)
-        indices = tone.indices(image, self.levels, self._scale)
-        visible = tone.spread_saturated(indices, self.picture.reduction)
+            self.levels = tone_mapping.auto_levels(counts, width)
+        indices = tone_mapping.index_picture(image, self.levels, self._scale)
+        visible = tone_mapping.spread_saturated(indices, self.picture.reduction)
         self.picture.show_indices(visible, self._palette)
         now = time.monotonic()
         if now - self._drawn >= _HISTOGRAM_INTERVAL:
@@ -117,11 +117,11 @@ class LiveView(QWidget):
         span = recent[-1] - recent[0]
         return (len(recent) - 1) / span if span > 0 else 0.0
 
-    def take_levels(self, low: float, high: float) -> None:
+    def set_levels(self, low: float, high: float) -> None:
         self.levels = (low, high)
         if self._auto:
             self._auto = False
-            self.auto_changed.emit(False)
+            self.auto_contrast_changed.emit(False)
         self._redraw()
 
     def _hover(self, row: int, column: int) -> None:

@@ -18,34 +18,34 @@ from PySide6.QtWidgets import (
 
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
-from labapp.window.call_line import CallLine
-from labapp.window.connection import Connection
 from labapp.window.device_list import DeviceList
 from labapp.window.effects_panel import EffectsPanel
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.live_view import LiveView
 from labapp.window.message_line import MessageLine
-from labapp.window.parts import fill
 from labapp.window.pattern_panel import PatternPanel
+from labapp.window.prompt_bar import PromptBar
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
-from labapp.window.remembered import Remembered
+from labapp.window.remembered_settings import RememberedSettings
 from labapp.window.run_panel import RunPanel
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
 from labapp.window.side_by_side import SideBySide
+from labapp.window.widgets import fill_layout
 
 _SIZE = QSize(1600, 900)
 _LEFT, _RIGHT = 310, 370
 _LAYOUT_VERSION = 3
 
-_FIELDS = (QAbstractSpinBox, QComboBox, QLineEdit)
+_INPUT_WIDGETS = (QAbstractSpinBox, QComboBox, QLineEdit)
 """Where Enter means that what was typed holds."""
 
 
 class MainWindow(QMainWindow):
     """Panels around a live view; `session` is what happens between them and the engine."""
 
-    def __init__(self, connection: Connection, remembered: Remembered) -> None:
+    def __init__(self, connection: EngineConnection, remembered: RememberedSettings) -> None:
         super().__init__()
         self.setWindowTitle("labapp")
         self.connection, self._remembered = connection, remembered
@@ -59,9 +59,9 @@ class MainWindow(QMainWindow):
         self.tabs.addTab(self.live_view, "Live")
         self.tabs.addTab(self.reconstruction, "Reconstruction")
         self.tabs.addTab(self.side_by_side, "Side by side")
-        self.call = CallLine(self.actions_["pause"], self)
+        self.prompt_bar = PromptBar(self.actions_["pause"], self)
         central = QWidget(self)
-        fill(QVBoxLayout(central), self.call, (self.tabs, 1), spacing=4)
+        fill_layout(QVBoxLayout(central), self.prompt_bar, (self.tabs, 1), spacing=4)
         self.setCentralWidget(central)
         self.devices = DeviceList(self)
         self.settings = SettingsPanel(self)
@@ -89,10 +89,10 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask before a run is lost; then keep the settings and end the engine in order."""
-        if (question := self._question()) and not self._may(question):
+        if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
-        self._keep()
+        self._save_settings()
         # Leaving the bench safe may take a moment, which nobody needs to watch.
         self.hide()
         self.connection.close()
@@ -105,14 +105,17 @@ class MainWindow(QMainWindow):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Enter says that what a run asked for is done, but never what was meant for a field."""
-        if event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter) or not self.call.asks:
+        if (
+            event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+            or not self.prompt_bar.is_asking
+        ):
             super().keyPressEvent(event)
             return
         field = self.focusWidget()
-        if isinstance(field, _FIELDS):
+        if isinstance(field, _INPUT_WIDGETS):
             field.clearFocus()
         elif not event.isAutoRepeat():
-            self.call.done_button.click()
+            self.prompt_bar.done_button.click()
 
     def show_queue(self) -> None:
         """Bring the queue to the front of what it shares its place with."""
@@ -165,17 +168,17 @@ class MainWindow(QMainWindow):
     def _question(self) -> str:
         """What to ask before the window closes; empty if nothing would be lost."""
         queue = self.session.queue
-        lost = f" {queue.waiting} that wait will not be taken." if queue.waiting else ""
-        if queue.under_way is not None:
+        lost = f" {queue.waiting_count} that wait will not be taken." if queue.waiting_count else ""
+        if queue.current_run is not None:
             return f"A run is under way. Cancel it and close? Frames taken so far are kept.{lost}"
         return f"Runs are in line. Close all the same?{lost}" if lost else ""
 
-    def _may(self, question: str) -> bool:
+    def _confirm(self, question: str) -> bool:
         button = QMessageBox.StandardButton
         answer = QMessageBox.question(self, "labapp", question, button.Yes | button.No, button.No)
         return answer == button.Yes
 
-    def _fields(self) -> dict[str, QWidget]:
+    def _remembered_fields(self) -> dict[str, QWidget]:
         form = self.pattern.form
         fields: dict[str, QWidget] = {
             "wavelength_nm": self.settings.wavelength,
@@ -197,7 +200,7 @@ class MainWindow(QMainWindow):
         return fields
 
     def _restore(self) -> None:
-        self._remembered.restore(self._fields())
+        self._remembered.restore_fields(self._remembered_fields())
         self.session.first_target = self._remembered.text("target")
         geometry: QByteArray = self._remembered.layout("geometry")
         if not geometry.isEmpty():
@@ -206,8 +209,8 @@ class MainWindow(QMainWindow):
         if not layout.isEmpty():
             self.restoreState(layout, _LAYOUT_VERSION)
 
-    def _keep(self) -> None:
-        self._remembered.keep(self._fields())
+    def _save_settings(self) -> None:
+        self._remembered.store_fields(self._remembered_fields())
         self._remembered.put("target", self.settings.target.currentText())
         self._remembered.put("geometry", self.saveGeometry())
         self._remembered.put("layout", self.saveState(_LAYOUT_VERSION))

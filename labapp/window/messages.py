@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.runs.state import State
-from labapp.window.bracket import Bracket
+from labapp.window.exposure_bracket import ExposureBracket
 
 PatternTable = dict[str, Any]
 """A pattern as a plan file writes it: its kind, and the keys of that kind."""
@@ -28,26 +28,26 @@ class SetLive(Command):
 
 
 @dataclass(frozen=True)
-class Place(Command):
+class PlaceTarget(Command):
     target: str
 
 
 @dataclass(frozen=True)
-class Tune(Command):
+class SetWavelength(Command):
     """wavelength: metres."""
 
     wavelength: float
 
 
 @dataclass(frozen=True)
-class Expose(Command):
+class SetExposure(Command):
     """exposure: seconds."""
 
     exposure: float
 
 
 @dataclass(frozen=True)
-class Preview(Command):
+class ComputePreview(Command):
     """Compute a pattern and the PSF that it gives at a wavelength in metres."""
 
     pattern: PatternTable
@@ -55,20 +55,20 @@ class Preview(Command):
 
 
 @dataclass(frozen=True)
-class Show(Command):
+class ShowPattern(Command):
     """Compute a pattern and put it on the SLM."""
 
     pattern: PatternTable
 
 
 @dataclass(frozen=True)
-class Acquire(Command):
+class AcquireBracket(Command):
     """Put a bracket of the star and of the photograph in line; its record goes to `folder`."""
 
     pattern: PatternTable
     wavelength: float
-    star: Bracket
-    photograph: Bracket
+    star: ExposureBracket
+    photograph: ExposureBracket
     folder: Path
 
 
@@ -95,12 +95,12 @@ class RemoveRuns(Command):
 
 
 @dataclass(frozen=True)
-class ClearRuns(Command):
+class ClearEndedRuns(Command):
     """Forget the runs that have ended; their files stay."""
 
 
 @dataclass(frozen=True)
-class GoOn(Command):
+class ReleaseQueue(Command):
     """Begin the next run, though the last one didn't end well."""
 
 
@@ -112,21 +112,21 @@ class PauseRun(Command):
 
 
 @dataclass(frozen=True)
-class Answer(Command):
+class AnswerPrompt(Command):
     """What a run asked for is done. number: of the prompt."""
 
     number: int
 
 
 @dataclass(frozen=True)
-class Reconnect(Command):
+class ReconnectDevice(Command):
     """Open a device that has failed again. device: the bench's name of it."""
 
     device: str
 
 
 @dataclass(frozen=True)
-class Reconstruct(Command):
+class ReconstructRun(Command):
     """Undo the blur of a record's photograph. budget: processor seconds; None: the usual."""
 
     path: Path
@@ -147,7 +147,7 @@ class Cancel(Command):
 
 
 @dataclass(frozen=True)
-class FrameSeen(Command):
+class AcknowledgeFrame(Command):
     """The window has taken a frame in and has room for the next."""
 
 
@@ -198,7 +198,7 @@ class BenchState:
     live: bool
 
     @property
-    def failed(self) -> set[str]:
+    def failed_devices(self) -> set[str]:
         """The bench's names of the devices that don't do as they are told."""
         return {device.name for device in self.devices if device.error}
 
@@ -216,29 +216,29 @@ class LiveFrame:
 
 
 @dataclass(frozen=True)
-class EffectTold:
+class EffectInfo:
     """An effect that the simulated bench could have, and how far the simulator goes with it.
 
-    level: in words. on: whether it takes part. forced: whether the scene says so. at_most: the
-    most that the level changes against the finest, relative; None: no limit is known. about:
-    what it is likely to be. why: what there is of it in this picture. how: where the limit
-    comes from.
+    level: in words. on: whether it takes part. forced: whether the scene says so. error_bound: the
+    most that the level changes against the finest, relative; None: no limit is known.
+    error_estimate: what it is likely to be. why: what there is of it in this picture.
+    bound_source: where the limit comes from.
     """
 
     name: str
     level: str
     on: bool
     forced: bool
-    at_most: float | None
-    about: float
+    error_bound: float | None
+    error_estimate: float
     why: str
     physics: str
     source: str
-    how: str
+    bound_source: str
 
 
 @dataclass(frozen=True)
-class EffectsTold:
+class EffectsReport:
     """What the simulator does for pictures of a setting: its effects, in the order of the light.
 
     error: the most by which the picture differs from that with everything on, relative; None:
@@ -249,7 +249,7 @@ class EffectsTold:
     pattern: str
     wavelength: float
     exposure: float
-    effects: tuple[EffectTold, ...]
+    effects: tuple[EffectInfo, ...]
     tol: float
     error: float | None
     work: float
@@ -277,7 +277,7 @@ class JobProgress:
 
 
 @dataclass(frozen=True)
-class CancelHeard:
+class CancelAcknowledged:
     """The engine knows that it should stop; the job's end follows."""
 
 
@@ -285,10 +285,11 @@ class CancelHeard:
 class RunInfo:
     """A run of the queue. number: counts the runs, and names this one in commands.
 
-    message: what it does, or why it rests or failed. stored, planned: frames. fraction: of
-    the work, 0 to 1. expected, took: seconds of the bench's time, `took` once it has ended.
-    elapsed, left: real seconds; left is None while nobody can tell. pausing: whether a
-    person, or a device that failed, wants it to rest until a person lets it go on.
+    message: what it does, or why it rests or failed. fraction: of the work, 0 to 1.
+    expected_bench_seconds, bench_seconds: of the bench's time, `bench_seconds` once it has ended.
+    elapsed_seconds, seconds_left: real ones; `seconds_left` is None while nobody can tell.
+    pause_requested: whether a person, or a device that failed, wants it to rest until a person
+    lets it go on.
     """
 
     number: int
@@ -296,14 +297,14 @@ class RunInfo:
     path: Path
     state: State
     message: str
-    stored: int
-    planned: int
+    stored_frames: int
+    planned_frames: int
     fraction: float
-    expected: float
-    took: float
-    elapsed: float
-    left: float | None
-    pausing: bool
+    expected_bench_seconds: float
+    bench_seconds: float
+    elapsed_seconds: float
+    seconds_left: float | None
+    pause_requested: bool
 
 
 @dataclass(frozen=True)
@@ -316,47 +317,47 @@ class Prompt:
 
 @dataclass(frozen=True)
 class QueueState:
-    """All runs in their order. held: why no further run begins, empty while none is held."""
+    """All runs in their order. hold_reason: why no further run begins, empty while none is held."""
 
     runs: tuple[RunInfo, ...]
-    held: str = ""
+    hold_reason: str = ""
     prompt: Prompt | None = None
 
     @property
-    def under_way(self) -> RunInfo | None:
+    def current_run(self) -> RunInfo | None:
         return next((run for run in self.runs if run.state.is_under_way), None)
 
     @property
-    def waiting(self) -> int:
+    def waiting_count(self) -> int:
         """How many runs wait."""
         return sum(run.state is State.WAITING for run in self.runs)
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether a run has the bench, or is about to."""
-        return self.under_way is not None or (self.waiting > 0 and not self.held)
+        return self.current_run is not None or (self.waiting_count > 0 and not self.hold_reason)
 
 
 @dataclass(frozen=True)
 class RunEnded:
-    """How a run ended. path: None if nothing was written. took: as in RunInfo."""
+    """How a run ended. path: None if nothing was written. bench_seconds: as in RunInfo."""
 
     path: Path | None
     state: State
-    missing: int
+    missing_frames: int
     message: str
-    took: float = 0.0
+    bench_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
-class Reconnected:
+class DeviceReconnected:
     """A device that had failed is open again."""
 
     device: str
 
 
 @dataclass(frozen=True, eq=False)
-class Reconstructed:
+class ReconstructionResult:
     """A photograph before and after, (rows, columns) as a screen shows them, and how it went.
 
     neutral: the same as it should be, where the run has it; scores: PSNR in dB and SSIM against
@@ -396,7 +397,7 @@ class JobEnded:
 
 
 @dataclass(frozen=True)
-class Failure:
+class FailureReport:
     """Something went wrong, in words that say what to do. device: its name, if it was one."""
 
     message: str

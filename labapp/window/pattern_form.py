@@ -20,8 +20,14 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.messages import PatternTable
-from labapp.window.parts import fill
-from labapp.window.pattern_kinds import KINDS, Field, Kind, Number, PictureFile
+from labapp.window.pattern_kinds import (
+    PATTERN_KINDS,
+    FileField,
+    NumberField,
+    PatternField,
+    PatternKind,
+)
+from labapp.window.widgets import fill_layout
 
 _FILES = "Pictures and designs (*.png *.tif *.tiff *.bmp *.jpg *.h5)"
 
@@ -37,18 +43,18 @@ class PatternForm(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.kind = QComboBox(self)
-        self.kind.setMaxVisibleItems(len(KINDS))
+        self.kind.setMaxVisibleItems(len(PATTERN_KINDS))
         self.numbers: dict[tuple[str, str], QDoubleSpinBox] = {}
         self.texts: dict[tuple[str, str], QLineEdit] = {}
         self._pages = QStackedWidget(self)
-        for kind in KINDS:
+        for kind in PATTERN_KINDS:
             self.kind.addItem(kind.title, kind.name)
             self._pages.addWidget(self._page(kind))
-        fill(QVBoxLayout(self), self.kind, self._pages, spacing=4)
+        fill_layout(QVBoxLayout(self), self.kind, self._pages, spacing=4)
         self.kind.currentIndexChanged.connect(self._pages.setCurrentIndex)
         self.kind.currentIndexChanged.connect(lambda _: self.changed.emit())
         # The first bracket of a newcomer shall code something.
-        self.choose("ring")
+        self.select_kind("ring")
 
     @property
     def file(self) -> QLineEdit:
@@ -56,64 +62,66 @@ class PatternForm(QWidget):
         return self.texts["image", "file"]
 
     @property
-    def lacks(self) -> str:
+    def missing_input(self) -> str:
         """What has to be given before there is a pattern; empty if nothing."""
-        kind = self._chosen
+        kind = self._selected_kind
         for field in kind.fields:
-            if isinstance(field, Number) or self.texts[kind.name, field.key].text():
+            if isinstance(field, NumberField) or self.texts[kind.name, field.key].text():
                 continue
-            return "choose a picture file" if isinstance(field, PictureFile) else "type some text"
+            return "choose a picture file" if isinstance(field, FileField) else "type some text"
         return ""
 
-    def table(self, wavelength_nm: float) -> PatternTable:
+    def pattern_table(self, wavelength_nm: float) -> PatternTable:
         """The pattern as a plan file writes it, designed for a wavelength."""
-        kind = self._chosen
-        table = kind.table({field.key: self._value(kind, field) for field in kind.fields})
-        return table | {"wavelength_nm": round(wavelength_nm, 2)} if kind.coded else table
+        kind = self._selected_kind
+        table = kind.build_table({field.key: self._value(kind, field) for field in kind.fields})
+        return (
+            table | {"wavelength_nm": round(wavelength_nm, 2)} if kind.needs_wavelength else table
+        )
 
-    def choose(self, kind: str) -> None:
+    def select_kind(self, kind: str) -> None:
         index = self.kind.findData(kind)
         if index >= 0:
             self.kind.setCurrentIndex(index)
 
     @property
-    def _chosen(self) -> Kind:
-        return KINDS[self.kind.currentIndex()]
+    def _selected_kind(self) -> PatternKind:
+        return PATTERN_KINDS[self.kind.currentIndex()]
 
-    def _value(self, kind: Kind, field: Field) -> Any:
-        if not isinstance(field, Number):
+    def _value(self, kind: PatternKind, field: PatternField) -> Any:
+        if not isinstance(field, NumberField):
             return self.texts[kind.name, field.key].text()
         value = self.numbers[kind.name, field.key].value()
         return round(value, 3) if field.decimals else round(value)
 
-    def _page(self, kind: Kind) -> QWidget:
+    def _page(self, kind: PatternKind) -> QWidget:
         page = QWidget(self)
         form = QFormLayout(page)
         form.setContentsMargins(0, 0, 0, 0)
         form.setVerticalSpacing(4)
         for field in kind.fields:
             where = (kind.name, field.key)
-            if isinstance(field, Number):
+            if isinstance(field, NumberField):
                 self.numbers[where] = box = self._number(field, page)
                 form.addRow(field.label, box)
                 continue
             self.texts[where] = line = QLineEdit(page)
             line.editingFinished.connect(self.changed)
-            if isinstance(field, PictureFile):
+            if isinstance(field, FileField):
                 line.setPlaceholderText(field.hint)
                 browse = QPushButton("Browse …", page)
                 browse.clicked.connect(partial(self._choose_file, line))
-                form.addRow(fill(QHBoxLayout(), (line, 1), browse))
+                form.addRow(fill_layout(QHBoxLayout(), (line, 1), browse))
             else:
-                line.setText(field.first)
+                line.setText(field.initial)
                 line.setMaxLength(field.longest)
                 form.addRow(field.label, line)
         return page
 
-    def _number(self, field: Number, page: QWidget) -> QDoubleSpinBox:
+    def _number(self, field: NumberField, page: QWidget) -> QDoubleSpinBox:
         box = QDoubleSpinBox(page, suffix=field.unit, decimals=field.decimals)
         box.setRange(field.low, field.high)
-        box.setValue(field.first)
+        box.setValue(field.initial)
         box.setKeyboardTracking(False)
         box.valueChanged.connect(lambda _: self.changed.emit())
         return box

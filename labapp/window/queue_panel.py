@@ -13,19 +13,25 @@ from PySide6.QtWidgets import (
 
 from labapp.runs.state import State
 from labapp.window.messages import QueueState, RunInfo
-from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_table import RunTable
+from labapp.window.widgets import (
+    PANEL_MARGINS,
+    WrappingPanel,
+    fill_layout,
+    make_label,
+    make_tool_button,
+)
 
 
-class QueuePanel(Panel):
-    """remove_asked: numbers of runs that wait. clear_asked: runs that have ended.
+class QueuePanel(WrappingPanel):
+    """remove_requested: numbers of runs that wait. clear_requested: runs that have ended.
 
-    go_on_asked: the person wants the next run, though the last one didn't end well.
+    release_requested: the person wants the next run, though the last one didn't end well.
     """
 
-    remove_asked = Signal(tuple)
-    clear_asked = Signal()
-    go_on_asked = Signal()
+    remove_requested = Signal(tuple)
+    clear_requested = Signal()
+    release_requested = Signal()
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -34,16 +40,16 @@ class QueuePanel(Panel):
         self.remove.setToolTip("Take the selected runs that wait out of the line (Del)")
         self.clear = QPushButton("Clear ended", self)
         self.clear.setToolTip("Take runs that have ended off the list; their files stay")
-        self.held = QWidget(self)
-        self.held.setObjectName("call")
-        self.held_text = label(self.held, wrap=True)
-        self.go_on = QPushButton("Go on", self.held)
+        self.hold_bar = QWidget(self)
+        self.hold_bar.setObjectName("call")
+        self.held_text = make_label(self.hold_bar, wrap=True)
+        self.release_button = QPushButton("Go on", self.hold_bar)
         self._queue = QueueState(())
         self._arrange(actions)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._allow())
         self.remove.clicked.connect(self._remove)
-        self.clear.clicked.connect(self.clear_asked)
-        self.go_on.clicked.connect(self.go_on_asked)
+        self.clear.clicked.connect(self.clear_requested)
+        self.release_button.clicked.connect(self.release_requested)
         delete = QShortcut(QKeySequence(Qt.Key.Key_Delete), self.table)
         delete.setContext(Qt.ShortcutContext.WidgetShortcut)
         delete.activated.connect(self._remove)
@@ -52,33 +58,38 @@ class QueuePanel(Panel):
     def show_queue(self, queue: QueueState) -> None:
         self._queue = queue
         self.table.show_runs(queue.runs)
-        self.held.setVisible(bool(queue.held))
-        waiting = "1 run waits" if queue.waiting == 1 else f"{queue.waiting} runs wait"
-        self.held_text.setText(f"Held: {queue.held}. {waiting}.")
+        self.hold_bar.setVisible(bool(queue.hold_reason))
+        waiting = "1 run waits" if queue.waiting_count == 1 else f"{queue.waiting_count} runs wait"
+        self.held_text.setText(f"Held: {queue.hold_reason}. {waiting}.")
         self._allow()
 
     @property
-    def unfinished(self) -> RunInfo | None:
+    def resumable_run(self) -> RunInfo | None:
         """The run that the person has selected, if it can be resumed."""
         ended = (State.CANCELLED, State.FAILED)
-        return next((run for run in self.table.selected if run.state in ended), None)
+        return next((run for run in self.table.selected_runs if run.state in ended), None)
 
     def _arrange(self, actions: list[QAction]) -> None:
-        self.buttons = {one.objectName(): tool_button(self, one, wide=True) for one in actions}
-        above = fill(QHBoxLayout(), *((button, 1) for button in self.buttons.values()))
-        below = fill(QHBoxLayout(), self.remove, self.clear, 1)
-        fill(QHBoxLayout(self.held), (self.held_text, 1), self.go_on, margins=(8, 3, 4, 3))
-        self.held.hide()
-        parts = above, (self.table, 1), self.held, below
-        fill(QVBoxLayout(self), *parts, margins=OF_A_PANEL, spacing=5)
+        self.buttons = {one.objectName(): make_tool_button(self, one, wide=True) for one in actions}
+        above = fill_layout(QHBoxLayout(), *((button, 1) for button in self.buttons.values()))
+        below = fill_layout(QHBoxLayout(), self.remove, self.clear, 1)
+        fill_layout(
+            QHBoxLayout(self.hold_bar),
+            (self.held_text, 1),
+            self.release_button,
+            margins=(8, 3, 4, 3),
+        )
+        self.hold_bar.hide()
+        parts = above, (self.table, 1), self.hold_bar, below
+        fill_layout(QVBoxLayout(self), *parts, margins=PANEL_MARGINS, spacing=5)
 
     def _waiting(self) -> tuple[int, ...]:
-        selected = self.table.selected
+        selected = self.table.selected_runs
         return tuple(run.number for run in selected if run.state is State.WAITING)
 
     def _remove(self) -> None:
         if numbers := self._waiting():
-            self.remove_asked.emit(numbers)
+            self.remove_requested.emit(numbers)
 
     def _allow(self) -> None:
         self.remove.setEnabled(bool(self._waiting()))

@@ -13,10 +13,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from labapp.window.comparison import Comparison
-from labapp.window.messages import Reconstructed
-from labapp.window.parts import fill, label, tool_button
-from optics.deconvolution.names import AUTO, RESTORATIONS
+from labapp.window.before_after_view import BeforeAfterView
+from labapp.window.messages import ReconstructionResult
+from labapp.window.widgets import fill_layout, make_label, make_tool_button
+from optics.deconvolution.method_names import AUTO, RESTORATIONS
 
 METHODS = {
     "Automatic": AUTO,
@@ -33,10 +33,10 @@ _LONGEST = 3600.0
 class ReconstructionView(QWidget):
     """Choice of a method or of a time, the two pictures, and what the engine said of them.
 
-    save_asked: the person wants the restored picture in a file.
+    save_requested: the person wants the restored picture in a file.
     """
 
-    save_asked = Signal()
+    save_requested = Signal()
 
     def __init__(self, reconstruct: QAction, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -47,40 +47,40 @@ class ReconstructionView(QWidget):
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
         self.budget.setToolTip("Processor seconds that it may take")
-        self.start = tool_button(self, reconstruct)
+        self.start = make_tool_button(self, reconstruct)
         self.before = QPushButton("Hold for before", self)
         self.before.setToolTip("While you hold it, the photograph before is all that is seen")
         self.save = QPushButton("Save …", self)
-        self.picture = Comparison(self)
-        self.note = label(self, _EMPTY, look="faint", wrap=True)
-        self.before.pressed.connect(lambda: self.picture.show_before(True))
-        self.before.released.connect(lambda: self.picture.show_before(False))
-        self.save.clicked.connect(self.save_asked)
+        self.picture = BeforeAfterView(self)
+        self.note = make_label(self, _EMPTY, look="faint", wrap=True)
+        self.before.pressed.connect(lambda: self.picture.show_only_before(True))
+        self.before.released.connect(lambda: self.picture.show_only_before(False))
+        self.save.clicked.connect(self.save_requested)
         for button in (self.before, self.save):
             button.setEnabled(False)
         self._arrange()
 
     @property
-    def chosen(self) -> tuple[str, float | None]:
+    def method_and_budget(self) -> tuple[str, float | None]:
         """The method, and seconds or None for as many as it usually takes."""
         return METHODS[self.method.currentText()], self.budget.value() or None
 
-    def show_result(self, result: Reconstructed) -> None:
-        self.picture.show_both(result.before, result.after)
-        self.note.setText(in_words(result))
+    def show_result(self, result: ReconstructionResult) -> None:
+        self.picture.show_before_after(result.before, result.after)
+        self.note.setText(describe_result(result))
         self.note.setToolTip(str(result.path))
         for button in (self.before, self.save):
             button.setEnabled(True)
 
     def _arrange(self) -> None:
-        choices = self.method, label(self, "Time"), self.budget, self.start
-        bar = fill(QHBoxLayout(), *choices, 1, self.before, self.save, spacing=6)
+        choices = self.method, make_label(self, "Time"), self.budget, self.start
+        bar = fill_layout(QHBoxLayout(), *choices, 1, self.before, self.save, spacing=6)
         parts = bar, (self.picture, 1), self.note
-        fill(QVBoxLayout(self), *parts, margins=(0, 4, 0, 0), spacing=4)
+        fill_layout(QVBoxLayout(self), *parts, margins=(0, 4, 0, 0), spacing=4)
         self.note.setTextFormat(Qt.TextFormat.PlainText)
 
 
-def in_words(result: Reconstructed) -> str:
+def describe_result(result: ReconstructionResult) -> str:
     """What a person should know of a reconstruction, in a few sentences."""
     weight = "" if result.weight is None else f", weight {result.weight:.3g}"
     scores = ""

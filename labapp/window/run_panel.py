@@ -18,34 +18,40 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.runs.state import State
-from labapp.window.bracket import DARKS, STARS, Bracket
 from labapp.window.bracket_row import BracketRow
+from labapp.window.duration_text import format_duration
+from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, ExposureBracket
 from labapp.window.messages import JobProgress, RunInfo
-from labapp.window.parts import OF_A_PANEL, Panel, fill, label, tool_button
 from labapp.window.run_times import RunTimes
-from labapp.window.spoken import spoken
+from labapp.window.widgets import (
+    PANEL_MARGINS,
+    WrappingPanel,
+    fill_layout,
+    make_label,
+    make_tool_button,
+)
 
 _PATTERNS = 2
 
 
-def default_folder() -> Path:
+def default_run_folder() -> Path:
     return Path.home() / "labapp-runs"
 
 
-class RunPanel(Panel):
+class RunPanel(WrappingPanel):
     """What will be taken, in words, before it is taken; then progress and time left."""
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.star = BracketRow("Star", Bracket(1, 8, 4), self)
-        self.photograph = BracketRow("Photo", Bracket(100, 4, 3), self)
-        self.summary = label(self, look="faint", wrap=True)
-        self.folder = QLineEdit(str(default_folder()), self)
+        self.star = BracketRow("Star", ExposureBracket(1, 8, 4), self)
+        self.photograph = BracketRow("Photo", ExposureBracket(100, 4, 3), self)
+        self.summary = make_label(self, look="faint", wrap=True)
+        self.folder = QLineEdit(str(default_run_folder()), self)
         self.browse = QPushButton("Browse …", self)
         self.bar = QProgressBar(self, minimum=0, maximum=1000)
-        self.message = label(self, look="faint", wrap=True)
+        self.message = make_label(self, look="faint", wrap=True)
         self.times = RunTimes(self)
-        self.last_run = label(self, look="faint", wrap=True)
+        self.last_run = make_label(self, look="faint", wrap=True)
         self.last_run.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._frame_bytes = 0
         self._arrange(actions)
@@ -62,7 +68,7 @@ class RunPanel(Panel):
     def chosen_folder(self) -> Path:
         return Path(self.folder.text().strip() or ".").expanduser()
 
-    def begin(self, message: str) -> None:
+    def show_start(self, message: str) -> None:
         self.bar.setValue(0)
         self.message.setText(message)
 
@@ -78,7 +84,7 @@ class RunPanel(Panel):
         self.bar.setValue(round(1000 * progress.fraction))
         left = progress.seconds_left
         self.message.setText(
-            progress.message + ("" if left is None else f"  –  {spoken(left)} left")
+            progress.message + ("" if left is None else f"  –  {format_duration(left)} left")
         )
 
     def show_end(self, message: str, *, done: bool) -> None:
@@ -95,19 +101,21 @@ class RunPanel(Panel):
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(1, 1)
         for column, title in enumerate(("shortest", "ratio", "count"), start=1):
-            grid.addWidget(label(self, title, look="faint"), 0, column)
-        self.star.place(grid, 1)
-        self.photograph.place(grid, 3)
-        folder = fill(QHBoxLayout(), label(self, "Folder"), (self.folder, 1), self.browse)
-        wide = ((tool_button(self, action, wide=True), 1) for action in actions)
-        asked = grid, self.summary, folder, fill(QHBoxLayout(), *wide)
+            grid.addWidget(make_label(self, title, look="faint"), 0, column)
+        self.star.add_to_grid(grid, 1)
+        self.photograph.add_to_grid(grid, 3)
+        folder = fill_layout(
+            QHBoxLayout(), make_label(self, "Folder"), (self.folder, 1), self.browse
+        )
+        wide = ((make_tool_button(self, action, wide=True), 1) for action in actions)
+        asked = grid, self.summary, folder, fill_layout(QHBoxLayout(), *wide)
         told = self.bar, self.message, self.times, self.last_run, 1
-        fill(QVBoxLayout(self), *asked, *told, margins=OF_A_PANEL, spacing=5)
+        fill_layout(QVBoxLayout(self), *asked, *told, margins=PANEL_MARGINS, spacing=5)
 
     def _sum_up(self) -> None:
         star, photograph = self.star.bracket, self.photograph.bracket
-        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARKS
-        stars = star.count * STARS * _PATTERNS
+        darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
+        stars = star.count * STAR_FRAMES * _PATTERNS
         photographs = photograph.count * _PATTERNS
         total = darks + stars + photographs
         size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""
@@ -126,4 +134,4 @@ def _describe(run: RunInfo) -> str:
     """What the run does now."""
     if run.state is State.PAUSED:
         return "paused"
-    return f"pausing after this frame: {run.message}" if run.pausing else run.message
+    return f"pausing after this frame: {run.message}" if run.pause_requested else run.message

@@ -9,14 +9,14 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
 from labapp.window.actions import retitle
-from labapp.window.connection import Connection
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.messages import (
-    Acquire,
-    Answer,
-    ClearRuns,
-    GoOn,
+    AcquireBracket,
+    AnswerPrompt,
+    ClearEndedRuns,
     PauseRun,
     QueueState,
+    ReleaseQueue,
     RemoveRuns,
     ResumeRun,
     RunPlan,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class RunRequests(QObject):
     """Actions and the queue's buttons become commands; the engine names the files."""
 
-    def __init__(self, window: MainWindow, connection: Connection) -> None:
+    def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
         super().__init__(window)
         self._window, self._send = window, connection.send
         self._queue = QueueState(())
@@ -38,22 +38,22 @@ class RunRequests(QObject):
         actions["plan"].triggered.connect(self._run_plan)
         actions["resume"].triggered.connect(self._resume)
         actions["pause"].triggered.connect(self._pause)
-        queue.remove_asked.connect(lambda numbers: send(RemoveRuns(numbers)))
-        queue.clear_asked.connect(lambda: send(ClearRuns()))
-        queue.go_on_asked.connect(lambda: send(GoOn()))
-        window.call.done.connect(lambda number: send(Answer(number)))
+        queue.remove_requested.connect(lambda numbers: send(RemoveRuns(numbers)))
+        queue.clear_requested.connect(lambda: send(ClearEndedRuns()))
+        queue.release_requested.connect(lambda: send(ReleaseQueue()))
+        window.prompt_bar.prompt_done.connect(lambda number: send(AnswerPrompt(number)))
 
     def show_queue(self, queue: QueueState) -> None:
         self._queue = queue
-        run = queue.under_way
-        pausing = run is not None and run.pausing
+        run = queue.current_run
+        pausing = run is not None and run.pause_requested
         retitle(self._window.actions_["pause"], "Resume" if pausing else "Pause")
 
     def _acquire(self) -> None:
         run = self._window.run
-        self._line_up(
-            Acquire(
-                pattern=self._window.pattern.table(),
+        self._enqueue(
+            AcquireBracket(
+                pattern=self._window.pattern.pattern_table(),
                 wavelength=self._window.settings.wavelength.value() * 1e-9,
                 star=run.star.bracket,
                 photograph=run.photograph.bracket,
@@ -66,23 +66,23 @@ class RunRequests(QObject):
         plan = self._choose("Plan to run", "", "Plans (*.toml *.json)")
         if plan:
             said = f"{plan} is read and put in line …"
-            self._line_up(RunPlan(plan, self._window.run.chosen_folder), said)
+            self._enqueue(RunPlan(plan, self._window.run.chosen_folder), said)
 
     def _resume(self) -> None:
-        selected = self._window.queue.unfinished
+        selected = self._window.queue.resumable_run
         first = str(selected.path) if selected else str(self._window.run.chosen_folder)
         path = self._choose("Unfinished run to resume", first, "Runs (*.h5)")
         if path:
-            self._line_up(ResumeRun(path), f"{path} is put in line …")
+            self._enqueue(ResumeRun(path), f"{path} is put in line …")
 
     def _choose(self, title: str, first: str, kinds: str) -> Path | None:
         path, _ = QFileDialog.getOpenFileName(self._window, title, first, kinds)
         return Path(path) if path else None
 
-    def _line_up(self, command: Acquire | RunPlan | ResumeRun, said: str) -> None:
+    def _enqueue(self, command: AcquireBracket | RunPlan | ResumeRun, message: str) -> None:
         window = self._window
-        window.message.say(said)
-        if not self._queue.busy:
+        window.message.show_message(message)
+        if not self._queue.is_busy:
             window.tabs.setCurrentWidget(window.live_view)
         # Enter shall answer the run's prompts now, and not end up in a field.
         if (field := window.focusWidget()) is not None:
@@ -90,6 +90,6 @@ class RunRequests(QObject):
         self._send(command)
 
     def _pause(self) -> None:
-        run = self._queue.under_way
+        run = self._queue.current_run
         if run is not None:
-            self._send(PauseRun(not run.pausing))
+            self._send(PauseRun(not run.pause_requested))

@@ -16,11 +16,11 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.runs.state import State
+from labapp.window.duration_text import format_duration
 from labapp.window.messages import RunInfo
-from labapp.window.parts import label
-from labapp.window.rows import LEFT, MARGIN, Index, RowsModel, RowsTable, paint_bar
-from labapp.window.spoken import spoken
+from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsModel, RowsTable, paint_bar
 from labapp.window.theme import FAINT, RUN_STATES, TEXT
+from labapp.window.widgets import make_label
 
 _COLUMNS = ("Run", "State", "Frames")
 _WIDTHS = {1: 92, 2: 92}
@@ -50,28 +50,30 @@ class RunModel(RowsModel):
             self.rows = runs
             self.endInsertRows()
         self.rows = runs
-        self.tell_all_changed()
+        self.emit_all_changed()
 
-    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+    def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         run = self.rows[index.row()]
         if role == Qt.ItemDataRole.ToolTipRole:
             return "\n".join(filter(None, (run.title, str(run.path), run.message)))
         if role == Qt.ItemDataRole.DisplayRole:
-            return (run.title, run.state.value, f"{run.stored}/{run.planned}")[index.column()]
+            return (run.title, run.state.value, f"{run.stored_frames}/{run.planned_frames}")[
+                index.column()
+            ]
         return None
 
 
-class _Painter(QStyledItemDelegate):
+class _RunPainter(QStyledItemDelegate):
     """Two lines a run: title and file, state and time, and a bar of the frames."""
 
     def __init__(self, model: RunModel, parent: QObject) -> None:
         super().__init__(parent)
         self._model = model
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
+    def sizeHint(self, option: QStyleOptionViewItem, index: ModelIndex) -> QSize:
         return QSize(0, 2 * option.fontMetrics.lineSpacing() + 6)
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: ModelIndex) -> None:
         run = self._model.rows[index.row()]
         whole: QRect = option.rect
         if option.state & QStyle.StateFlag.State_Selected:
@@ -94,10 +96,10 @@ class RunTable(RowsTable):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.runs = RunModel(self)
-        self.fill(self.runs, _Painter(self.runs, self), 0, _WIDTHS)
+        self.set_up(self.runs, _RunPainter(self.runs, self), 0, _WIDTHS)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.verticalHeader().setDefaultSectionSize(2 * self.fontMetrics().lineSpacing() + 6)
-        self._empty = label(self, _EMPTY, look="faint", wrap=True)
+        self._empty = make_label(self, _EMPTY, look="faint", wrap=True)
         self._empty.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
@@ -108,7 +110,7 @@ class RunTable(RowsTable):
             self.scrollToBottom()
 
     @property
-    def selected(self) -> list[RunInfo]:
+    def selected_runs(self) -> list[RunInfo]:
         rows = self.selectionModel().selectedRows()
         return [self.runs.rows[index.row()] for index in rows]
 
@@ -119,12 +121,12 @@ class RunTable(RowsTable):
 
 def _time(run: RunInfo) -> str:
     if run.state is State.WAITING:
-        return f"takes {spoken(run.expected)}"
+        return f"takes {format_duration(run.expected_bench_seconds)}"
     if run.state is State.PAUSED:
         return "waits for you"
     if run.state is State.RUNNING:
-        return "" if run.left is None else f"{spoken(run.left)} left"
-    return f"took {spoken(run.elapsed)}" if run.elapsed else ""
+        return "" if run.seconds_left is None else f"{format_duration(run.seconds_left)} left"
+    return f"took {format_duration(run.elapsed_seconds)}" if run.elapsed_seconds else ""
 
 
 def _two_lines(
@@ -146,13 +148,13 @@ def _two_lines(
         half = QRect(place.left(), place.top(), place.width(), place.height() // 2)
         if not top:
             half.moveBottom(place.bottom())
-        painter.drawText(half, LEFT, shown)
+        painter.drawText(half, ALIGN_LEFT, shown)
 
 
 def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
     """Frames that are on the disk, of those that are planned."""
     bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
     bar.moveCenter(place.center())
-    share = run.stored / run.planned if run.planned else 0.0
+    share = run.stored_frames / run.planned_frames if run.planned_frames else 0.0
     paint_bar(painter, bar, share, colour.darker(220))
-    painter.drawText(bar, Qt.AlignmentFlag.AlignCenter, f"{run.stored}/{run.planned}")
+    painter.drawText(bar, Qt.AlignmentFlag.AlignCenter, f"{run.stored_frames}/{run.planned_frames}")

@@ -8,8 +8,8 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
 from labapp.runs.state import State
+from labapp.window.duration_text import format_duration
 from labapp.window.messages import RunInfo
-from labapp.window.spoken import spoken
 
 _SECOND = 1000
 
@@ -42,14 +42,17 @@ class RunTimes(QLabel):
         run = self._run
         if run is None:
             return
-        expected = f"Expected {spoken(run.expected)}"
+        expected = f"Expected {format_duration(run.expected_bench_seconds)}"
         if not run.state.is_under_way:
-            took = f", took {spoken(run.took)}" if run.took else ""
+            took = f", took {format_duration(run.bench_seconds)}" if run.bench_seconds else ""
             self.setText(f"{expected}{took}{self._unit}")
             return
         since = time.monotonic() - self._heard
-        parts = [f"{expected}{self._unit}", f"elapsed {spoken(run.elapsed + since)}"]
-        if run.left is not None:
+        parts = [
+            f"{expected}{self._unit}",
+            f"elapsed {format_duration(run.elapsed_seconds + since)}",
+        ]
+        if run.seconds_left is not None:
             passed = since if run.state is State.RUNNING else 0.0
-            parts.append(f"{spoken(max(0.0, run.left - passed))} left")
+            parts.append(f"{format_duration(max(0.0, run.seconds_left - passed))} left")
         self.setText("  ·  ".join(parts))

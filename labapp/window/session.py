@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
-from labapp.window.connection import Connection
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.messages import (
     BenchOpened,
     Cancel,
-    Expose,
-    Place,
-    Preview,
+    ComputePreview,
+    PlaceTarget,
     QueueState,
-    Reconnect,
-    Reconstruct,
+    ReconnectDevice,
+    ReconstructRun,
     SaveRestored,
+    SetExposure,
     SetLive,
-    Show,
-    Tune,
+    SetWavelength,
+    ShowPattern,
 )
-from labapp.window.reports import Reports
+from labapp.window.report_display import ReportDisplay
 from labapp.window.run_requests import RunRequests
 
 if TYPE_CHECKING:
@@ -37,45 +37,47 @@ class Session(QObject):
     runs. first_target: the target of the last session, for when the bench opens.
     """
 
-    def __init__(self, window: MainWindow, connection: Connection) -> None:
+    def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
         super().__init__(window)
         self._window, self._connection = window, connection
-        self._reports = Reports(window, self)
+        self._reports = ReportDisplay(window, self)
         self._open = False
         self._last_run: Path | None = None
-        self._untold = False
+        self._wavelength_pending = False
         self.job = ""
         self.queue = QueueState(())
         self.first_target = ""
-        connection.received.connect(self._reports.show)
-        connection.died.connect(self._engine_died)
+        connection.report_received.connect(self._reports.show_report)
+        connection.engine_died.connect(self._engine_died)
         self._runs = RunRequests(window, connection)
         self._connect_panels()
         self._connect_actions()
         self._allow()
-        window.message.say("Opening the bench …")
+        window.message.show_message("Opening the bench …")
 
     @property
-    def in_run(self) -> bool:
+    def is_run_active(self) -> bool:
         """Whether a run has the bench, or is about to."""
-        return self.queue.busy
+        return self.queue.is_busy
 
-    def opened(self, bench: BenchOpened) -> None:
+    def on_bench_opened(self, bench: BenchOpened) -> None:
         """A bench has opened, and knows nothing of what the person wants."""
         window = self._window
         self._open = True
-        window.settings.fit_to(bench, window.settings.target.currentText() or self.first_target)
-        window.settings.ask_for_all()
+        window.settings.adopt_bench_ranges(
+            bench, window.settings.target.currentText() or self.first_target
+        )
+        window.settings.request_all_settings()
         self._connection.send(SetLive(True))
-        window.pattern.refresh()
+        window.pattern.schedule_preview()
         self._allow()
 
-    def completed(self, run: Path) -> None:
+    def on_run_completed(self, run: Path) -> None:
         """There is a run that can be reconstructed."""
         self._last_run = run
         self._allow()
 
-    def finish(self) -> None:
+    def on_job_ended(self) -> None:
         """The job is over."""
         self.job = ""
         self._allow()
@@ -83,48 +85,51 @@ class Session(QObject):
     def show_queue(self, queue: QueueState) -> None:
         self.queue = queue
         self._runs.show_queue(queue)
-        self.tell_wavelength()
+        self.send_pending_wavelength()
         self._allow()
 
     def _engine_died(self, how: str) -> None:
         self._open = False
-        self._reports.show_death(how)
+        self._reports.show_engine_death(how)
         self.show_queue(QueueState(()))
-        self.finish()
+        self.on_job_ended()
 
     def _connect_panels(self) -> None:
         window, send = self._window, self._connection.send
-        window.settings.target_asked.connect(lambda name: send(Place(name)))
-        window.settings.wavelength_asked.connect(self._tune)
-        window.settings.exposure_asked.connect(lambda seconds: send(Expose(seconds)))
-        window.pattern.preview_asked.connect(self._preview)
-        window.pattern.show_asked.connect(lambda table: send(Show(table)))
-        window.devices.reconnect_asked.connect(lambda device: send(Reconnect(device)))
-        window.message.restart_asked.connect(self._restart)
-        window.live_view.auto_changed.connect(window.actions_["contrast"].setChecked)
+        window.settings.target_requested.connect(lambda name: send(PlaceTarget(name)))
+        window.settings.wavelength_requested.connect(self._tune)
+        window.settings.exposure_requested.connect(lambda seconds: send(SetExposure(seconds)))
+        window.pattern.preview_requested.connect(self._preview)
+        window.pattern.show_requested.connect(lambda table: send(ShowPattern(table)))
+        window.devices.reconnect_requested.connect(lambda device: send(ReconnectDevice(device)))
+        window.message.restart_requested.connect(self._restart)
+        window.live_view.auto_contrast_changed.connect(window.actions_["contrast"].setChecked)
 
     def _connect_actions(self) -> None:
         actions, view = self._window.actions_, self._window.live_view
         actions["live"].triggered.connect(lambda on: self._connection.send(SetLive(on)))
         actions["reconstruct"].triggered.connect(self._reconstruct_last)
-        self._window.reconstruction.save_asked.connect(self._save_restored)
+        self._window.reconstruction.save_requested.connect(self._save_restored)
         actions["open"].triggered.connect(self._open_run)
         actions["cancel"].triggered.connect(self._cancel)
-        for name, change in (("contrast", view.set_auto), ("marks", view.set_marked)):
+        for name, change in (
+            ("contrast", view.set_auto_contrast),
+            ("marks", view.set_clipping_marks),
+        ):
             actions[name].setChecked(True)
             actions[name].triggered.connect(change)
 
     def _allow(self) -> None:
         window, free = self._window, self._open and not self.job
-        idle = free and not self.in_run
+        idle = free and not self.is_run_active
         # The next run can be prepared and put in line while one is under way.
         allowed = {
             "live": idle,
             "acquire": free,
             "plan": free,
             "resume": free,
-            "pause": self._open and self.queue.under_way is not None,
-            "cancel": self._open and (self.in_run or bool(self.job)),
+            "pause": self._open and self.queue.current_run is not None,
+            "cancel": self._open and (self.is_run_active or bool(self.job)),
             "open": idle,
             "reconstruct": idle and self._last_run is not None,
         }
@@ -133,26 +138,30 @@ class Session(QObject):
         window.settings.setEnabled(self._open)
         window.pattern.setEnabled(self._open)
         for panel in (window.settings, window.pattern, window.devices):
-            panel.set_in_run(self.in_run)
-        window.queue.go_on.setEnabled(free)
+            panel.set_run_active(self.is_run_active)
+        window.queue.release_button.setEnabled(free)
 
     def _tune(self, wavelength: float) -> None:
         self._window.pattern.set_wavelength(self._window.settings.wavelength.value())
-        if self.in_run:
-            self._untold = True
+        if self.is_run_active:
+            self._wavelength_pending = True
         else:
-            self._connection.send(Tune(wavelength))
+            self._connection.send(SetWavelength(wavelength))
 
-    def tell_wavelength(self) -> None:
+    def send_pending_wavelength(self) -> None:
         """What was chosen for a bracket during a run holds for the live view after it, too."""
-        if self._untold and not self.in_run and self._window.actions_["live"].isChecked():
-            self._untold = False
-            self._connection.send(Tune(self._window.settings.wavelength.value() * 1e-9))
+        if (
+            self._wavelength_pending
+            and not self.is_run_active
+            and self._window.actions_["live"].isChecked()
+        ):
+            self._wavelength_pending = False
+            self._connection.send(SetWavelength(self._window.settings.wavelength.value() * 1e-9))
 
     def _preview(self, table: dict[str, Any]) -> None:
         if self._open:
             wavelength = self._window.settings.wavelength.value() * 1e-9
-            self._connection.send(Preview(table, wavelength))
+            self._connection.send(ComputePreview(table, wavelength))
 
     def _reconstruct_last(self) -> None:
         if self._last_run is not None:
@@ -173,17 +182,17 @@ class Session(QObject):
 
     def _reconstruct(self, path: Path) -> None:
         self.job, self._last_run = "reconstruction", path
-        self._window.run.begin("reconstructing …")
+        self._window.run.show_start("reconstructing …")
         self._window.show_reconstruction()
         self._allow()
-        self._connection.send(Reconstruct(path, *self._window.reconstruction.chosen))
+        self._connection.send(ReconstructRun(path, *self._window.reconstruction.method_and_budget))
 
     def _cancel(self) -> None:
         self._window.run.message.setText("cancelling …")
         self._connection.send(Cancel())
 
     def _restart(self) -> None:
-        self._window.message.engine_is_back()
-        self._window.message.say("Opening the bench …")
+        self._window.message.clear_engine_failure()
+        self._window.message.show_message("Opening the bench …")
         self._window.devices.clear("opening the bench …")
         self._connection.start()

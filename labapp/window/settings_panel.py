@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QGridLayout, QLabel, QWidget
 
 from labapp.window.messages import BenchOpened, BenchState
-from labapp.window.parts import OF_A_PANEL, label, mark
+from labapp.window.widgets import PANEL_MARGINS, make_label, mark_difference
 
 _FIRST_TARGET = "photograph"
 
@@ -14,9 +14,9 @@ _FIRST_TARGET = "photograph"
 class SettingsPanel(QWidget):
     """Signals carry what the person asked for, in metres and seconds."""
 
-    target_asked = Signal(str)
-    wavelength_asked = Signal(float)
-    exposure_asked = Signal(float)
+    target_requested = Signal(str)
+    wavelength_requested = Signal(float)
+    exposure_requested = Signal(float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -31,31 +31,33 @@ class SettingsPanel(QWidget):
             # A half-typed number is no setting.
             box.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.target_read = label(self, "–", look="readBack")
-        self.wavelength_read = label(self, "–", look="readBack")
-        self.exposure_read = label(self, "–", look="readBack")
+        self.target_read = make_label(self, "–", look="readBack")
+        self.wavelength_read = make_label(self, "–", look="readBack")
+        self.exposure_read = make_label(self, "–", look="readBack")
         grid = QGridLayout(self)
-        grid.setContentsMargins(*OF_A_PANEL)
+        grid.setContentsMargins(*PANEL_MARGINS)
         grid.setVerticalSpacing(4)
         grid.setColumnStretch(1, 1)
         grid.setColumnMinimumWidth(2, 96)
-        grid.addWidget(label(self, "set", look="faint"), 0, 1)
-        grid.addWidget(label(self, "read back", look="faint"), 0, 2)
+        grid.addWidget(make_label(self, "set", look="faint"), 0, 1)
+        grid.addWidget(make_label(self, "read back", look="faint"), 0, 2)
         rows = (
             ("Target", self.target, self.target_read),
             ("Wavelength", self.wavelength, self.wavelength_read),
             ("Exposure", self.exposure, self.exposure_read),
         )
         for number, (name, field, read) in enumerate(rows, start=1):
-            grid.addWidget(label(self, name), number, 0)
+            grid.addWidget(make_label(self, name), number, 0)
             grid.addWidget(field, number, 1)
             grid.addWidget(read, number, 2)
         grid.setRowStretch(len(rows) + 1, 1)
-        self.target.activated.connect(lambda _: self.target_asked.emit(self.target.currentText()))
-        self.wavelength.valueChanged.connect(lambda nm: self.wavelength_asked.emit(nm * 1e-9))
-        self.exposure.valueChanged.connect(lambda ms: self.exposure_asked.emit(ms * 1e-3))
+        self.target.activated.connect(
+            lambda _: self.target_requested.emit(self.target.currentText())
+        )
+        self.wavelength.valueChanged.connect(lambda nm: self.wavelength_requested.emit(nm * 1e-9))
+        self.exposure.valueChanged.connect(lambda ms: self.exposure_requested.emit(ms * 1e-3))
 
-    def fit_to(self, bench: BenchOpened, target: str) -> None:
+    def adopt_bench_ranges(self, bench: BenchOpened, target: str) -> None:
         """Take the bench's ranges and targets; `target` is chosen if the bench has it."""
         for box, (low, high), unit in (
             (self.wavelength, bench.wavelength_range, 1e-9),
@@ -71,13 +73,13 @@ class SettingsPanel(QWidget):
             if name in bench.targets:
                 self.target.setCurrentText(name)
 
-    def ask_for_all(self) -> None:
+    def request_all_settings(self) -> None:
         """Send every setting, to a bench that knows none of them."""
-        self.target_asked.emit(self.target.currentText())
-        self.wavelength_asked.emit(self.wavelength.value() * 1e-9)
-        self.exposure_asked.emit(self.exposure.value() * 1e-3)
+        self.target_requested.emit(self.target.currentText())
+        self.wavelength_requested.emit(self.wavelength.value() * 1e-9)
+        self.exposure_requested.emit(self.exposure.value() * 1e-3)
 
-    def set_in_run(self, on: bool) -> None:
+    def set_run_active(self, on: bool) -> None:
         """A run has target and exposure; a wavelength is for the bracket that follows."""
         self.target.setEnabled(not on)
         self.exposure.setEnabled(not on)
@@ -95,15 +97,15 @@ class SettingsPanel(QWidget):
             ("camera", self.exposure_read, f"{ms:.3f} ms"),
         ):
             # What a failed device said last need not be so any more.
-            doubt = device in state.failed
+            doubt = device in state.failed_devices
             _read(read, f"{text} ?" if doubt else text, off[device] or doubt)
 
-    def forget(self) -> None:
+    def clear_read_back(self) -> None:
         for read in (self.target_read, self.wavelength_read, self.exposure_read):
             _read(read, "–", False)
 
 
-def _read(read: QLabel, text: str, differs: bool) -> None:
+def _read(value_label: QLabel, text: str, differs: bool) -> None:
     """Show what was read back, in another colour where it isn't what was set."""
-    read.setText(text)
-    mark(read, differs)
+    value_label.setText(text)
+    mark_difference(value_label, differs)

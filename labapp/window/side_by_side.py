@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QSize
 from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
-from labapp.window import tone
-from labapp.window.messages import Reconstructed
-from labapp.window.parts import fill, label
-from labapp.window.picture import Picture
+from labapp.window import tone_mapping
+from labapp.window.messages import ReconstructionResult
+from labapp.window.picture_view import PictureView
 from labapp.window.thumbnail import Thumbnail
+from labapp.window.widgets import fill_layout, make_label
 
 _TITLES = {
     "neutral": "Neutral (reference)",
@@ -33,35 +33,35 @@ class SideBySide(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._kept: list[Reconstructed] = []
-        self.pictures = {name: Picture(self) for name in _TITLES}
-        self.titles = {name: label(self, title) for name, title in _TITLES.items()}
+        self._last_results: list[ReconstructionResult] = []
+        self.pictures = {name: PictureView(self) for name in _TITLES}
+        self.titles = {name: make_label(self, title) for name, title in _TITLES.items()}
         self.psf = Thumbnail(QSize(_INSET, _INSET), self.pictures["coded"])
         self.psf.setFixedSize(_INSET, _INSET)
         self.psf.setToolTip(f"PSF, {_DECADES} decades from its peak")
         self.psf.move(6, 6)
         self.psf.hide()
-        self.note = label(self, _EMPTY, look="faint", wrap=True)
+        self.note = make_label(self, _EMPTY, look="faint", wrap=True)
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(4)
         for number, name in enumerate(_TITLES):
             row, column = divmod(number, 2)
-            grid.addWidget(_titled(self.titles[name], self.pictures[name]), row, column)
+            grid.addWidget(_with_title(self.titles[name], self.pictures[name]), row, column)
             grid.setRowStretch(row, 1)
             grid.setColumnStretch(column, 1)
             if name != "neutral":
                 self.pictures[name].link(self.pictures["neutral"])
         grid.addWidget(self.note, 2, 0, 1, 2)
 
-    def show_result(self, result: Reconstructed) -> None:
-        others = [one for one in self._kept if one.method != result.method]
-        self._kept = [*[one for one in others if one.path == result.path][-1:], result]
+    def show_result(self, result: ReconstructionResult) -> None:
+        others = [one for one in self._last_results if one.method != result.method]
+        self._last_results = [*[one for one in others if one.path == result.path][-1:], result]
         dark = np.zeros_like(result.before)
         self._show("neutral", dark if result.neutral is None else result.neutral)
         self._show("coded", result.before, result.scores and result.scores[0])
         self._show("earlier", dark)
-        for name, one in zip(("after", "earlier"), reversed(self._kept), strict=False):
+        for name, one in zip(("after", "earlier"), reversed(self._last_results), strict=False):
             self._show(name, one.after, one.scores and one.scores[1], one.method)
         self.psf.show_decades(result.psf, _DECADES)
         self.psf.show()
@@ -79,14 +79,14 @@ class SideBySide(QWidget):
         score: tuple[float, float] | None = None,
         title: str = "",
     ) -> None:
-        self.pictures[name].show_indices(picture, tone.palette(marked=False))
+        self.pictures[name].show_indices(picture, tone_mapping.build_palette(mark_clipping=False))
         text = title[:1].upper() + title[1:] or _TITLES[name]
         if score is not None:
             text += f":&nbsp; <b>{score[0]:.1f} dB</b> PSNR,&nbsp; <b>{score[1]:.3f}</b> SSIM"
         self.titles[name].setText(text)
 
 
-def _titled(title: QLabel, picture: Picture) -> QWidget:
+def _with_title(title: QLabel, picture: PictureView) -> QWidget:
     widget = QWidget()
-    fill(QVBoxLayout(widget), title, (picture, 1), margins=(0, 2, 0, 0), spacing=2)
+    fill_layout(QVBoxLayout(widget), title, (picture, 1), margins=(0, 2, 0, 0), spacing=2)
     return widget

@@ -21,8 +21,8 @@ ERROR = "#e0584f"
 ALARM = "#5e211d"
 ALARM_TEXT = "#ffd6cf"
 
-CALL = "#4a3a14"
-CALL_TEXT = "#f4dca6"
+PROMPT = "#4a3a14"
+PROMPT_TEXT = "#f4dca6"
 """Something waits for the person."""
 
 RUN_STATES = {
@@ -71,8 +71,8 @@ QTableView {{ background: {FIELD}; border: 1px solid {EDGE}; border-radius: 3px;
 QHeaderView::section {{ background: {PANEL}; color: {FAINT}; border: 0; padding: 2px 4px; }}
 QLabel#faint {{ color: {FAINT}; }}
 QLabel#paused {{ color: {SIMULATED}; }}
-QWidget#call {{ background: {CALL}; border-radius: 3px; }}
-QWidget#call QLabel {{ color: {CALL_TEXT}; font-weight: bold; }}
+QWidget#call {{ background: {PROMPT}; border-radius: 3px; }}
+QWidget#call QLabel {{ color: {PROMPT_TEXT}; font-weight: bold; }}
 QLabel#readBack {{ font-family: monospace; color: {REAL}; }}
 QLabel[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}
@@ -85,7 +85,7 @@ QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; }}
 """
 
 
-def apply(application: QApplication) -> None:
+def apply_theme(application: QApplication) -> None:
     application.setStyle("Fusion")
     palette = QPalette()
     role = QPalette.ColorRole

@@ -48,7 +48,7 @@ class Account:
         """Predicted relative L2 error from sampling and arithmetic."""
         return self.sampling_error.value + self.arithmetic.value
 
-    def spent(self, cpu_seconds: float) -> Account:
+    def with_cpu_spent(self, cpu_seconds: float) -> Account:
         return replace(self, cpu_spent=cpu_seconds)
 
 
@@ -60,7 +60,7 @@ class Result(Generic[T]):
     account: Account
 
 
-def describe(account: Account) -> dict[str, Any]:
+def account_as_dict(account: Account) -> dict[str, Any]:
     """The account as plain data, for tables and files."""
     return {
         "method": account.method,

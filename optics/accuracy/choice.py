@@ -1,4 +1,4 @@
-"""The one chooser: the cheapest method that answers a question, or the best in a given time.
+"""The one chooser: the cheapest method that answers a request, or the best in a given time.
 
 A method is offered before it's prepared: an offer knows its name, its bytes, its processor time
 and its error without having made anything large.
@@ -14,14 +14,14 @@ from functools import partial
 from typing import Generic, TypeVar
 
 from optics.accuracy.budget import Budget, MachineSpeed
-from optics.accuracy.refusal import ToleranceError, combined, require_memory
-from optics.edge import rounded_up
+from optics.accuracy.tolerance_error import ToleranceError, combine_refusals, require_memory
+from optics.validation import rounded_up
 
 _ROUNDING = 1e-9
 """Of a time: predictions that differ by less are the same."""
 
 
-class Offer(ABC):
+class CandidateMethod(ABC):
     """A way to compute something, known by its name and predicted cost."""
 
     name: str
@@ -39,10 +39,10 @@ class Offer(ABC):
         """Make what is kept between calls; ToleranceError if that doesn't keep the promise."""
 
 
-O = TypeVar("O", bound=Offer)  # noqa: E741
+O = TypeVar("O", bound=CandidateMethod)  # noqa: E741
 
 
-def named(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
+def select_methods(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
     """All methods, or the one that is asked for; ValueError with their names for any other.
 
     what: that is computed, for the message.
@@ -56,11 +56,11 @@ def named(methods: Collection[str], method: str | None, what: str = "") -> list[
     return [method]
 
 
-class Choice(Generic[O]):
-    """The offers that fit a budget, the cheapest first, and why the others don't serve.
+class MethodChoice(Generic[O]):
+    """The candidates that fit a budget, the cheapest first, and why the others don't serve.
 
     makers: what makes each offer; it raises ValueError where its method isn't made for the
-    question, and ToleranceError where it can't keep the promise. what: is computed. remedy: what
+    request, and ToleranceError where it can't keep the promise. what: is computed. remedy: what
     helps besides memory, as a command. longest: seconds of a call beyond which an offer is
     refused.
     """
@@ -76,7 +76,7 @@ class Choice(Generic[O]):
     ) -> None:
         self._budget, self._what, self._remedy, self._longest = budget, what, remedy, longest
         self._refusals: list[ValueError] = []
-        self.offers: list[O] = []
+        self.candidates: list[O] = []
         for make in makers:
             try:
                 offer = make()
@@ -84,8 +84,8 @@ class Choice(Generic[O]):
             except ValueError as error:
                 self._refusals.append(error)
             else:
-                self.offers.append(offer)
-        self.offers.sort(key=self._seconds_of)
+                self.candidates.append(offer)
+        self.candidates.sort(key=self._seconds_of)
 
     def _seconds_of(self, offer: O) -> float:
         return offer.cpu_seconds(self._budget.speed)
@@ -103,11 +103,11 @@ class Choice(Generic[O]):
     @property
     def seconds(self) -> float:
         """Of the cheapest, in a call; infinite if none serves."""
-        return self._seconds_of(self.offers[0]) if self.offers else math.inf
+        return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
 
-    def prepared(self) -> Iterator[O]:
-        """The offers that keep their promise, each prepared when it's asked for."""
-        for offer in self.offers:
+    def prepared_candidates(self) -> Iterator[O]:
+        """The candidates that keep their promise, each prepared when it's asked for."""
+        for offer in self.candidates:
             try:
                 offer.prepare()
             except ToleranceError as error:
@@ -117,18 +117,18 @@ class Choice(Generic[O]):
 
     def refusal(self, tol: float) -> ValueError:
         """Why no offer keeps a tolerance, with the one that could be kept or what it takes."""
-        return combined(self._refusals, tol)
+        return combine_refusals(self._refusals, tol)
 
 
-def cheapest(offers: Iterable[O], budget: Budget, what: str) -> O:
+def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
     """The one of least predicted processor time that fits in memory.
 
     Raises ToleranceError that names the memory the thriftiest needs.
     """
-    choice = Choice([partial(_itself, one) for one in offers], budget, what)
-    if not choice.offers:
+    choice = MethodChoice([partial(_itself, one) for one in candidates], budget, what)
+    if not choice.candidates:
         raise choice.refusal(math.nan)
-    return choice.offers[0]
+    return choice.candidates[0]
 
 
 def _itself(offer: O) -> O:
@@ -136,18 +136,18 @@ def _itself(offer: O) -> O:
 
 
 @dataclass(frozen=True)
-class Setting:
+class IterationOption:
     """An iterative method with a number of iterations: what they take, and how much they gain
-    compared to other settings. words: for a person; the method's name if empty."""
+    compared to other settings. description: for a person; the method's name if empty."""
 
     method: str
     count: int
     seconds: float
     gain: float
-    words: str = ""
+    description: str = ""
 
 
-def best_within(budget: float, settings: Sequence[Setting]) -> Setting:
+def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
     """The setting that gains most in so many seconds.
 
     Raises ValueError that names the quickest, and what it takes.
@@ -156,7 +156,7 @@ def best_within(budget: float, settings: Sequence[Setting]) -> Setting:
     if not fitting:
         quickest = min(settings, key=lambda one: one.seconds)
         raise ValueError(
-            f"budget is {budget:g} s; the quickest, {quickest.words or quickest.method}, takes "
-            f"about {rounded_up(quickest.seconds)} s; allow more"
+            f"budget is {budget:g} s; the quickest, {quickest.description or quickest.method}, "
+            f"takes about {rounded_up(quickest.seconds)} s; allow more"
         )
     return max(fitting, key=lambda one: one.gain)

@@ -15,17 +15,27 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_APART = (8, 6)
+_SPOT_SEPARATIONS = (8, 6)
 """Line widths between the spots of different regions: what is good, and what is enough."""
 
-_LONG, _SHORT = (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10), (8.7, 7.4, 6.3, 5.3, 4.4)
+_PREFERRED_PERIODS, _FALLBACK_PERIODS = (
+    (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10),
+    (8.7, 7.4, 6.3, 5.3, 4.4),
+)
 """Periods in panel pixels: those that are tried first, and those where there is no other way.
 Neighbours blur the edges of stripes, and long stripes have few of them."""
 
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
 """Orders of stripes that are equally wide, and their amplitudes relative to the first."""
 
-_COMPASS = ((0.95, 15.0), (0.8, 80.0), (0.95, 140.0), (0.6, 200.0), (0.9, 255.0), (0.75, 320.0))
+_REGISTRATION_GRATINGS = (
+    (0.95, 15.0),
+    (0.8, 80.0),
+    (0.95, 140.0),
+    (0.6, 200.0),
+    (0.9, 255.0),
+    (0.75, 320.0),
+)
 """Length, as a share of the longest, and direction in degrees of gratings for a registration:
 no turn and no mirror makes them the same again."""
 
@@ -42,41 +52,49 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
     return [(row, column) for row in rows for column in columns]
 
 
-def compass_vectors(longest: float) -> Array:
+def registration_vectors(max_frequency: float) -> Array:
     """Six vectors for a registration, (6, 2), that no turn and no mirror takes to each other.
 
-    longest: cycles per panel pixel, so that the spots fall on the sensor however it is turned.
+    max_frequency: cycles per panel pixel, so that the spots fall on the sensor however it is
+    turned.
     """
-    _require_longest(longest)
+    _require_frequency(max_frequency)
     return np.array(
         [
             (
-                share * longest * math.sin(math.radians(angle)),
-                share * longest * math.cos(math.radians(angle)),
+                share * max_frequency * math.sin(math.radians(angle)),
+                share * max_frequency * math.cos(math.radians(angle)),
             )
-            for share, angle in _COMPASS
+            for share, angle in _REGISTRATION_GRATINGS
         ]
     )
 
 
 def region_vectors(
-    shape: tuple[int, int], regions: tuple[int, int], longest: float, blur: float = 0.0
+    shape: tuple[int, int], regions: tuple[int, int], max_frequency: float, blur: float = 0.0
 ) -> Array:
     """A grating vector for every region, (regions, 2), whose spots don't disturb each other.
 
     Each has whole numbers of cycles in its region, so that it is dark where the others send
     their light: lines of a rectangle are zero at the lattice of their width. Among these the
     vectors are chosen one after the other, each where the tails of all orders of the ones
-    before are weakest, with periods as long as that allows. longest: cycles per panel pixel.
+    before are weakest, with periods as long as that allows. max_frequency: cycles per panel pixel.
     blur: in the same unit, by how much more the spots must be apart because star, lens and sensor
     widen them. Raises ValueError if so many spots can't be told apart.
     """
-    _require_longest(longest)
+    _require_frequency(max_frequency)
     count = len(region_slices(shape, regions))
     lines = np.array([shape[0] // regions[0], shape[1] // regions[1]])
-    tried = [(1 / period, apart) for some in (_LONG, _SHORT) for apart in _APART for period in some]
+    tried = [
+        (1 / period, apart)
+        for some in (_PREFERRED_PERIODS, _FALLBACK_PERIODS)
+        for apart in _SPOT_SEPARATIONS
+        for period in some
+    ]
     for length, apart in tried:
-        chosen = _chosen(_lattice(lines, min(length, longest)), count, apart + blur * lines)
+        chosen = _choose_lattice_points(
+            _lattice(lines, min(length, max_frequency)), count, apart + blur * lines
+        )
         if len(chosen) == count:
             return np.array(chosen) / lines
     raise ValueError(
@@ -85,22 +103,25 @@ def region_vectors(
     )
 
 
-def _lattice(lines: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
     """Cycles in a region (y, x) of the vectors up to a length, one of each pair of opposites."""
-    most = np.floor(longest * lines).astype(int)
+    most = np.floor(max_frequency * lines).astype(int)
     grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
-    return grid[np.hypot(*(grid / lines).T) <= longest]
+    return grid[np.hypot(*(grid / lines).T) <= max_frequency]
 
 
-def _chosen(grid: NDArray[np.int64], count: int, apart: Array) -> list[NDArray[np.int64]]:
-    """Lattice points, as many of `count` as are `apart`, line widths (y, x), from each other."""
+def _choose_lattice_points(
+    grid: NDArray[np.int64], count: int, separation: Array
+) -> list[NDArray[np.int64]]:
+    """Lattice points, as many of `count` as are `separation`, line widths (y, x), from each
+    other."""
     # All regions meet in the zeroth order.
     spots, strengths = [np.zeros(2, dtype=np.int64)], [count * math.pi / 2]
     chosen: list[NDArray[np.int64]] = []
     while len(chosen) < count:
         away = np.abs(grid[:, None] - np.array(spots)[None])
         # From the spots before, and from its own on the other side.
-        free = (away >= apart).any(-1).all(1) & (np.abs(2 * grid) >= apart).any(1)
+        free = (away >= separation).any(-1).all(1) & (np.abs(2 * grid) >= separation).any(1)
         if not free.any():
             break
         tails = np.array(strengths) / np.maximum(1, math.pi * away).prod(-1)
@@ -112,7 +133,7 @@ def _chosen(grid: NDArray[np.int64], count: int, apart: Array) -> list[NDArray[n
     return chosen
 
 
-def striped(
+def stripe_pattern(
     shape: tuple[int, int], regions: tuple[int, int], vectors: Array, low: int, high: int
 ) -> NDArray[np.uint8]:
     """Grey levels, (rows, columns): stripes of two levels, equally wide, in every region.
@@ -130,7 +151,7 @@ def striped(
     return grey
 
 
-def ramp(shape: tuple[int, int], vector: Sequence[float]) -> Array:
+def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Array:
     """The phase in radians of a blazed grating, (rows, columns), zero at the panel's centre."""
     rows, columns = shape
     y = (np.arange(rows) - rows // 2)[:, None]
@@ -138,7 +159,7 @@ def ramp(shape: tuple[int, int], vector: Sequence[float]) -> Array:
     return 2 * math.pi * (vector[0] * y + vector[1] * x)
 
 
-def longest_vector(
+def max_grating_frequency(
     shape: tuple[int, int], sensor_pitch: float, panel_pitch: float, scale: float
 ) -> float:
     """Cycles per panel pixel of the steepest grating whose light surely falls on the sensor.
@@ -152,8 +173,9 @@ def longest_vector(
     return min(half * panel_pitch / scale, 0.25)
 
 
-def _require_longest(longest: float) -> None:
-    if not 0 < longest <= 0.25:
+def _require_frequency(max_frequency: float) -> None:
+    if not 0 < max_frequency <= 0.25:
         raise ValueError(
-            f"longest is {longest:g} cycles per pixel; it must be positive and at most 0.25"
+            f"max_frequency is {max_frequency:g} cycles per pixel; it must be positive and at "
+            "most 0.25"
         )

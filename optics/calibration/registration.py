@@ -16,10 +16,10 @@ from optics.calibration.spots import Spot
 Array = NDArray[np.float64]
 
 _FEWEST = 4
-_NEAR = 0.5
+_MIN_TOLERANCE = 0.5
 """Pixels by which a spot may miss whatever its noise: a lens distorts."""
 
-_OUTLYING = 5.0
+_OUTLIER_SIGMAS = 5.0
 """Standard deviations from which a spot is another one than was thought."""
 
 _SYSTEMATIC = 0.01
@@ -36,7 +36,7 @@ _FLIPS: dict[tuple[bool, bool], Flip] = {
 
 
 @dataclass(frozen=True)
-class Parts:
+class AffineParts:
     """An affine map taken apart: first the mirror, then shear and scale, then the turn.
 
     flip: none, left-right, up-down or both. rotation: radians from x towards y, at most a
@@ -58,7 +58,7 @@ class Registration:
     zeroth order. matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
     covariance: (3, 3) of centre and matrix, the same for y and for x, pixels². shift: (y, x)
     pixels by which all steered spots lay beside the map, as they do when the response isn't the
-    same all over the panel. residuals: (spots, 2) pixels, measured less fitted. used: which
+    same all over the panel. residuals: (spots, 2) pixels, measured less fitted. inliers: which
     spots decided; others were outliers.
     """
 
@@ -68,15 +68,17 @@ class Registration:
     covariance: Array
     shift: tuple[float, float]
     residuals: Array
-    used: NDArray[np.bool_]
+    inliers: NDArray[np.bool_]
 
-    def pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
+    def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
         """Places (..., 2) on the sensor of grating vectors (..., 2), (y, x) of both."""
-        return np.asarray(self.centre) + self._stretch(wavelength) * (vectors @ self.matrix.T)
+        return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
+            vectors @ self.matrix.T
+        )
 
-    def vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
+    def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
         """The grating vectors (..., 2) that send light to places (..., 2) on the sensor."""
-        away = (pixels - np.asarray(self.centre)) / self._stretch(wavelength)
+        away = (pixels - np.asarray(self.centre)) / self._wavelength_ratio(wavelength)
         return away @ np.linalg.inv(self.matrix).T
 
     def uncertainty(self, vectors: Array) -> Array:
@@ -88,18 +90,18 @@ class Registration:
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
         """The largest of a sensor's corners, (rows, columns), in pixels."""
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
-        return float(self.uncertainty(self.vectors(corners)).max())
+        return float(self.uncertainty(self.to_vectors(corners)).max())
 
     @property
     def residual(self) -> float:
         """Root mean square distance in pixels between spots that decided and their fit."""
-        return float(np.sqrt((self.residuals[self.used] ** 2).sum(1).mean()))
+        return float(np.sqrt((self.residuals[self.inliers] ** 2).sum(1).mean()))
 
     @property
-    def parts(self) -> Parts:
-        return taken_apart(self.matrix)
+    def parts(self) -> AffineParts:
+        return decompose_affine(self.matrix)
 
-    def _stretch(self, wavelength: float | None) -> float:
+    def _wavelength_ratio(self, wavelength: float | None) -> float:
         return 1.0 if wavelength is None else wavelength / self.wavelength
 
 
@@ -119,12 +121,12 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
     on a line, and if fewer than four spots agree.
     """
     vectors = np.asarray(vectors, dtype=np.float64)
-    steered = _steered(vectors, spots)
+    steered = _find_steered_spots(vectors, spots)
     places = np.array([spot.place for spot in spots])
     sigma = np.hypot([spot.sigma for spot in spots], _SYSTEMATIC)
     design = np.column_stack([np.ones(len(vectors)), vectors, steered])
     used = ~steered
-    used[steered] = _agreeing(design[steered, :3], places[steered], sigma[steered])
+    used[steered] = _find_consensus(design[steered, :3], places[steered], sigma[steered])
     if used[steered].sum() < _FEWEST:
         raise ValueError(
             f"only {used[steered].sum()} of {steered.sum()} spots agree on one map from panel to "
@@ -149,7 +151,7 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
     )
 
 
-def _steered(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
+def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
     """Which spots are steered; ValueError if they can't decide a map."""
     if vectors.shape != (len(spots), 2):
         raise ValueError(f"vectors are {vectors.shape}; {len(spots)} spots need ({len(spots)}, 2)")
@@ -166,9 +168,9 @@ def _steered(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
     return steered
 
 
-def _agreeing(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
+def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
     """Which spots follow the map through three of them that most spots follow."""
-    allowed = np.maximum(_NEAR, _OUTLYING * sigma)
+    allowed = np.maximum(_MIN_TOLERANCE, _OUTLIER_SIGMAS * sigma)
     best, fewest = np.zeros(len(places), dtype=bool), math.inf
     for three in itertools.combinations(range(len(places)), 3):
         some = design[list(three)]
@@ -181,7 +183,7 @@ def _agreeing(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
     return best
 
 
-def taken_apart(matrix: Array) -> Parts:
+def decompose_affine(matrix: Array) -> AffineParts:
     """Flip, rotation, scale and shear of a (2, 2) matrix of (y, x); ValueError if it is flat."""
     turned = matrix[::-1, ::-1]
     if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
@@ -195,5 +197,7 @@ def taken_apart(matrix: Array) -> Parts:
         if np.linalg.det(q) < 0:
             continue
         angle = math.atan2(q[1, 0], q[0, 0])
-        found.append(Parts(name, angle, (float(r[1, 1]), float(r[0, 0])), float(r[0, 1] / r[0, 0])))
+        found.append(
+            AffineParts(name, angle, (float(r[1, 1]), float(r[0, 0])), float(r[0, 1] / r[0, 0]))
+        )
     return min(found, key=lambda parts: abs(parts.rotation))

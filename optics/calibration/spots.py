@@ -13,17 +13,17 @@ from optics.camera import Sensor
 
 Array = NDArray[np.float64]
 
-_SEEN = 8.0
+_DETECTION_SIGMAS = 8.0
 """Standard deviations of noise from which a spot counts as one."""
 
 _SMOOTHING = 1.5
 """Pixels, standard deviation, over which light is gathered to find a spot."""
 
-_LONELY = 10.0
+_HOT_PIXEL_RATIO = 10.0
 """How much brighter than its brightest neighbour no focused spot's pixel is."""
 
 _ROUNDS = 30
-_SETTLED = 1e-4
+_CENTROID_TOLERANCE = 1e-4
 """Of a pixel, by which a centroid that has settled moves at most."""
 
 _NARROWEST, _WIDEST = 1.0, 8.0
@@ -66,7 +66,9 @@ def without_hot_pixels(frame: Array, variance: Array) -> Array:
     ring[1, 1] = False
     brightest = ndimage.maximum_filter(frame, footprint=ring, mode="nearest")
     dimmest = ndimage.minimum_filter(frame, footprint=ring, mode="nearest")
-    lonely = frame - dimmest > _LONELY * (brightest - dimmest) + _SEEN * np.sqrt(variance)
+    lonely = frame - dimmest > _HOT_PIXEL_RATIO * (
+        brightest - dimmest
+    ) + _DETECTION_SIGMAS * np.sqrt(variance)
     return np.where(lonely, ndimage.median_filter(frame, footprint=ring, mode="nearest"), frame)
 
 
@@ -74,11 +76,11 @@ def find_spot(
     light: Array,
     variance: Array,
     clipped: NDArray[np.bool_] | None = None,
-    hidden: NDArray[np.bool_] | None = None,
+    excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
     """The spot that stands out most in a frame less its background.
 
-    light, variance: (rows, columns). clipped: pixels at full scale. hidden: pixels that aren't
+    light, variance: (rows, columns). clipped: pixels at full scale. excluded: pixels that aren't
     searched. Raises ValueError if nothing stands out of the noise.
     """
     _require_frame(light, variance)
@@ -90,14 +92,14 @@ def find_spot(
         / (4 * math.pi * _SMOOTHING**2)
     )
     signal = gathered / noise
-    if hidden is not None:
-        signal = np.where(hidden, -np.inf, signal)
+    if excluded is not None:
+        signal = np.where(excluded, -np.inf, signal)
     y, x = np.unravel_index(int(np.argmax(signal)), signal.shape)
-    if not signal[y, x] >= _SEEN:
+    if not signal[y, x] >= _DETECTION_SIGMAS:
         raise ValueError(
             f"no spot stands out of the noise: the brightest place is {max(signal[y, x], 0):.1f} "
-            f"standard deviations above it, and {_SEEN:g} are needed; expose longer, or bring the "
-            "star into the frame"
+            f"standard deviations above it, and {_DETECTION_SIGMAS:g} are needed; expose longer, "
+            "or bring the star into the frame"
         )
     return measure_spot(clean, variance, (float(y), float(x)), clipped)
 
@@ -117,7 +119,7 @@ def measure_spot(
     _require_frame(light, variance)
     (y, x), width = start, 2.0
     for _ in range(_ROUNDS):
-        part, py, px = _around((y, x), width, light.shape)
+        part, py, px = _window_pixels((y, x), width, light.shape)
         weight = np.exp(-((py - y) ** 2 + (px - x) ** 2) / (2 * width**2))
         weighted = weight * light[part]
         total = float(weighted.sum())
@@ -135,19 +137,19 @@ def measure_spot(
         # Under a window as wide as itself a Gaussian seems narrower by the root of two.
         wider = math.sqrt(max(2 * spread, 0.0))
         width = min(max(0.5 * (width + wider), _NARROWEST), _WIDEST)
-        if math.hypot(dy, dx) < _SETTLED and abs(wider - width) < 0.05 * width:
+        if math.hypot(dy, dx) < _CENTROID_TOLERANCE and abs(wider - width) < 0.05 * width:
             break
-    return _measured(light, variance, (y, x), width, clipped)
+    return _spot_at(light, variance, (y, x), width, clipped)
 
 
-def _measured(
+def _spot_at(
     light: Array,
     variance: Array,
     place: tuple[float, float],
     width: float,
     clipped: NDArray[np.bool_] | None,
 ) -> Spot:
-    part, py, px = _around(place, width, light.shape)
+    part, py, px = _window_pixels(place, width, light.shape)
     y, x = place
     weight = np.exp(-((py - y) ** 2 + (px - x) ** 2) / (2 * width**2))
     total = float((weight * light[part]).sum())
@@ -164,7 +166,7 @@ def _measured(
     )
 
 
-def _around(
+def _window_pixels(
     place: tuple[float, float], width: float, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Array, Array]:
     """The pixels within four widths, and their places as a column and a row."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.calibration.stripes import StripeLaw
+from optics.calibration.stripe_law import StripeLaw
 
 Array = NDArray[np.float64]
 
-FEWEST = 12
+MIN_LEVELS = 12
 """Levels of a sweep from which a curve can be told."""
 
 
@@ -38,11 +38,17 @@ class Sweep:
                 "one value a frame of each"
             )
         levels = len(set(self.high.tolist()))
-        if levels < FEWEST:
-            raise ValueError(f"the sweep has {levels} levels; a curve needs {FEWEST} at least")
+        if levels < MIN_LEVELS:
+            raise ValueError(f"the sweep has {levels} levels; a curve needs {MIN_LEVELS} at least")
         if not (np.isfinite(self.light).all() and (self.noise > 0).all()):
             raise ValueError("light must be finite and its noise positive")
 
-    def some(self, used: NDArray[np.bool_]) -> Sweep:
+    def select(self, inliers: NDArray[np.bool_]) -> Sweep:
         """Only some of its frames."""
-        return Sweep(self.low[used], self.high[used], self.light[used], self.noise[used], self.law)
+        return Sweep(
+            self.low[inliers],
+            self.high[inliers],
+            self.light[inliers],
+            self.noise[inliers],
+            self.law,
+        )

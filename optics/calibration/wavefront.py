@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.calibration.star import StarModel
+from optics.calibration.star_model import StarModel
 from optics.camera import Panel
 from optics.plane import Plane
 from optics.progress import Progress
@@ -29,28 +29,28 @@ TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n
 
 _DEFOCUS = (2, 0)
 
-_STARTS = np.linspace(-1.0, 1.0, 9)
+_START_DEFOCUS = np.linspace(-1.0, 1.0, 9)
 """Waves of defocus, root mean square, from which a fit may begin."""
 
-_FOLLOWED = 2
+_STARTS_FOLLOWED = 2
 _STEPS = 60
 
-_GOOD = 1.5
+_GOOD_CHI2 = 1.5
 """Mean squared misfit in standard deviations from which no other start is tried."""
 
-_UNIT = 0.05
+_PARAMETER_UNIT = 0.05
 """Of a wave, root mean square, and of a pixel: a step that an optimiser takes for one."""
 
 _BEAM_UNIT = 0.2
 """The same of the logarithm of the light's amplitude at the disc's edge."""
 
-_MOST_ALIKE = 0.95
+_MAX_CORRELATION = 0.95
 """Correlation of neighbouring pixels' misfits beyond which no number of pixels is believed."""
 
-_NUDGE = 0.02
+_DIFFERENCE_STEP = 0.02
 """Of the unit, for derivatives by differences."""
 
-_SYSTEMATIC = 0.005
+_MODEL_ERROR = 0.005
 """Of a picture's peak, by which the model may be wrong beside the noise."""
 
 
@@ -86,10 +86,10 @@ class WavefrontFit:
 
     def path(self, panel: Panel) -> torch.Tensor:
         """Metres at the panel's pixels, (rows, columns) float64."""
-        return path_of(self.terms, self.coefficients, self.radius, panel.plane)
+        return zernike_path(self.terms, self.coefficients, self.radius, panel.plane)
 
 
-def path_of(
+def zernike_path(
     terms: Sequence[Term], coefficients: Sequence[float] | Array, radius: float, plane: Plane
 ) -> torch.Tensor:
     """The sum of Zernike polynomials over a disc, metres, (rows, columns) of a plane."""
@@ -136,28 +136,30 @@ def fit_wavefront(
     nine; each picture's light and background are fitted with it. Raises ValueError if fewer
     than two pictures were taken, or defocus isn't among the terms.
     """
-    if len(pictures.light) < 2 or len(pictures.light) != model.patterns:
+    if len(pictures.light) < 2 or len(pictures.light) != model.pattern_count:
         raise ValueError(
-            f"{len(pictures.light)} pictures of {model.patterns} patterns; a wavefront needs one "
-            "of each, and two at least"
+            f"{len(pictures.light)} pictures of {model.pattern_count} patterns; a wavefront needs "
+            "one of each, and two at least"
         )
     if _DEFOCUS not in terms:
         raise ValueError("terms lack defocus, (2, 0); add it")
     progress = progress or Progress()
-    task = _Task(model, pictures, tuple(terms))
-    starts = sorted((task.started(defocus * 0.5) for defocus in _STARTS), key=task.cost)
+    task = _WavefrontProblem(model, pictures, tuple(terms))
+    starts = sorted(
+        (task.initial_parameters(defocus * 0.5) for defocus in _START_DEFOCUS), key=task.cost
+    )
     found = []
-    for number, start in enumerate(starts[:_FOLLOWED]):
-        part = progress.part(number / (_FOLLOWED + 1), (number + 1) / (_FOLLOWED + 1))
-        found.append(task.descended(start, part))
-        if task.chi2(found[-1]) < _GOOD:
+    for number, start in enumerate(starts[:_STARTS_FOLLOWED]):
+        part = progress.part(number / (_STARTS_FOLLOWED + 1), (number + 1) / (_STARTS_FOLLOWED + 1))
+        found.append(task.minimise(start, part))
+        if task.chi2(found[-1]) < _GOOD_CHI2:
             break
     best = min(found, key=task.cost)
-    progress.report(_FOLLOWED / (_FOLLOWED + 1), "wavefront: uncertainty")
-    return task.told(best)
+    progress.report(_STARTS_FOLLOWED / (_STARTS_FOLLOWED + 1), "wavefront: uncertainty")
+    return task.build_fit(best)
 
 
-class _Task:
+class _WavefrontProblem:
     """Parameters are the polynomials, in _UNIT waves; the star's place (y, x), in _UNIT pixels;
     and, in _BEAM_UNIT, the slopes along y and x and the fall towards the edge of the light's
     amplitude on the panel, as a Gaussian beam has them."""
@@ -166,41 +168,43 @@ class _Task:
         self._model, self._terms = model, terms
         self._light = torch.from_numpy(pictures.light)
         peak = pictures.light.max(axis=(1, 2), keepdims=True)
-        variance = pictures.variance + (_SYSTEMATIC * peak) ** 2
+        variance = pictures.variance + (_MODEL_ERROR * peak) ** 2
         weight = np.where(pictures.usable, 1 / variance, 0.0)
         self._weight = torch.from_numpy(weight)
         y, x = model.plane.mesh()
         shapes = [zernike(n, m, y / model.radius, x / model.radius) for n, m in terms]
         self._shapes = torch.stack([shape.expand(model.plane.shape) for shape in shapes])
-        self._path_unit = _UNIT * model.wavelength
+        self._path_unit = _PARAMETER_UNIT * model.wavelength
         y, x = (axis.expand(model.plane.shape) / model.radius for axis in (y, x))
         self._beam = torch.stack([y, x, y**2 + x**2]) * _BEAM_UNIT
 
-    def started(self, waves: float) -> torch.Tensor:
+    def initial_parameters(self, waves: float) -> torch.Tensor:
         start = torch.zeros(len(self._terms) + 2 + len(self._beam), dtype=torch.float64)
-        start[self._terms.index(_DEFOCUS)] = waves / _UNIT
+        start[self._terms.index(_DEFOCUS)] = waves / _PARAMETER_UNIT
         return start
 
-    def _parts(self, parameters: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def _split_parameters(
+        self, parameters: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Polynomials, place and beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
-    def seen(self, parameters: torch.Tensor) -> torch.Tensor:
+    def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
         """The model's pictures, each with the light and background that fit best."""
-        polynomials, place, beam = self._parts(parameters)
+        polynomials, place, beam = self._split_parameters(parameters)
         path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
-        shares = self._model(path, place * _UNIT, amplitude)
+        shares = self._model(path, place * _PARAMETER_UNIT, amplitude)
         return torch.stack(
             [
-                _fitted(share, light, weight)
+                _fit_light_and_background(share, light, weight)
                 for share, light, weight in zip(shares, self._light, self._weight, strict=True)
             ]
         )
 
     def misfit(self, parameters: torch.Tensor) -> torch.Tensor:
-        return ((self.seen(parameters) - self._light) ** 2 * self._weight).sum()
+        return ((self.predict_pictures(parameters) - self._light) ** 2 * self._weight).sum()
 
     def cost(self, parameters: torch.Tensor) -> float:
         with torch.no_grad():
@@ -211,7 +215,7 @@ class _Task:
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
-    def descended(self, start: torch.Tensor, progress: Progress) -> torch.Tensor:
+    def minimise(self, start: torch.Tensor, progress: Progress) -> torch.Tensor:
         parameters = start.clone().requires_grad_(True)
         scale = max(self.cost(start), 1.0)
         optimiser = torch.optim.LBFGS(
@@ -231,25 +235,27 @@ class _Task:
         optimiser.step(closure)  # type: ignore[no-untyped-call]
         return parameters.detach()
 
-    def told(self, parameters: torch.Tensor) -> WavefrontFit:
+    def build_fit(self, parameters: torch.Tensor) -> WavefrontFit:
         with torch.no_grad():
-            seen = self.seen(parameters)
+            seen = self.predict_pictures(parameters)
             columns = []
             for k in range(len(parameters)):
                 nudge = torch.zeros_like(parameters)
-                nudge[k] = _NUDGE
-                change = self.seen(parameters + nudge) - self.seen(parameters - nudge)
-                columns.append((change / (2 * _NUDGE) * self._weight.sqrt()).ravel())
+                nudge[k] = _DIFFERENCE_STEP
+                change = self.predict_pictures(parameters + nudge) - self.predict_pictures(
+                    parameters - nudge
+                )
+                columns.append((change / (2 * _DIFFERENCE_STEP) * self._weight.sqrt()).ravel())
         jacobian = torch.stack(columns, dim=1)
         chi2 = self.chi2(parameters)
         # Where the model is wrong, neighbouring pixels say the same.
-        doubt = max(chi2, 1.0) * _pixels_a_word((seen - self._light) * self._weight.sqrt())
+        doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * self._weight.sqrt())
         covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
         n = len(self._terms)
         polynomials = covariance[:n, :n].numpy() * self._path_unit**2
         coefficients = parameters[:n].numpy() * self._path_unit
-        place = self._parts(parameters)[1] * _UNIT
-        rms, sigma = self._over_the_pupil(coefficients, polynomials)
+        place = self._split_parameters(parameters)[1] * _PARAMETER_UNIT
+        rms, sigma = self._rms_over_pupil(coefficients, polynomials)
         usable = self._weight > 0
         away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
         return WavefrontFit(
@@ -264,7 +270,7 @@ class _Task:
             chi2,
         )
 
-    def _over_the_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
+    def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
         """Root mean square of the path over the open pupil, less mean and tilt, and its sigma."""
         lit = self._model.light_on_panel.numpy()
         weight = (lit / lit.sum()).ravel()
@@ -277,7 +283,7 @@ class _Task:
         return float(np.linalg.norm(shapes @ coefficients)), math.sqrt(max(spread, 0.0))
 
 
-def _pixels_a_word(misfit: torch.Tensor) -> float:
+def _correlation_area(misfit: torch.Tensor) -> float:
     """How many pixels (pictures, rows, columns) say one thing: the area over which misfits are
     alike, if they fade exponentially."""
     area = 1.0
@@ -285,12 +291,14 @@ def _pixels_a_word(misfit: torch.Tensor) -> float:
     for axis in (-2, -1):
         n = misfit.shape[axis]
         neighbours = misfit.narrow(axis, 0, n - 1) * misfit.narrow(axis, 1, n - 1)
-        alike = min(max(float(neighbours.sum()) / max(power, 1e-300), 0.0), _MOST_ALIKE)
+        alike = min(max(float(neighbours.sum()) / max(power, 1e-300), 0.0), _MAX_CORRELATION)
         area *= (1 + alike) / (1 - alike)
     return area
 
 
-def _fitted(share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+def _fit_light_and_background(
+    share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor
+) -> torch.Tensor:
     """A picture's share times the light, plus the background, that fit best."""
     with torch.no_grad():
         design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)

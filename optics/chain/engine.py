@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import torch
 
-from optics.accuracy import ToleranceError, unkeepable
+from optics.accuracy import ToleranceError, unreachable_tolerance_error
 from optics.camera import Camera
-from optics.chain.dimness import Dimness
-from optics.chain.lens_grid import Search
-from optics.chain.relay import Moved
-from optics.edge import as_number, recorded
-from optics.point.engine import Engine
-from optics.point.question import Question
+from optics.chain.lens_grid import LensGridSearch
+from optics.chain.low_light import LowLightCorrection
+from optics.chain.panel_to_lens import PropagatorVariables
+from optics.point.engine import PSFEngine
+from optics.point.request import PSFRequest
 from optics.pupil import Scalar, numeric_camera, open_area
+from optics.validation import as_number, needs_gradient
 
 
-class ChainEngine(Engine):
+class ChainEngine(PSFEngine):
     """Panel, space, stop and lens, space, sensor: thesis Eq. 5.1 to 5.7, in Fresnel's model.
 
     With the point's parabolic wave factored out (Sziklas and Siegman 1975,
@@ -32,84 +32,86 @@ class ChainEngine(Engine):
     where W is the panel's modulation after z1 / M of free space and x_o = -x_i (d + z1) / z2
     the object: completing the square in s of (s - x_o)²/d + (x - s)²/z1 leaves
     (M / z1) (s - c)² + (x - x_o)² / (d + z1), c = x / M - z1 x_i / z2. An object at infinity is
-    M = 1. Then the lens leaves the defocus and its aberrations (`wave_phase`), and a Fraunhofer
+    M = 1. Then the lens leaves the defocus and its aberrations (`pupil_phase`), and a Fraunhofer
     integral about the image point goes to the sensor; the tilt by x_o is what moves it there.
     """
 
     def __init__(
         self,
-        question: Question,
+        request: PSFRequest,
         camera: Camera,
-        search: Search,
-        promised: float | None = None,
+        search: LensGridSearch,
+        promised_tol: float | None = None,
     ) -> None:
-        self._question, self._camera = question, numeric_camera(camera)
-        self._promised = promised or question.tol
-        self._search, self._edge = search, search.edge
-        self._twin: ChainEngine | None = None
-        self._plan(question.numeric)
+        self._request, self._camera = request, numeric_camera(camera)
+        self._promised_tol = promised_tol or request.tol
+        self._search, self._edge_scatter = search, search.edge_scatter
+        self._stricter_engine: ChainEngine | None = None
+        self._plan(request.numeric)
 
     @abstractmethod
-    def _plan(self, n: Question) -> None:
-        """Choose what keeps the tolerance of a question in plain numbers."""
+    def _plan(self, n: PSFRequest) -> None:
+        """Choose what keeps the tolerance of a request in plain numbers."""
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
 
-    def modulated(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+    def panel_field(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor:
         """The panel's field, without the point's parabola."""
-        factor = self.modulation(phase, amplitude, self._camera.panel.shape, self._dtype)
+        factor = self.modulation_factor(phase, amplitude, self._camera.panel.shape, self._dtype)
         if factor is None:
             factor = torch.ones(self._camera.panel.shape, dtype=self._dtype)
-        sphere = self._question.sphere
+        sphere = self._request.sphere
         if sphere is None:
             return factor
-        return factor * sphere.factor(*self.points()).to(factor)
+        return factor * sphere.wave_factor(*self.points()).to(factor)
 
-    def none(self, modulated: torch.Tensor) -> torch.Tensor:
+    def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
         """The answers to no fields at all, (..., rows, columns): FFTs take none."""
         light = modulated.real.sum(dim=(-2, -1))
-        return light[..., None, None].expand(*light.shape, *self._question.samples.shape)
+        return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 
-    def leaning(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
+    def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
         """The panel's field times the slope of the sphere's difference from its parabola inside
         every pixel, cycles a metre along each axis; nothing where there is no sphere."""
-        sphere = self._question.sphere
+        sphere = self._request.sphere
         if sphere is None:
             return []
-        slopes = sphere.gradient(*self.points(), self._camera.panel.active_side)
+        slopes = sphere.phase_gradient(*self.points(), self._camera.panel.active_side)
         return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
 
     def _sphere_error(self) -> float:
         """What it costs to follow the sphere's difference from its parabola inside a pixel by its
         slope: half of the square of half the turn, on average over the pixel a third of that."""
-        sphere, panel = self._question.numeric.sphere, self._camera.panel
+        sphere, panel = self._request.numeric.sphere, self._camera.panel
         if sphere is None:
             return 0.0
-        turn = sphere.slope(math.hypot(*panel.shape) * panel.pitch / 2) * panel.pitch
+        turn = sphere.largest_phase_slope(math.hypot(*panel.shape) * panel.pitch / 2) * panel.pitch
         return turn**2 / 12
 
-    def _moved(self) -> Moved | None:
+    def _propagator_variables(self) -> PropagatorVariables | None:
         """What the field at the lens depends on, where its derivatives are wanted."""
-        q = self._question
-        lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.sines)
-        if not any(map(recorded, lengths)):
+        q = self._request
+        lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
+        if not any(map(needs_gradient, lengths)):
             return None
         n = q.numeric
-        bend = q.wavelength * q.separation / q.spread
-        stretch = (q.radius / n.radius) * (n.spread / q.spread)
+        bend = q.wavelength * q.separation / q.shadow_magnification
+        stretch = (q.radius / n.radius) * (n.shadow_magnification / q.shadow_magnification)
         shift = tuple(
             stretch * (was * n.separation) - now * q.separation
-            for was, now in zip(n.sines, q.sines, strict=True)
+            for was, now in zip(n.chief_ray_slopes, q.chief_ray_slopes, strict=True)
         )
         one = torch.ones((), dtype=torch.float64)
-        return Moved(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
+        return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
-    def _power(self) -> Scalar:
+    def _open_pixel_area(self) -> Scalar:
         """Square metres of pixels that panel and stop would leave open in one plane."""
         fill = self._camera.panel.fill_factor
-        area, radius = open_area(self._camera) * fill, self._question.radius
-        if not recorded(radius):
+        area, radius = open_area(self._camera) * fill, self._request.radius
+        if not needs_gradient(radius):
             return area
         # The stop's edge is smooth enough for a difference of areas.
         lens, part = self._camera.lens, 1e-5
@@ -120,46 +122,51 @@ class ChainEngine(Engine):
         growth = (wider - narrower) * fill / (2 * part)
         return area + growth * (radius / as_number(radius) - 1)
 
-    def strength(self) -> Scalar:
+    def intensity_scale(self) -> Scalar:
         """What turns |sum over the lens' samples in stop radii|² into shares of the light."""
-        q = self._question
+        q = self._request
         area = q.samples.pitch[0] * q.samples.pitch[1]
-        return area * q.radius**4 / (q.scale**2 * q.spread**2 * self._power())
+        return (
+            area * q.radius**4 / (q.scale**2 * q.shadow_magnification**2 * self._open_pixel_area())
+        )
 
     @property
-    def _within(self) -> float:
+    def _passing_error_share(self) -> float:
         """Share of the error's square that light makes whose frequencies pass the stop."""
         return 0.0
 
-    def _kept(
+    def _intensity_or_replan(
         self,
         light: torch.Tensor,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
-        inside: Callable[[], tuple[float, float]] | None = None,
+        measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
     ) -> torch.Tensor:
         """The light, if the window gets enough of it; else that of an engine planned for less.
 
-        inside: the panel's brightness (see Dimness), where somebody knows it sooner.
+        measure_passing_brightness: the panel's brightness (see LowLightCorrection), where somebody
+        knows it sooner.
         """
-        look = inside or (lambda: self._edge.inside(self.modulated(phase, amplitude)))
-        ratio = Dimness(self._edge, self._question.inner, light, amplitude, look).ratio(
-            self._within
+        look = measure_passing_brightness or (
+            lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
         )
-        if self.error.value / ratio + self.arithmetic <= self._promised:
+        ratio = LowLightCorrection(
+            self._edge_scatter, self._request.window_slices, light, amplitude, look
+        ).error_divisor(self._passing_error_share)
+        if self.error.value / ratio + self.arithmetic <= self._promised_tol:
             return light
-        tol = 0.7 * ratio * self._promised
-        if self._twin is None or self._twin.error.value > tol:
-            self._twin = self._planned_for(tol)
-        return self._twin.intensity(phase, amplitude)
+        tol = 0.7 * ratio * self._promised_tol
+        if self._stricter_engine is None or self._stricter_engine.error.value > tol:
+            self._stricter_engine = self._plan_stricter_engine(tol)
+        return self._stricter_engine.intensity(phase, amplitude)
 
-    def _planned_for(self, tol: float) -> ChainEngine:
-        promised, budget = self._promised, self._question.budget
+    def _plan_stricter_engine(self, tol: float) -> ChainEngine:
+        promised, budget = self._promised_tol, self._request.budget
         try:
-            if not tol < 0.9 * self._question.tol:
-                raise unkeepable(promised, promised)
-            question = replace(self._question, tol=tol)
-            twin = type(self)(question, self._camera, self._search, promised)
+            if not tol < 0.9 * self._request.tol:
+                raise unreachable_tolerance_error(promised, promised)
+            request = replace(self._request, tol=tol)
+            twin = type(self)(request, self._camera, self._search, promised)
             if twin.bytes <= budget.memory:
                 twin.prepare()
                 return twin

@@ -8,21 +8,21 @@ from collections.abc import Callable
 import torch
 
 from optics.accuracy import MachineSpeed
-from optics.chebyshev import smooth
+from optics.chebyshev import expand_in_chebyshev
 from optics.fourier import unit_phasor
 from optics.plane import Plane
 
 _ROWS = 64
 """Samples whose wave is made at a time, and kept."""
 
-_MAKING_TOUCHES = 25
+_TOUCHES_PER_SAMPLE = 25
 """Times that a sample is touched for its wave to be made."""
 
 
 class LensWave:
     """exp(i phase) on a plane: kept where there is room for it, or made anew for every call.
 
-    phase: radians at places y, x (metres), float64. dtype: complex. room: bytes that may be
+    phase: radians at places y, x (metres), float64. dtype: complex. memory_limit: bytes that may be
     kept. A phase that isn't smooth is known all over the plane, whatever the room.
     """
 
@@ -31,46 +31,46 @@ class LensWave:
         phase: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
         plane: Plane,
         dtype: torch.dtype,
-        room: float,
+        memory_limit: float,
     ) -> None:
         self._phase, self._plane, self._dtype = phase, plane, dtype
-        self._known = smooth(phase, plane)
+        self._expansion = expand_in_chebyshev(phase, plane)
         rows, columns = plane.shape
         self._size = rows * columns * dtype.itemsize
-        self.keeps = self._known is None or self._size <= room
-        self._kept: torch.Tensor | None = None
+        self.is_cached = self._expansion is None or self._size <= memory_limit
+        self._cached_wave: torch.Tensor | None = None
 
     @property
     def bytes(self) -> int:
         making = 6 * 8 * self._plane.shape[1] * _ROWS
-        if self._known is None:
+        if self._expansion is None:
             return 6 * self._size
-        return making + (self._size if self.keeps else 0)
+        return making + (self._size if self.is_cached else 0)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Of every call; what is kept takes none."""
         rows, columns = self._plane.shape
-        return 0.0 if self.keeps else _MAKING_TOUCHES * rows * columns * speed.touch
+        return 0.0 if self.is_cached else _TOUCHES_PER_SAMPLE * rows * columns * speed.touch
 
     def prepare(self) -> None:
         """Make what is kept."""
-        if not self.keeps or self._kept is not None:
+        if not self.is_cached or self._cached_wave is not None:
             return
-        if self._known is None:
-            self._kept = self._wave(self._phase(*self._plane.mesh()))
+        if self._expansion is None:
+            self._cached_wave = self._wave(self._phase(*self._plane.mesh()))
             return
         count = self._plane.shape[0]
-        self._kept = torch.empty(self._plane.shape, dtype=self._dtype)
+        self._cached_wave = torch.empty(self._plane.shape, dtype=self._dtype)
         for first in range(0, count, _ROWS):
             part = slice(first, min(first + _ROWS, count))
-            self._kept[part] = self._wave(self._known.rows(part))
+            self._cached_wave[part] = self._wave(self._expansion.rows(part))
 
-    def rows(self, part: slice) -> torch.Tensor:
+    def wave_on_rows(self, part: slice) -> torch.Tensor:
         """Of some rows, (rows, columns); after prepare()."""
-        if self._kept is not None:
-            return self._kept[part]
-        assert self._known is not None
-        return self._wave(self._known.rows(part))
+        if self._cached_wave is not None:
+            return self._cached_wave[part]
+        assert self._expansion is not None
+        return self._wave(self._expansion.rows(part))
 
     def _wave(self, phase: torch.Tensor) -> torch.Tensor:
         return unit_phasor(phase / (2 * math.pi), self._dtype)

@@ -9,7 +9,7 @@ from optics.pupil import Scalar
 from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 
 
-def collapsed(
+def collapse_to_thin_camera(
     camera: Camera, distance: Scalar, field: tuple[Scalar, Scalar] = (0.0, 0.0)
 ) -> Camera:
     """The camera with a thin lens in the panel's plane that has the same ray matrix.
@@ -43,37 +43,39 @@ def collapsed(
     parabola, and for a panel in the plane in focus or beyond it.
     """
     lens, z1 = camera.lens, camera.separation
-    if not lens.quadratic:
+    if not lens.has_quadratic_phase:
         raise ValueError(
             f"the lens is {lens.kind} with {len(lens.aberrations)} aberrations; only a thin lens "
             "without any collapses with the space before it"
         )
-    if not camera.lever > 0:
+    if not camera.ray_matrix_b > 0:
         raise ValueError(
             f"separation is {float(z1):g} m and the lens is focused {float(lens.focus_distance):g} "
             "m before it; a panel in the plane in focus or beyond it has no thin lens' place"
         )
     if not z1:
         return camera
-    image, focus = camera.lever, lens.focus_distance - z1
+    image, focus = camera.ray_matrix_b, lens.focus_distance - z1
     focal_length = 1 / (1 / image + 1 / focus)
     radius = lens.stop_diameter / 2 / (1 + z1 / distance)
     shift = tuple(float(-f * z1 / lens.image_distance / radius) for f in field)
-    reach, stop = _shifted(lens.stop, (shift[0], shift[1]))
+    reach, stop = _shift_stop(lens.stop, (shift[0], shift[1]))
     thin = Lens(focal_length, focal_length / (2 * radius * reach), focus, stop)
     return replace(camera, lens=thin, separation=0.0)
 
 
-def _shifted(stop: Stop, shift: Point) -> tuple[float, Stop]:
+def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
     """How far a moved stop reaches, in its radii, and the same in units of that."""
     reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
     if reach == 1:
         return 1.0, stop
-    opening = _moved(stop.opening, shift, reach)
-    return reach, Stop(opening, tuple(_moved(shape, shift, reach) for shape in stop.obscurations))
+    opening = _shift_and_scale_shape(stop.opening, shift, reach)
+    return reach, Stop(
+        opening, tuple(_shift_and_scale_shape(shape, shift, reach) for shape in stop.obscurations)
+    )
 
 
-def _moved(shape: Shape, shift: Point, scale: float) -> Shape:
+def _shift_and_scale_shape(shape: Shape, shift: Point, scale: float) -> Shape:
     if isinstance(shape, Circle):
         centre = tuple((c + s) / scale for c, s in zip(shape.centre, shift, strict=True))
         return Circle(shape.radius / scale, (centre[0], centre[1]))

@@ -7,7 +7,7 @@ import torch
 from optics.plane import centred_pad
 
 
-def continued(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """The picture continued to `shape` so that its opposite edges meet smoothly.
 
     Beyond the edge the picture is mirrored, and the mirrored parts of two opposite edges

@@ -10,23 +10,23 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
-from optics.deconvolution.blurred import Blurred, require_weights
-from optics.deconvolution.method import PREPARED, Method, Work
+from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.observation import Observation, require_weights
+from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
-from optics.edge import (
-    require_alike,
+from optics.operators.base import Operator
+from optics.operators.blur import blur_operator
+from optics.progress import Progress
+from optics.threads import single_threaded
+from optics.validation import (
+    accepts_numpy,
     require_count,
     require_finite,
     require_positive,
-    tensors_inside,
+    require_same_shape,
 )
-from optics.operators.blur import blur_of
-from optics.operators.contract import Operator
-from optics.progress import Progress
-from optics.threads import single_threaded
 
 _SMOOTHING = 1e-2
 """Of the light's scale: lengths of gradients below it count by their squares."""
@@ -34,10 +34,10 @@ _SMOOTHING = 1e-2
 _MEMORY = 10
 """Steps that the quasi-Newton method remembers."""
 
-_SEARCHES = 40
+_LINE_SEARCH_TRIALS = 40
 """Trials in one step, at most."""
 
-_WEIGHING = 15
+_WEIGHT_ITERATIONS = 15
 """Iterations of total variation that tell its weight."""
 
 Array = NDArray[np.float64]
@@ -47,22 +47,22 @@ Array = NDArray[np.float64]
 class Minimum:
     """Where an objective is least within bounds.
 
-    value: of the operator's domain. objective: there, without the data's own constant. left: of
-    the projected gradient the largest entry, on the light's scale, at which it ended. iterations:
-    taken. converged: whether `left` fell to what was asked.
+    value: of the operator's domain. objective: there, without the data's own constant.
+    projected_gradient: of the projected gradient the largest entry, on the light's scale, at which
+    it ended. iterations: taken. converged: whether `projected_gradient` fell to what was asked.
     """
 
     value: torch.Tensor
     objective: float
-    left: float
+    projected_gradient: float
     iterations: int
     converged: bool
 
 
 @single_threaded
-@tensors_inside
+@accepts_numpy
 @torch.no_grad()
-def least(
+def minimise_within_bounds(
     operator: Operator,
     data: torch.Tensor,
     weight: float,
@@ -74,7 +74,7 @@ def least(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
     start: torch.Tensor | None = None,
-    around: bool = False,
+    periodic: bool = False,
     iterations: int = 300,
     tol: float = 1e-4,
     progress: Progress | None = None,
@@ -82,7 +82,7 @@ def least(
     """The x, lower <= x <= upper, with the least |A x - y|² / 2 + weight * prior(x), by L-BFGS-B
     (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double precision.
 
-    operator: A, from pictures (..., rows, columns) to data. prior, around: see Smoothness.
+    operator: A, from pictures (..., rows, columns) to data. prior, periodic: see Smoothness.
     smoothing: length of a gradient, light per pixel, below which total variation is rounded; it
     raises the least objective of unrounded total variation by weight * smoothing * pixels at most.
     A hundredth of the light's scale if None; less takes more iterations. lower, upper: numbers, or
@@ -98,36 +98,36 @@ def least(
     light = max(float(y.std(correction=0)), 1e-3 * float(y.abs().mean())) / gain or 1.0
     length = _SMOOTHING * light if smoothing is None else float(smoothing)
     require_positive("smoothing", length, "")
-    trust, full = _trust(y, weights, clipped)
+    trust, full = _validate_weights(y, weights, clipped)
     misfit = Misfit(operator, y, trust, full)
-    smooth = Smoothness(prior, length, around)
+    smooth = Smoothness(prior, length, periodic)
     low, high = _bounds(operator, lower, upper)
     unit = light * gain**2
 
-    def valued(z: Array) -> tuple[float, Array]:
-        progress.check()
+    def evaluate(z: Array) -> tuple[float, Array]:
+        progress.raise_if_cancelled()
         x = torch.from_numpy(z).reshape(operator.domain) * light
         (value, slope), (more, steeper) = misfit(x), smooth(x)
         gradient = (slope + weight * steeper) / unit
         return float(value + weight * more) / (unit * light), gradient.flatten().numpy()
 
-    done = _Count(progress, iterations)
+    done = _ProgressCallback(progress, iterations)
     first = operator.adjoint(y) / gain**2 if start is None else start.to(torch.float64)
     if first.shape != operator.domain:
         raise ValueError(f"start is {tuple(first.shape)}; it must be {operator.domain}")
     require_finite("start", first)
     within = Bounds((low / light).flatten().numpy(), (high / light).flatten().numpy())
     found = minimize(
-        valued,
+        evaluate,
         (torch.clamp(first, low, high) / light).flatten().numpy(),
         method="L-BFGS-B",
         jac=True,
         bounds=within,
         callback=done,
         options={"maxiter": iterations, "maxfun": 20 * iterations, "maxcor": _MEMORY,
-                 "ftol": 0.0, "gtol": tol, "maxls": _SEARCHES},
+                 "ftol": 0.0, "gtol": tol, "maxls": _LINE_SEARCH_TRIALS},
     )  # fmt: skip
-    value, gradient = valued(found.x)
+    value, gradient = evaluate(found.x)
     left = float(np.abs(np.clip(found.x - gradient, within.lb, within.ub) - found.x).max())
     x = torch.from_numpy(found.x).reshape(operator.domain) * light
     # Rounding of the units may carry a value past its bound.
@@ -135,8 +135,8 @@ def least(
     return Minimum(x, value * unit * light, left, int(found.nit), left <= tol)
 
 
-def bounded(
-    seen: Blurred,
+def restore_within_bounds(
+    observation: Observation,
     weight: float | None = None,
     prior: SmoothPrior = "total variation",
     *,
@@ -146,53 +146,55 @@ def bounded(
     iterations: int = 200,
     tol: float = 1e-3,
     progress: Progress | None = None,
-) -> Restored:
-    """The photograph with its blur undone, nowhere below or above what it may be: see least().
+) -> RestoredImage:
+    """The photograph with its blur undone, nowhere below or above what it may be.
 
-    Of an unknown border what lies around the frame is looked for too, within the same bounds.
-    lower, upper: numbers, or of each pixel of the frame; beyond it the lowest and the highest of
-    them hold. weight: if None, the one that total_variation() finds, or that wiener() predicts for
-    the other priors. Raises ValueError as least() does.
+    See minimise_within_bounds(). Of an unknown border what lies around the frame is looked for too,
+    within the same bounds. lower, upper: numbers, or of each pixel of the frame; beyond it the
+    lowest and the highest of them hold. weight: if None, the one that total_variation() finds, or
+    that wiener() predicts for the other priors. Raises ValueError as minimise_within_bounds() does.
     """
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     progress = progress or Progress()
-    used = _usual_weight(seen, prior) if weight is None else weight
-    frame = seen.image.shape
-    operator = blur_of(seen.psf.to(torch.float64) / seen.gain, frame, seen.border)
-    inside = seen.border == "dark"
-    found = least(
+    used = _default_weight(observation, prior) if weight is None else weight
+    frame = observation.image.shape
+    operator = blur_operator(
+        observation.psf.to(torch.float64) / observation.psf_sum, frame, observation.border
+    )
+    inside = observation.border == "dark"
+    found = minimise_within_bounds(
         operator,
-        seen.data,
+        observation.normalised_image,
         used,
         prior,
-        smoothing=_SMOOTHING * seen.scale if smoothing is None else smoothing,
-        lower=lower if inside else _around(lower, seen, "lower"),
-        upper=upper if inside else _around(upper, seen, "upper"),
-        weights=seen.weights,
-        clipped=seen.clipped,
-        start=seen.filled if inside else seen.continued,
-        around=not inside,
+        smoothing=_SMOOTHING * observation.scale if smoothing is None else smoothing,
+        lower=lower if inside else _extend_bound(lower, observation, "lower"),
+        upper=upper if inside else _extend_bound(upper, observation, "upper"),
+        weights=observation.weights,
+        clipped=observation.clipped,
+        start=observation.inpainted_image if inside else observation.extended_image,
+        periodic=not inside,
         iterations=iterations,
         tol=tol,
         progress=progress,
     )
     spread = operator(found.value)
-    image = found.value if inside else seen.frame(found.value)
-    return Restored(
-        image.to(seen.image.dtype),
+    image = found.value if inside else observation.crop_to_frame(found.value)
+    return RestoredImage(
+        image.to(observation.image.dtype),
         f"L-BFGS-B, {prior}",
-        seen.noise,
-        _residual(seen, spread),
+        observation.noise,
+        _residual(observation, spread),
         used,
         found.iterations,
         [],
         found.converged,
-        found.value.to(seen.image.dtype),
+        found.value.to(observation.image.dtype),
     )
 
 
-class _Count:
+class _ProgressCallback:
     """Tells the progress after each iteration."""
 
     def __init__(self, progress: Progress, iterations: int) -> None:
@@ -228,10 +230,10 @@ def _gain(operator: Operator) -> float:
     return gain
 
 
-def _trust(
+def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    require_alike("data", y, weights=weights, clipped=clipped)
+    require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
         weights = weights.to(torch.float64)
@@ -251,42 +253,51 @@ def _bounds(
     return low, high
 
 
-def _around(bound: float | torch.Tensor, seen: Blurred, name: str) -> float | torch.Tensor:
+def _extend_bound(
+    bound: float | torch.Tensor, observation: Observation, name: str
+) -> float | torch.Tensor:
     """A bound of the frame's pixels on the whole period."""
     given = torch.as_tensor(bound, dtype=torch.float64)
     if not given.ndim:
         return float(given)
-    if given.shape != seen.image.shape:
+    if given.shape != observation.image.shape:
         raise ValueError(
-            f"{name} is {tuple(given.shape)} and image {tuple(seen.image.shape)}; give a number, "
-            "or one for each pixel"
+            f"{name} is {tuple(given.shape)} and image {tuple(observation.image.shape)}; give "
+            "a number, or one for each pixel"
         )
-    whole = torch.full(seen.whole, float(given.min() if name == "lower" else given.max()))
+    whole = torch.full(
+        observation.period_shape, float(given.min() if name == "lower" else given.max())
+    )
     whole = whole.to(torch.float64)
-    seen.frame(whole).copy_(given)
+    observation.crop_to_frame(whole).copy_(given)
     return whole
 
 
-def _usual_weight(seen: Blurred, prior: SmoothPrior) -> float:
+def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
     if prior == "total variation":
-        found = total_variation(seen, iterations=_WEIGHING).weight
+        found = total_variation(observation, iterations=_WEIGHT_ITERATIONS).weight
     elif prior == "gradient":
         # wiener() weighs the square of cycles per pixel.
-        found = (wiener(seen, steps=0).weight or 0.0) / (2 * math.pi) ** 2
+        found = (wiener(observation, steps=0).weight or 0.0) / (2 * math.pi) ** 2
     else:
-        found = wiener(seen, smooth="flat", steps=0).weight
+        found = wiener(observation, penalty_kind="flat", steps=0).weight
     return found or 0.0
 
 
-def _residual(seen: Blurred, spread: torch.Tensor) -> float:
+def _residual(observation: Observation, spread: torch.Tensor) -> float:
     """Rms of what is left unexplained of trusted pixels, over the noise."""
-    squares = (spread - seen.data).square()
-    if seen.trust is not None:
-        squares = squares * seen.trust * seen.trust.numel() / (seen.trust > 0).sum()
-    return math.sqrt(float(squares.mean())) / seen.deviation
+    squares = (spread - observation.normalised_image).square()
+    if observation.effective_weights is not None:
+        squares = (
+            squares
+            * observation.effective_weights
+            * observation.effective_weights.numel()
+            / (observation.effective_weights > 0).sum()
+        )
+    return math.sqrt(float(squares.mean())) / observation.scene_noise
 
 
-METHOD = Method(
+METHOD = RestorationMethod(
     "few edges, light never negative, by a general minimiser (Eq. 2.32)",
-    bounded, {50: 4.4, 100: 4.4}, 100, PREPARED, lambda _: Work(8, 300),
+    restore_within_bounds, {50: 4.4, 100: 4.4}, 100, SETUP_COST, lambda _: RestorationCost(8, 300),
 )  # fmt: skip

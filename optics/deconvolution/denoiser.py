@@ -18,7 +18,7 @@ MULTIPLE = 8
 """Sides of pictures inside the network are whole multiples of this many samples."""
 
 
-class _Block(nn.Module):
+class _ResidualBlock(nn.Module):
     """Two convolutions beside a short cut (He et al. 2016, doi 10.1109/CVPR.2016.90)."""
 
     def __init__(self, width: int) -> None:
@@ -32,7 +32,7 @@ class _Block(nn.Module):
 
 
 def _blocks(width: int) -> nn.Sequential:
-    return nn.Sequential(*(_Block(width) for _ in range(_BLOCKS)))
+    return nn.Sequential(*(_ResidualBlock(width) for _ in range(_BLOCKS)))
 
 
 class Denoiser(nn.Module):
@@ -75,7 +75,7 @@ class Denoiser(nn.Module):
         return pictures - functional.pixel_shuffle(self.tail(fine + head), 2)
 
     @torch.no_grad()
-    def denoised(self, picture: torch.Tensor, level: float) -> torch.Tensor:
+    def denoise(self, picture: torch.Tensor, level: float) -> torch.Tensor:
         """One picture, (rows, columns) of any size, without noise of a standard deviation."""
         rows, columns = picture.shape
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
@@ -85,7 +85,7 @@ class Denoiser(nn.Module):
         return answer[0, 0, :rows, :columns].to(picture)
 
 
-def denoiser_of(weights: Mapping[str, torch.Tensor]) -> Denoiser:
+def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
     """The network with these weights, by the names of its state_dict(), ready to be asked.
 
     Raises ValueError if a weight is missing, too many, or of another shape.

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Work
-from optics.deconvolution.normal import NormalEquations
+from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
+from optics.deconvolution.normal_equations import NormalEquations
+from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import (
     add_gradient,
-    evident_weight,
     gradient_adjoint,
-    laplacian,
+    laplacian_spectrum,
     mean_gradient,
+    weight_by_evidence,
 )
-from optics.deconvolution.restored import Restored, relative_change
-from optics.deconvolution.shrinkage import kept, require_power
-from optics.deconvolution.splitting import LEAST_FREEDOM
-from optics.deconvolution.total_variation import first_weight
-from optics.edge import require_positive
+from optics.deconvolution.restored_image import RestoredImage, relative_change
+from optics.deconvolution.shrinkage import require_power, shrinkage_factor
+from optics.deconvolution.splitting import MIN_EXPLAINED_SHARE
+from optics.deconvolution.total_variation import initial_weight
 from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
+from optics.validation import require_positive
 
-_LOOSE, _TIGHT = 1.0, 1e3
+_FIRST_COUPLING, _LAST_COUPLING = 1.0, 1e3
 """Couplings of the split gradient, first and last, for pictures of unit scale and steps."""
 
 _STEPS = 3
@@ -33,13 +33,13 @@ _STEPS = 3
 @single_threaded
 @torch.no_grad()
 def hyper_laplacian(
-    seen: Blurred,
+    observation: Observation,
     power: float = 2 / 3,
     weight: float | None = None,
     *,
     rounds: int = 10,
     progress: Progress | None = None,
-) -> Restored:
+) -> RestoredImage:
     """The photograph with its blur undone: the least of |H x - y|² / 2, trusted pixels alone,
     + weight * the sum of |∇x|^power (Krishnan and Fergus 2009, "Fast image deconvolution using
     hyper-Laplacian priors", NIPS 22).
@@ -60,66 +60,72 @@ def hyper_laplacian(
     if rounds < 2:
         raise ValueError(f"rounds is {rounds}; at least 2 are needed, a loose and a tight one")
     progress = progress or Progress()
-    equations = NormalEquations(seen)
-    square = laplacian(seen.whole).to(seen.power)
-    picture, change = seen.continued, list[float]()
+    equations = NormalEquations(observation)
+    square = laplacian_spectrum(observation.period_shape).to(observation.squared_mtf)
+    picture, change = observation.extended_image, list[float]()
     spectrum = rfft2(picture - equations.mean)
-    used = first_weight(seen, power) if weight is None else weight
-    for number, coupling in enumerate(_couplings(seen.scale, power, rounds)):
+    used = initial_weight(observation, power) if weight is None else weight
+    for number, coupling in enumerate(_couplings(observation.scale, power, rounds)):
         progress.report(number / rounds, f"hyper-Laplacian {number + 1}/{rounds}")
-        near = _nearest(picture, power, coupling, square)
-        spectrum, _ = equations.solved(square * (used * coupling), spectrum, _STEPS, near)
+        near = _fit_shrunk_gradient(picture, power, coupling, square)
+        spectrum, _ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
         before, picture = picture, equations.picture(spectrum)
-        if seen.lit is not None:
-            picture.mul_(seen.lit)
+        if observation.support is not None:
+            picture.mul_(observation.support)
         change.append(relative_change(picture, before))
         if weight is None:
-            used = _evident(seen, picture, power, equations.residual(spectrum))
-    return Restored(
-        seen.frame(picture).clamp(min=0),
+            used = _estimate_weight(observation, picture, power, equations.residual(spectrum))
+    return RestoredImage(
+        observation.crop_to_frame(picture).clamp(min=0),
         f"hyper-Laplacian, power {power:.3g}",
-        seen.noise,
+        observation.noise,
         equations.residual(spectrum),
         used,
         rounds,
         change,
-        whole=picture,
+        period_image=picture,
     )
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    ways = torch.logspace(0, 1, rounds, base=_TIGHT / _LOOSE, dtype=torch.float64)
-    return (ways * _LOOSE / scale ** (2 - power)).tolist()
+    ways = torch.logspace(0, 1, rounds, base=_LAST_COUPLING / _FIRST_COUPLING, dtype=torch.float64)
+    return (ways * _FIRST_COUPLING / scale ** (2 - power)).tolist()
 
 
-def _nearest(
+def _fit_shrunk_gradient(
     picture: torch.Tensor, power: float, coupling: float, square: torch.Tensor
 ) -> torch.Tensor:
     """Spectrum of the picture whose gradient is nearest to the shrunk one of this."""
     down, along = torch.zeros_like(picture), torch.zeros_like(picture)
     add_gradient(picture, down, along)
-    share = kept(torch.addcmul(down * down, along, along), power, coupling)
+    share = shrinkage_factor(torch.addcmul(down * down, along, along), power, coupling)
     wanted = rfft2(gradient_adjoint(down.mul_(share), along.mul_(share), share))
     wanted.div_(square.clamp(min=1e-12))
     wanted[0, 0] = 0
     return wanted
 
 
-def _evident(seen: Blurred, picture: torch.Tensor, power: float, residual: float) -> float:
+def _estimate_weight(
+    observation: Observation, picture: torch.Tensor, power: float, residual: float
+) -> float:
     """The weight by the evidence of this picture."""
-    freedom = max(1 - residual**2, LEAST_FREEDOM)
-    return evident_weight(mean_gradient(picture, power), power, seen.deviation, freedom)
+    freedom = max(1 - residual**2, MIN_EXPLAINED_SHARE)
+    return weight_by_evidence(
+        mean_gradient(picture, power), power, observation.scene_noise, freedom
+    )
 
 
-def _solve(seen: Blurred, weight: float | None, *, iterations: int, progress: Progress) -> Restored:
-    return hyper_laplacian(seen, weight=weight, rounds=iterations, progress=progress)
+def _solve(
+    observation: Observation, weight: float | None, *, iterations: int, progress: Progress
+) -> RestoredImage:
+    return hyper_laplacian(observation, weight=weight, rounds=iterations, progress=progress)
 
 
-def _rounds(seen: Blurred) -> Work:
-    return Work(2, 60) if seen.complete else Work(14, 200)
+def _round_cost(observation: Observation) -> RestorationCost:
+    return RestorationCost(2, 60) if observation.is_fully_measured else RestorationCost(14, 200)
 
 
-METHOD = Method(
+METHOD = RestorationMethod(
     "gradients with the heavy tails of natural pictures",
-    _solve, {5: 3.0, 10: 4.3}, 10, PREPARED, _rounds,
+    _solve, {5: 3.0, 10: 4.3}, 10, SETUP_COST, _round_cost,
 )  # fmt: skip

@@ -10,8 +10,8 @@ from typing import Protocol
 import torch
 
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
 from optics.fourier.fft import fft_operations
 from optics.progress import Progress
 
@@ -21,33 +21,34 @@ picture without it."""
 
 
 @dataclass(frozen=True)
-class Work:
+class RestorationCost:
     """What a restoration does with the photograph, in the order of its time.
 
     transforms: two-dimensional FFTs of the whole period; passes: over all of its numbers.
-    multiply_adds: a pixel of it. middle: passes over the photograph's middle, for its spectrum.
+    multiply_adds: a pixel of it. centre_passes: passes over the photograph's middle, for its
+    spectrum.
     """
 
     transforms: float
     passes: float
     multiply_adds: float = 0.0
-    middle: float = 0.0
+    centre_passes: float = 0.0
 
-    def seconds(self, seen: Blurred, speed: MachineSpeed) -> float:
+    def seconds(self, observation: Observation, speed: MachineSpeed) -> float:
         """Of one thread."""
-        pixels = math.prod(seen.whole)
+        pixels = math.prod(observation.period_shape)
         number = 0.5 * fft_operations(pixels) * self.transforms * speed.fft
         number += pixels * (self.passes * speed.touch + self.multiply_adds * speed.multiply_add)
-        if seen.image.dtype == torch.float64:
+        if observation.image.dtype == torch.float64:
             number *= speed.double
-        return 10 * speed.call + number + self.middle * min(pixels, 1 << 18) * speed.touch
+        return 10 * speed.call + number + self.centre_passes * min(pixels, 1 << 18) * speed.touch
 
-    def plus(self, other: Work, times: float = 1.0) -> Work:
-        return Work(
+    def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
+        return RestorationCost(
             self.transforms + times * other.transforms,
             self.passes + times * other.passes,
             self.multiply_adds + times * other.multiply_adds,
-            self.middle + times * other.middle,
+            self.centre_passes + times * other.centre_passes,
         )
 
 
@@ -55,36 +56,39 @@ class Solve(Protocol):
     """How a restoration is asked for: weight by itself if None, so many iterations or rounds."""
 
     def __call__(
-        self, seen: Blurred, weight: float | None, *, iterations: int, progress: Progress
-    ) -> Restored: ...
+        self, observation: Observation, weight: float | None, *, iterations: int, progress: Progress
+    ) -> RestoredImage: ...
 
 
 @dataclass(frozen=True)
-class Method:
+class RestorationMethod:
     """A way to restore a photograph.
 
-    what: in a few words. gains: by its count of iterations or rounds, decibels that it gains over
-    the blurred photograph. usual: the count where nothing else is asked for. before, each: work
-    once, and in each iteration. learned: whether `solve` takes a `denoise` as well.
+    description: in a few words. gains: by its count of iterations or rounds, decibels that it gains
+    over the blurred photograph. default_count: the count where nothing else is asked for.
+    setup_cost, iteration_cost: work once, and in each iteration. needs_denoiser: whether `solve`
+    takes a `denoise` as well.
     """
 
-    what: str
+    description: str
     solve: Solve
     gains: Mapping[int, float]
-    usual: int
-    before: Work
-    each: Callable[[Blurred], Work]
-    learned: bool = False
+    default_count: int
+    setup_cost: RestorationCost
+    iteration_cost: Callable[[Observation], RestorationCost]
+    needs_denoiser: bool = False
 
-    def seconds(self, seen: Blurred, count: int, speed: MachineSpeed) -> float:
+    def seconds(self, observation: Observation, count: int, speed: MachineSpeed) -> float:
         """Predicted processor time."""
-        return self.before.plus(self.each(seen), count).seconds(seen, speed)
+        return self.setup_cost.plus(self.iteration_cost(observation), count).seconds(
+            observation, speed
+        )
 
 
-PREPARED = Work(5, 60, middle=250)
+SETUP_COST = RestorationCost(5, 60, centre_passes=250)
 """The photograph's spectrum, noise and transfer function."""
 
 
-def splitting_work(seen: Blurred) -> Work:
+def splitting_cost(observation: Observation) -> RestorationCost:
     """Of an iteration that splits off a gradient, and the light where part of it was seen."""
-    return Work(2, 40) if seen.complete else Work(4, 55)
+    return RestorationCost(2, 40) if observation.is_fully_measured else RestorationCost(4, 55)

@@ -6,10 +6,10 @@ from typing import Any
 
 import torch
 
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.method import PREPARED, Method, Work
-from optics.deconvolution.restored import Restored
-from optics.deconvolution.splitting import Fit
+from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.splitting import DataProx
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -18,14 +18,14 @@ from optics.threads import single_threaded
 @single_threaded
 @torch.no_grad()
 def poisson_total_variation(
-    seen: Blurred,
+    observation: Observation,
     weight: float | None = None,
     *,
     iterations: int = 30,
     tol: float = 0.0,
     positive: bool = False,
     progress: Progress | None = None,
-) -> Restored:
+) -> RestoredImage:
     """The picture x with the least m * sum of (H x - y log H x) + weight * sum of |∇x|, trusted
     pixels y alone, m their mean: photons' likelihood, where total_variation() has squares.
 
@@ -35,7 +35,7 @@ def poisson_total_variation(
     brightness for as much as in least squares, so that `weight` means the same and is found the
     same way. The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941;
     Chambolle and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too); it is split as in
-    split(), with v = H x held to what the scene sends, and v's step is a quadratic's root.
+    Splitting, with v = H x held to what the scene sends, and v's step is a quadratic's root.
 
     weight: light per pixel, by the evidence of the picture if None. iterations: at most; ends when
     the picture's relative change is tol. positive: whether x may be negative nowhere while it is
@@ -44,17 +44,23 @@ def poisson_total_variation(
     Raises ValueError for a weight that isn't positive, or no iteration.
     """
     how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
-    return total_variation(seen, weight, fit=likeliest(seen), progress=progress, **how)
+    return total_variation(
+        observation, weight, data_prox=poisson_data_prox(observation), progress=progress, **how
+    )
 
 
-def likeliest(seen: Blurred) -> Fit:
+def poisson_data_prox(observation: Observation) -> DataProx:
     """The light v with the least m t (v - y log v) + coupling / 2 * (v - light)², t the trust.
 
     Where its slope m t (1 - y / v) + coupling * (v - light) is 0: the root of
     v² - (light - p) v - p y that isn't negative, with p = m t / coupling.
     """
-    data = seen.data.clamp(min=0)
-    trust = torch.ones_like(data) if seen.trust is None else seen.trust
+    data = observation.normalised_image.clamp(min=0)
+    trust = (
+        torch.ones_like(data)
+        if observation.effective_weights is None
+        else observation.effective_weights
+    )
     share = trust * ((data * trust).sum() / trust.sum())
     # Roots apart: the product of two small numbers may be none.
     product = share.sqrt() * data.sqrt()
@@ -70,7 +76,8 @@ def likeliest(seen: Blurred) -> Fit:
     return fit
 
 
-METHOD = Method(
+METHOD = RestorationMethod(
     "likeliest under photon noise, few edges",
-    poisson_total_variation, {8: 3.8, 20: 3.9, 30: 4.0}, 30, PREPARED, lambda _: Work(4, 75),
+    poisson_total_variation, {8: 3.8, 20: 3.9, 30: 4.0}, 30, SETUP_COST,
+    lambda _: RestorationCost(4, 75),
 )  # fmt: skip

@@ -7,36 +7,36 @@ from abc import ABC, abstractmethod
 
 import torch
 
-_EVERY = 4
+_ROW_STRIDE = 4
 """Rows of which one is looked at for statistics."""
 
-_EVIDENCE = 0.78
+_EVIDENCE_FACTOR = 0.78
 """Of the weight by the evidence, that restores best: the share of the gradient's freedom that
 counts, for of its two components the one along an edge is nearly free."""
 
 
-def evident_weight(penalty: float, power: float, noise: float, freedom: float) -> float:
+def weight_by_evidence(penalty: float, power: float, noise: float, explained_share: float) -> float:
     """Of a penalty that grows with a power of the picture, by the evidence (MacKay 1992, doi
     10.1162/neco.1992.4.3.415): power * weight * penalty = freedom * noise².
 
-    penalty: mean of a pixel. freedom: share of the data that the picture explains.
+    penalty: mean of a pixel. explained_share: share of the data that the picture explains.
     """
-    return _EVIDENCE * freedom * noise**2 / max(power * penalty, 1e-30)
+    return _EVIDENCE_FACTOR * explained_share * noise**2 / max(power * penalty, 1e-30)
 
 
 class Prior(ABC):
     """What is asked of D x, with D x split off.
 
-    square: (rows, columns // 2 + 1), D^T D on the frequencies of a period, or a number. back:
-    D^T (d - b), what the split wants of the next picture, for a coupling of 1; None before the
-    first step. It may be the same array each time.
+    gram_spectrum: (rows, columns // 2 + 1), D^T D on the frequencies of a period, or a number.
+    adjoint_target: D^T (d - b), what the split wants of the next picture, for a coupling of 1; None
+    before the first step. It may be the same array each time.
     """
 
-    square: torch.Tensor
-    back: torch.Tensor | None = None
+    gram_spectrum: torch.Tensor
+    adjoint_target: torch.Tensor | None = None
 
     @abstractmethod
-    def step(self, x: torch.Tensor) -> None:
+    def update(self, x: torch.Tensor) -> None:
         """Take the next picture in, (rows, columns)."""
 
     @abstractmethod
@@ -48,9 +48,9 @@ class Penalty(Prior):
     """A weight times the sum of a penalty of D x."""
 
     @abstractmethod
-    def weight(self, noise: float, freedom: float) -> float:
+    def estimate_weight(self, noise: float, explained_share: float) -> float:
         """That the last picture says the penalty should have, for a noise and for the share of the
-        data that it explains: see evident_weight()."""
+        data that it explains: see weight_by_evidence()."""
 
 
 class TotalVariation(Penalty):
@@ -59,32 +59,32 @@ class TotalVariation(Penalty):
     natural pictures (Krishnan and Fergus 2009), by Chartrand's shrinkage (2009, doi
     10.1109/ISBI.2009.5192999).
 
-    step: length of a gradient that a first iteration takes for none.
+    threshold: length of a gradient that a first iteration takes for none.
     """
 
     def __init__(
-        self, shape: tuple[int, int], step: float, power: float, dtype: torch.dtype
+        self, shape: tuple[int, int], threshold: float, power: float, dtype: torch.dtype
     ) -> None:
-        self._step, self._power = step, power
-        self.square = laplacian(shape).to(dtype)
+        self._threshold, self._power = threshold, power
+        self.gram_spectrum = laplacian_spectrum(shape).to(dtype)
         self._down, self._along = (torch.zeros(shape, dtype=dtype) for _ in range(2))
         self._size, self._kept = (torch.empty(shape, dtype=dtype) for _ in range(2))
         self._last: torch.Tensor | None = None
 
     def coupling(self, weight: float, data: float) -> float:
-        return self._power * weight / self._step ** (2 - self._power)
+        return self._power * weight / self._threshold ** (2 - self._power)
 
-    def weight(self, noise: float, freedom: float) -> float:
+    def estimate_weight(self, noise: float, explained_share: float) -> float:
         mean = 0.0 if self._last is None else mean_gradient(self._last, self._power)
-        return evident_weight(mean, self._power, noise, freedom)
+        return weight_by_evidence(mean, self._power, noise, explained_share)
 
-    def step(self, x: torch.Tensor) -> None:
+    def update(self, x: torch.Tensor) -> None:
         self._last = x
         down, along, size, kept = self._down, self._along, self._size, self._kept
         add_gradient(x, down, along)
         torch.mul(down, down, out=size).addcmul_(along, along)
         # The share of it that the penalty takes: all of what is shorter than a step.
-        size.rsqrt_().mul_(self._step)
+        size.rsqrt_().mul_(self._threshold)
         if self._power != 1:
             size.pow_(2 - self._power)
         size.clamp_(max=1)
@@ -93,32 +93,32 @@ class TotalVariation(Penalty):
         wanted = down * kept, along * kept
         down.mul_(size)
         along.mul_(size)
-        self.back = gradient_adjoint(*wanted, out=kept)
+        self.adjoint_target = gradient_adjoint(*wanted, out=kept)
 
 
-class Bounds(Prior):
+class NonNegativity(Prior):
     """Light is nowhere negative; and nothing shines beyond the frame, where that is known."""
 
     def __init__(
-        self, shape: tuple[int, int], lit: torch.Tensor | None, dtype: torch.dtype
+        self, shape: tuple[int, int], support: torch.Tensor | None, dtype: torch.dtype
     ) -> None:
-        self.square = torch.ones((), dtype=dtype)
-        self._lit = lit
+        self.gram_spectrum = torch.ones((), dtype=dtype)
+        self._support = support
         self._dual = torch.zeros(shape, dtype=dtype)
 
     def coupling(self, weight: float, data: float) -> float:
         return data
 
-    def step(self, x: torch.Tensor) -> None:
+    def update(self, x: torch.Tensor) -> None:
         moved = self._dual.add_(x)
         allowed = moved.clamp(min=0)
-        if self._lit is not None:
-            allowed.mul_(self._lit)
+        if self._support is not None:
+            allowed.mul_(self._support)
         self._dual = moved - allowed
-        self.back = allowed.sub_(self._dual)
+        self.adjoint_target = allowed.sub_(self._dual)
 
 
-def laplacian(shape: tuple[int, int]) -> torch.Tensor:
+def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
     """The gradient's adjoint times itself, on the frequencies of a period: (rows, columns // 2 + 1)
     in double precision."""
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
@@ -146,8 +146,8 @@ def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor)
 
 def mean_gradient(x: torch.Tensor, power: float) -> float:
     """Mean length of the gradient to a power, in every fourth row."""
-    rows = x[:-1:_EVERY]
-    down, along = (x[1::_EVERY] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
+    rows = x[:-1:_ROW_STRIDE]
+    down, along = (x[1::_ROW_STRIDE] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()
     return float((length if power == 1 else length.pow_(power)).mean())
 

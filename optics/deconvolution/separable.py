@@ -25,17 +25,17 @@ from typing import Literal
 import torch
 from scipy.optimize import minimize_scalar
 
-from optics.deconvolution.blurred import Blurred, require_psf
-from optics.deconvolution.noise import squared
-from optics.deconvolution.restored import Restored
-from optics.deconvolution.wiener import Frequencies, least_error
-from optics.edge import require_finite, require_positive, tensors_inside
+from optics.deconvolution.noise import squared_modulus
+from optics.deconvolution.observation import Observation, require_psf
+from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.wiener import Frequencies, least_error_weight
 from optics.operators.blur import Border, require_border
 from optics.threads import single_threaded
+from optics.validation import accepts_numpy, require_finite, require_positive
 
-Likeness = Literal["flat", "neighbours"]
+ScenePrior = Literal["flat", "neighbours"]
 
-LIKENESSES: tuple[Likeness, ...] = ("neighbours", "flat")
+SCENE_PRIORS: tuple[ScenePrior, ...] = ("neighbours", "flat")
 
 _CORRELATION = 0.95
 """Of neighbouring pixels, as that of photographs (Jain 1989, chapter 2)."""
@@ -44,7 +44,7 @@ _DECADES = range(-8, 4)
 """Powers of ten that are tried as weights."""
 
 
-@tensors_inside
+@accepts_numpy
 def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor, torch.Tensor]:
     """The column and the row whose product is the PSF, (rows, columns): psf = down x along.
 
@@ -69,7 +69,7 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
     return (down / share).to(psf), (along * share).to(psf)
 
 
-@tensors_inside
+@accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
     """The blur of one axis, (length, scene): what each of `length` pixels gets of the scene.
 
@@ -96,18 +96,18 @@ def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tens
 class _Axis:
     """One axis' blur U diag(s) V^T of a whitened scene, and what makes a scene of that.
 
-    left: U, (frame, rank). values: s. right: the prior's root times V, of what the frame sees,
-    (frame, rank).
+    left_vectors: U, (frame, rank). singular_values: s. right_vectors: the prior's root times V, of
+    what the frame sees, (frame, rank).
     """
 
-    left: torch.Tensor
-    values: torch.Tensor
-    right: torch.Tensor
+    left_vectors: torch.Tensor
+    singular_values: torch.Tensor
+    right_vectors: torch.Tensor
 
     @classmethod
-    def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: Likeness) -> _Axis:
+    def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
         blur = blur_matrix(kernel.to(torch.float64), length, border)
-        root = _root(blur.shape[1], border, prior)
+        root = _prior_root(blur.shape[1], border, prior)
         u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
         right = vh.mT if root is None else root @ vh.mT
         n = len(kernel)
@@ -115,7 +115,7 @@ class _Axis:
         return cls(u, s, right[first : first + length])
 
 
-def _root(length: int, border: Border, prior: Likeness) -> torch.Tensor | None:
+def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
     """R of a scene's covariance R R^T along an axis, relative to its variance; None for 1."""
     if prior == "flat":
         return None
@@ -142,20 +142,20 @@ class SeparableFilter:
     Raises ValueError for another prior or border, or kernels that aren't finite.
     """
 
-    @tensors_inside
+    @accepts_numpy
     def __init__(
         self,
         down: torch.Tensor,
         along: torch.Tensor,
         shape: tuple[int, int],
         border: Border = "unknown",
-        prior: Likeness = "flat",
+        prior: ScenePrior = "flat",
         *,
         joint: bool = True,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        if prior not in LIKENESSES:
-            raise ValueError(f"prior is {prior!r}; take one of {', '.join(LIKENESSES)}")
+        if prior not in SCENE_PRIORS:
+            raise ValueError(f"prior is {prior!r}; take one of {', '.join(SCENE_PRIORS)}")
         for name, kernel in (("down", down), ("along", along)):
             require_finite(name, kernel)
             if kernel.ndim != 1:
@@ -167,72 +167,87 @@ class SeparableFilter:
             for kernel, length in zip((down, along), self.shape, strict=True)
         )
         self._rows, self._columns = (
-            _Axis(*(m.to(dtype) for m in (axis.left, axis.values, axis.right))) for axis in axes
+            _Axis(
+                *(
+                    m.to(dtype)
+                    for m in (axis.left_vectors, axis.singular_values, axis.right_vectors)
+                )
+            )
+            for axis in axes
         )
 
     @property
     def multiplications(self) -> int:
         """Of one call: four products of a picture and a matrix, and the gain; two without it."""
         m, n = self.shape
-        p, q = len(self._rows.values), len(self._columns.values)
+        p, q = len(self._rows.singular_values), len(self._columns.singular_values)
         if not self.joint:
             return m * m * n + m * n * n
         return p * m * n + p * n * q + p * q + m * p * q + m * q * n
 
-    @tensors_inside
+    @accepts_numpy
     def coefficients(self, image: torch.Tensor) -> torch.Tensor:
         """Of frames (..., rows, columns) in the two bases."""
         if tuple(image.shape[-2:]) != self.shape:
             raise ValueError(f"image is {tuple(image.shape)}; its last axes must be {self.shape}")
-        return self._rows.left.mT @ image @ self._columns.left
+        return self._rows.left_vectors.mT @ image @ self._columns.left_vectors
 
-    def gain(self, weight: float) -> torch.Tensor:
+    def coefficient_gain(self, weight: float) -> torch.Tensor:
         """Of each coefficient of the photograph, that of the scene; times the blur's own it is 1
         where nothing is lost."""
         require_positive("weight", weight, "")
-        s, t = self._rows.values[:, None], self._columns.values
+        s, t = self._rows.singular_values[:, None], self._columns.singular_values
         if self.joint:
             return s * t / ((s * t).square() + weight)
         return s / (s.square() + weight) * (t / (t.square() + weight))
 
-    @tensors_inside
-    def restored(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
+    @accepts_numpy
+    def restore(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
         """The scene in the frame, from coefficients()."""
-        return self._rows.right @ (coefficients * self.gain(weight)) @ self._columns.right.mT
+        return (
+            self._rows.right_vectors
+            @ (coefficients * self.coefficient_gain(weight))
+            @ self._columns.right_vectors.mT
+        )
 
-    @tensors_inside
+    @accepts_numpy
     def __call__(self, image: torch.Tensor, weight: float) -> torch.Tensor:
         """The X with the least |A X B^T - image|² + weight * (X by its prior's covariance), in the
         frame; of `image` less its brightness, for the prior wants darkness."""
         if self.joint:
-            return self.restored(self.coefficients(image), weight)
-        down, along = self.filters(weight)
+            return self.restore(self.coefficients(image), weight)
+        down, along = self.axis_filters(weight)
         return down @ image @ along.mT
 
-    def filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
+    def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
         """Of each axis by itself, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
-            (axis.right * (axis.values / (axis.values.square() + weight))) @ axis.left.mT
+            (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))
+            @ axis.left_vectors.mT
             for axis in (self._rows, self._columns)
         )
         return down, along
 
-    def left(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
+    def residual_coefficients(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
         """What a restoration leaves of the photograph, in its coefficients."""
-        through = self._rows.values[:, None] * self._columns.values * self.gain(weight)
+        through = (
+            self._rows.singular_values[:, None]
+            * self._columns.singular_values
+            * self.coefficient_gain(weight)
+        )
         return coefficients * (1 - through)
 
 
 @single_threaded
-def separable(
-    seen: Blurred,
+def restore_separable(
+    observation: Observation,
     weight: float | None = None,
-    prior: Likeness = "neighbours",
+    prior: ScenePrior = "neighbours",
     *,
     joint: bool = True,
     tol: float = 1e-3,
-) -> Restored:
+) -> RestoredImage:
     """The picture of least |H X - O|² + weight * (X by its prior), exactly and without iterations,
     (rows, columns): linear, so that it may be negative where the light is dim. Differentiable.
 
@@ -242,66 +257,74 @@ def separable(
     Raises ValueError for a PSF that doesn't separate, a weight that isn't positive, or pixels that
     have weights or were clipped, which don't separate.
     """
-    if seen.trust is not None:
+    if observation.effective_weights is not None:
         raise ValueError("weights or clipped pixels don't separate into rows and columns; use "
                          "wiener or total_variation")  # fmt: skip
-    down, along = separable_parts(seen.psf / seen.gain, tol)
+    down, along = separable_parts(observation.psf / observation.psf_sum, tol)
     planned = SeparableFilter(
-        down, along, (seen.image.shape[0], seen.image.shape[1]), seen.border, prior,
-        joint=joint, dtype=seen.image.dtype,
+        down, along, (observation.image.shape[0], observation.image.shape[1]),
+        observation.border, prior, joint=joint, dtype=observation.image.dtype,
     )  # fmt: skip
-    mean = seen.data.mean()
-    coefficients = planned.coefficients(seen.data - mean)
+    mean = observation.normalised_image.mean()
+    coefficients = planned.coefficients(observation.normalised_image - mean)
     if weight is None:
-        weight = _chosen(seen, planned, coefficients.detach(), (down, along))
-    picture = planned.restored(coefficients, weight) + mean
-    squares = float(planned.left(coefficients.detach(), weight).square().mean())
+        weight = _choose_weight(observation, planned, coefficients.detach(), (down, along))
+    picture = planned.restore(coefficients, weight) + mean
+    squares = float(planned.residual_coefficients(coefficients.detach(), weight).square().mean())
     name = f"separable, {prior}" + ("" if joint else ", each axis by itself")
-    return Restored(picture, name, seen.noise, squares**0.5 / seen.deviation, weight)
+    return RestoredImage(
+        picture, name, observation.noise, squares**0.5 / observation.scene_noise, weight
+    )
 
 
-def _chosen(
-    seen: Blurred,
-    planned: SeparableFilter,
+def _choose_weight(
+    observation: Observation,
+    separable_filter: SeparableFilter,
     coefficients: torch.Tensor,
     kernels: tuple[torch.Tensor, torch.Tensor],
 ) -> float:
     """Weight. A flat prior is so far from photographs that no comparison of data and prior finds
     it: there the spectrum says what is lost."""
-    if planned.prior == "neighbours":
-        return _validated_weight(planned, coefficients)
-    if not planned.joint:
-        return _predicted_weight(seen, *kernels)
-    power = seen.power.to(torch.float64)
-    return least_error(seen, lambda k, at: power[at] / (power[at] + k))
+    if separable_filter.prior == "neighbours":
+        return _cross_validated_weight(separable_filter, coefficients)
+    if not separable_filter.joint:
+        return _predicted_weight(observation, *kernels)
+    power = observation.squared_mtf.to(torch.float64)
+    return least_error_weight(observation, lambda k, at: power[at] / (power[at] + k))
 
 
-def _predicted_weight(seen: Blurred, down: torch.Tensor, along: torch.Tensor) -> float:
+def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch.Tensor) -> float:
     """Of a flat prior and a filter for each axis, as if the period were seen whole."""
-    rows, columns = seen.whole
-    y = squared(torch.fft.fft(down.to(torch.float64), rows))[:, None]
-    x = squared(torch.fft.rfft(along.to(torch.float64), columns))
+    rows, columns = observation.period_shape
+    y = squared_modulus(torch.fft.fft(down.to(torch.float64), rows))[:, None]
+    x = squared_modulus(torch.fft.rfft(along.to(torch.float64), columns))
 
     def through(k: float, at: Frequencies) -> torch.Tensor:
         rows, columns = y[at[0]], x[at[1]]
         return rows / (rows + k) * (columns / (columns + k))
 
-    return least_error(seen, through)
+    return least_error_weight(observation, through)
 
 
-def _validated_weight(planned: SeparableFilter, coefficients: torch.Tensor) -> float:
+def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
     """By generalised cross-validation (Golub, Heath and Wahba 1979, doi
     10.1080/00401706.1979.10489751): the one with which each pixel is best told from the others. It
     takes the border into account, and needs no noise."""
     data = coefficients.to(torch.float64)
     ones = torch.ones_like(data)
 
-    def unlikeliness(power: float) -> float:
-        left, free = planned.left(data, 10**power), planned.left(ones, 10**power)
+    def cross_validation_error(power: float) -> float:
+        left, free = (
+            separable_filter.residual_coefficients(data, 10**power),
+            separable_filter.residual_coefficients(ones, 10**power),
+        )
         return float(left.square().mean() / free.mean().square())
 
-    coarse = min(_DECADES, key=unlikeliness)
+    coarse = min(_DECADES, key=cross_validation_error)
     fine = minimize_scalar(
-        unlikeliness, bounds=(coarse - 1, coarse + 1), method="bounded", options={"xatol": 0.02}
+        cross_validation_error,
+        bounds=(coarse - 1, coarse + 1),
+        method="bounded",
+        options={"xatol": 0.02},
     )
-    return float(10 ** (fine.x if fine.fun < unlikeliness(coarse) else coarse))
+    return float(10 ** (fine.x if fine.fun < cross_validation_error(coarse) else coarse))

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import torch
 
-from optics.edge import floating, require_positive, tensors_inside
+from optics.validation import accepts_numpy, as_floating_point, require_positive
 
 _ENTRIES = 2048
 """Of the table, between which it is read off straight: to 1e-6 of the length."""
@@ -21,8 +21,8 @@ def require_power(power: float) -> None:
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
 
 
-@tensors_inside
-def shrunk(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
+@accepts_numpy
+def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
     """The v with the least |v|^power + coupling / 2 (v - value)², for each value.
 
     Zero up to a threshold; beyond it the largest root of v - |value| = -(power / coupling)
@@ -32,12 +32,12 @@ def shrunk(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
     """
     require_power(power)
     require_positive("coupling", coupling, "")
-    value = floating(value)
-    return value * kept(value.square(), power, coupling)
+    value = as_floating_point(value)
+    return value * shrinkage_factor(value.square(), power, coupling)
 
 
-def kept(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """The share of a length that shrunk() leaves, of the length's square."""
+def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
+    """The share of a length that shrink() leaves, of the length's square."""
     threshold, table = _table(power)
     table = table.to(squares)
     place = (squares + torch.finfo(squares.dtype).tiny).rsqrt_()

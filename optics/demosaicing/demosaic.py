@@ -7,27 +7,27 @@ from typing import Literal
 
 import torch
 
-from optics.demosaicing.joint import jointly
-from optics.demosaicing.library import INTERPOLATIONS, interpolated
-from optics.demosaicing.mosaiced import Mosaiced
-from optics.demosaicing.noise import noise_of
-from optics.edge import (
-    floating,
-    require_alike,
+from optics.demosaicing.joint_demosaicing import demosaic_with_prior
+from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.demosaicing.noise import estimate_mosaic_noise
+from optics.demosaicing.opencv_interpolation import INTERPOLATIONS, interpolate_bayer
+from optics.operators.spectral_mosaic import filter_weights
+from optics.progress import Progress
+from optics.validation import (
+    accepts_numpy,
+    as_floating_point,
     require_count,
     require_finite,
     require_positive,
-    tensors_inside,
+    require_same_shape,
 )
-from optics.operators.spectral import filter_weights
-from optics.progress import Progress
 
 Method = Literal["prior", "bilinear", "edge-aware", "vng"]
 
 METHODS: tuple[Method, ...] = ("prior", *INTERPOLATIONS)
 
 
-@tensors_inside
+@accepts_numpy
 def demosaic(
     raw: torch.Tensor,
     pattern: Sequence[str],
@@ -48,8 +48,8 @@ def demosaic(
 
     pattern: rows of one letter a pixel that repeat from the first pixel on, as ("RG", "GB"); any
     size of frame. method: "prior", the thesis' Eq. 4.7 with a prior worth having: few bends of
-    brightness, and fewer of colours, see Bends; or OpenCV's "bilinear", "edge-aware" or "vng", of
-    Bayer's pattern, which take none of what follows.
+    brightness, and fewer of colours, see CurvaturePrior; or OpenCV's "bilinear", "edge-aware" or
+    "vng", of Bayer's pattern, which take none of what follows.
 
     channels, response: what the letters let through of each band, (channels, bands); without a
     response each channel is a band, in the order of `channels`. Colours bend least where white is
@@ -60,8 +60,8 @@ def demosaic(
     by noise and scale of the light if None.
     Raises ValueError for what doesn't fit, isn't finite, or for a band that no pixel sees.
     """
-    rows = _rows(pattern, channels)
-    raw = _frame(raw)
+    rows = _validate_pattern(pattern, channels)
+    raw = _validate_raw(raw)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
     if method != "prior":
@@ -70,23 +70,23 @@ def demosaic(
         given = [name for name, value in zip(names, told, strict=True) if value is not None]
         if given:
             raise ValueError(f"method {method!r} takes no {', '.join(given)}; take 'prior'")
-        return interpolated(raw, rows, method)[["RGB".index(letter) for letter in channels]]
+        return interpolate_bayer(raw, rows, method)[["RGB".index(letter) for letter in channels]]
     if weight is not None:
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
     period = len(rows), len(rows[0])
-    seen = Mosaiced(
+    seen = MosaicObservation(
         raw,
-        filter_weights(rows, _response(response, channels).to(raw), channels, raw.shape),
-        noise_of(raw, period) if noise is None else float(noise),
+        filter_weights(rows, _validate_response(response, channels).to(raw), channels, raw.shape),
+        estimate_mosaic_noise(raw, period) if noise is None else float(noise),
         None if psf is None else psf.to(raw),
-        _trust(raw, weights, clipped),
+        _effective_weights(raw, weights, clipped),
         None if clipped is None else clipped.to(torch.bool),
     )
-    return jointly(seen, period, weight, iterations=iterations, progress=progress)
+    return demosaic_with_prior(seen, period, weight, iterations=iterations, progress=progress)
 
 
-def _rows(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
+def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -99,14 +99,14 @@ def _rows(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
     return rows
 
 
-def _frame(raw: torch.Tensor) -> torch.Tensor:
+def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
-    return floating(raw)
+    return as_floating_point(raw)
 
 
-def _response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
+def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
     if response is None:
         return torch.eye(len(channels))
     require_finite("response", response)
@@ -118,11 +118,11 @@ def _response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
     return response
 
 
-def _trust(
+def _effective_weights(
     raw: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> torch.Tensor | None:
     """Weights, with 0 for what was clipped; None where all are 1."""
-    require_alike("raw", raw, weights=weights, clipped=clipped)
+    require_same_shape("raw", raw, weights=weights, clipped=clipped)
     trust = weights if weights is None else weights.to(raw)
     if clipped is None:
         return trust

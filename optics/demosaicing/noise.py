@@ -14,13 +14,13 @@ _BLOCK = 16
 _SMOOTHEST = 0.02
 """Quantile of the blocks that is taken for smooth."""
 
-_BEND = (1.0, -2.0, 1.0)
+_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
 
-_INDEPENDENT = 1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2)
+_SAMPLES_PER_INDEPENDENT = 1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2)
 """Neighbouring answers of _BEND to white noise are alike: of so many, along an axis, one counts."""
 
 
-def noise_of(raw: torch.Tensor, period: Sequence[int]) -> float:
+def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
     """Standard deviation of a pixel of a mosaic, (rows, columns), whose pattern repeats by
     (rows, columns).
 
@@ -33,21 +33,21 @@ def noise_of(raw: torch.Tensor, period: Sequence[int]) -> float:
         value
         for row in range(int(period[0]))
         for column in range(int(period[1]))
-        for value in _blocks(raw[row :: int(period[0]), column :: int(period[1])])
+        for value in _block_variances(raw[row :: int(period[0]), column :: int(period[1])])
     ]
     if not found:
         return 0.0
     smooth = float(torch.quantile(torch.stack(found), _SMOOTHEST))
-    count = (_BLOCK / _INDEPENDENT) ** 2
+    count = (_BLOCK / _SAMPLES_PER_INDEPENDENT) ** 2
     expected = float(chi2.ppf(_SMOOTHEST, count)) / count if len(found) > 1 / _SMOOTHEST else 1.0
     return math.sqrt(smooth / expected)
 
 
-def _blocks(plane: torch.Tensor) -> list[torch.Tensor]:
+def _block_variances(plane: torch.Tensor) -> list[torch.Tensor]:
     """Mean squares of what is no straight line, over that of white noise of unit variance."""
     if min(plane.shape) < 3:
         return []
-    bend = torch.tensor(_BEND, dtype=torch.float64)
+    bend = torch.tensor(_SECOND_DIFFERENCE, dtype=torch.float64)
     kernel = bend[:, None] * bend
     left = torch.nn.functional.conv2d(plane.to(torch.float64)[None, None], kernel[None, None])
     squares = left[0, 0].square() / float(kernel.square().sum())

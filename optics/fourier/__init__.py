@@ -11,18 +11,18 @@ Phases are reduced to one turn in float64 before they are stored in single preci
 """
 
 from optics.fourier.chirp import ChirpTransform as ChirpTransform
-from optics.fourier.choice import plan_transform as plan_transform
-from optics.fourier.choice import transforms as transforms
 from optics.fourier.commensurate import CommensurateTransform as CommensurateTransform
+from optics.fourier.fft import fast_fft_length as fast_fft_length
 from optics.fourier.fft import fft as fft
-from optics.fourier.fft import half_counts as half_counts
 from optics.fourier.fft import irfft2 as irfft2
-from optics.fourier.fft import quick_length as quick_length
 from optics.fourier.fft import rfft as rfft
 from optics.fourier.fft import rfft2 as rfft2
-from optics.fourier.geometry import Geometry as Geometry
+from optics.fourier.fft import rfft_column_weights as rfft_column_weights
+from optics.fourier.geometry import FourierGeometry as FourierGeometry
 from optics.fourier.geometry import unit_phasor as unit_phasor
 from optics.fourier.gridded import GriddedTransform as GriddedTransform
 from optics.fourier.matrix import MatrixTransform as MatrixTransform
 from optics.fourier.nonuniform import NonuniformTransform as NonuniformTransform
 from optics.fourier.transform import Transform as Transform
+from optics.fourier.transform_choice import plan_transform as plan_transform
+from optics.fourier.transform_choice import valid_transforms as valid_transforms

@@ -52,7 +52,7 @@ class ChirpTransform(SeparableTransform):
 
     name = "chirp-Z"
 
-    def rule(self, axis: int) -> AxisRule:
+    def build_axis_rule(self, axis: int) -> AxisRule:
         g = self.geometry
         return _ChirpRule(g.pupil.shape[axis], g.image.shape[axis], g.step(axis), self.dtype)
 
@@ -71,4 +71,6 @@ class ChirpTransform(SeparableTransform):
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)
         touched = 3 * sum(count * length for length, count in sizes)
         seconds = operations * speed.fft + touched * speed.touch
-        return speed.call + seconds * self.slowness(speed) + self.taking(speed)
+        return (
+            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        )

@@ -6,11 +6,11 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft, fft_operations
-from optics.fourier.geometry import Geometry, unit_phasor
+from optics.fourier.geometry import FourierGeometry, unit_phasor
 from optics.fourier.separable import AxisRule, SeparableTransform
 
 
-def commensurate_length(geometry: Geometry, axis: int) -> int:
+def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
     """The FFT length that fits the geometry along an axis: one over its step; 0 if none does."""
     exact = 1 / geometry.step(axis)
     length = max(round(exact), 1)
@@ -35,10 +35,10 @@ class _CommensurateRule(AxisRule):
         self.phase, self.index = self.phase.to(device), self.index.to(device)
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        spectrum = fft(self._folded(field), self.length, -2)
+        spectrum = fft(self._fold_periods(field), self.length, -2)
         return spectrum.index_select(-2, self.index) * self.phase
 
-    def _folded(self, field: torch.Tensor) -> torch.Tensor:
+    def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
         """The sum over all samples that lie whole periods apart."""
         if self.n <= self.length:
             return field
@@ -65,7 +65,7 @@ class CommensurateTransform(SeparableTransform):
 
     name = "folded or pruned FFT"
 
-    def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
         self._lengths = [commensurate_length(geometry, axis) for axis in (0, 1)]
         if 0 in self._lengths:
@@ -74,10 +74,10 @@ class CommensurateTransform(SeparableTransform):
             )
 
     @staticmethod
-    def fits(geometry: Geometry) -> bool:
+    def is_commensurate(geometry: FourierGeometry) -> bool:
         return all(commensurate_length(geometry, axis) for axis in (0, 1))
 
-    def rule(self, axis: int) -> AxisRule:
+    def build_axis_rule(self, axis: int) -> AxisRule:
         n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
         return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
 
@@ -92,4 +92,6 @@ class CommensurateTransform(SeparableTransform):
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         touched = 2 * ny * (nx + mx)
         seconds = operations * speed.fft + touched * speed.touch
-        return speed.call + seconds * self.slowness(speed) + self.taking(speed)
+        return (
+            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        )

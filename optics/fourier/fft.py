@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 _MANY_SAMPLES = 1 << 20
 
-_PRICES = {2: 1.0, 3: 1.9, 5: 3.0, 7: 4.4, 11: 8.0}
+_FACTOR_COSTS = {2: 1.0, 3: 1.9, 5: 3.0, 7: 4.4, 11: 8.0}
 _PASSES = 6.0
 """Of passes over the samples that go with a transform, in the units of a factor of 2."""
 
@@ -67,7 +67,7 @@ def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 @functools.cache
-def quick_length(least: int) -> int:
+def fast_fft_length(least: int) -> int:
     """Of at least so many samples, the number whose real FFT and passes take the least time.
 
     A little longer is often quicker: powers of 2 are the quickest. The costs of factors were
@@ -79,13 +79,13 @@ def quick_length(least: int) -> int:
 
 def _factors_cost(length: int) -> float:
     cost = 0.0
-    for factor, price in _PRICES.items():
+    for factor, price in _FACTOR_COSTS.items():
         while length % factor == 0:
             length, cost = length // factor, cost + price
     return cost if length == 1 else cost + length
 
 
-def half_counts(columns: int) -> torch.Tensor:
+def rfft_column_weights(columns: int) -> torch.Tensor:
     """For how many frequencies of a picture of so many columns each column of its rfft2 stands:
     those between the first and the last for their mirror images as well."""
     counts = torch.full((columns // 2 + 1,), 2.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.plane import Lattice, Plane
+from optics.plane import Plane, RectilinearGrid
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
@@ -17,14 +17,14 @@ def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class FourierGeometry:
     """Two planes and the product wavelength times distance, in square metres.
 
     A pupil of unevenly spaced rows and columns has no step: matrix and gridded transforms
     alone serve it.
     """
 
-    pupil: Plane | Lattice
+    pupil: Plane | RectilinearGrid
     image: Plane
     scale: float
 
@@ -36,11 +36,11 @@ class Geometry:
 
     def step(self, axis: int) -> float:
         """Turns of phase per pupil sample and image sample."""
-        if isinstance(self.pupil, Lattice):
+        if isinstance(self.pupil, RectilinearGrid):
             raise ValueError("a pupil of uneven rows has no step; use the gridded transform")
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
-    def offsets(self, axis: int) -> torch.Tensor:
+    def pupil_offsets(self, axis: int) -> torch.Tensor:
         """Metres of the pupil's samples from its centre along an axis, float64."""
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
@@ -49,7 +49,7 @@ class Geometry:
         centre = self.image.centre[axis]
         if centre == 0:
             return None
-        return unit_phasor(-self.offsets(axis) * centre / self.scale, dtype)
+        return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """The phase over the image that an off-centre pupil leaves; None if it's centred."""

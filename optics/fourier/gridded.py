@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft, fft_operations
-from optics.fourier.geometry import Geometry
+from optics.fourier.geometry import FourierGeometry
 from optics.fourier.separable import AxisRule, SeparableTransform
 
 _FINER = 2.0
@@ -60,25 +60,28 @@ class _GriddedRule(AxisRule):
         k = np.arange(m) - m // 2
         root = np.sqrt(beta**2 - (2 * math.pi * half * k / self._length) ** 2)
         spectrum = 2 * half * np.sinh(root) / root
-        self._wanted = torch.from_numpy(k % self._length)
-        self._level = torch.from_numpy((1 / spectrum).astype(real))[:, None]
+        self._output_index = torch.from_numpy(k % self._length)
+        self._deapodisation = torch.from_numpy((1 / spectrum).astype(real))[:, None]
         self._on_device: dict[bool, torch.Tensor] = {}
 
     def to(self, device: torch.device) -> None:
-        if self._level.device != device:
-            self._level, self._wanted = self._level.to(device), self._wanted.to(device)
+        if self._deapodisation.device != device:
+            self._deapodisation, self._output_index = (
+                self._deapodisation.to(device),
+                self._output_index.to(device),
+            )
             self._on_device = {}
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        spectrum = fft(self._applied(field, spread=True), self._length, -2)
-        return spectrum.index_select(-2, self._wanted) * self._level
+        spectrum = fft(self._apply_matrix(field, spread=True), self._length, -2)
+        return spectrum.index_select(-2, self._output_index) * self._deapodisation
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         grid = field.new_zeros((*field.shape[:-2], self._length, field.shape[-1]))
-        grid.index_copy_(-2, self._wanted, field * (self._level * self._length))
-        return self._applied(fft(grid, self._length, -2, inverse=True), spread=False)
+        grid.index_copy_(-2, self._output_index, field * (self._deapodisation * self._length))
+        return self._apply_matrix(fft(grid, self._length, -2, inverse=True), spread=False)
 
-    def _applied(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
+    def _apply_matrix(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
         """The real sparse matrix along the second last dimension, picture by picture."""
         lines = torch.view_as_real(field.resolve_conj().contiguous()).flatten(-2)
         pictures = lines.reshape(-1, *lines.shape[-2:])
@@ -125,15 +128,15 @@ class GriddedTransform(SeparableTransform):
 
     name = "gridded FFT"
 
-    def __init__(self, geometry: Geometry, dtype: torch.dtype, error: float = 1e-7) -> None:
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype, error: float = 1e-7) -> None:
         super().__init__(geometry, dtype)
         if not FINEST_GRIDDING <= error < 1:
             raise ValueError(f"error is {error:g}; gridding reaches {FINEST_GRIDDING:g} to 1")
         self.error = error
 
-    def rule(self, axis: int) -> AxisRule:
+    def build_axis_rule(self, axis: int) -> AxisRule:
         g = self.geometry
-        turns = g.offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
+        turns = g.pupil_offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
         return _GriddedRule(turns, g.image.shape[axis], self.error, self.dtype)
 
     def _grids(self) -> list[int]:
@@ -154,4 +157,6 @@ class GriddedTransform(SeparableTransform):
         operations = sum(count * fft_operations(length) for length, count in each)
         touched = sum(grid * count for grid, count in zip(self._grids(), self.lines(), strict=True))
         seconds = spread * speed.gridding + operations * speed.fft + 2 * touched * speed.touch
-        return speed.call + seconds * self.slowness(speed) + self.taking(speed)
+        return (
+            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        )

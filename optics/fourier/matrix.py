@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from optics.accuracy import MachineSpeed
-from optics.fourier.geometry import Geometry, unit_phasor
+from optics.fourier.geometry import FourierGeometry, unit_phasor
 from optics.fourier.transform import PlaneTransform
 
 
@@ -14,7 +14,7 @@ class MatrixTransform(PlaneTransform):
 
     name = "matrix DFT"
 
-    def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
         self._matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
@@ -56,4 +56,4 @@ class MatrixTransform(PlaneTransform):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
-        return speed.call + products * self.slowness(speed)
+        return speed.call + products * self.precision_slowdown(speed)

@@ -48,13 +48,13 @@ class NonuniformTransform(Transform):
         scale: float,
         error: float,
         *,
-        few: bool = False,
+        few_points: bool = False,
     ) -> None:
-        if few and error < _FINEST_OF_FEW:
+        if few_points and error < _FINEST_OF_FEW:
             raise ValueError(f"error is {error:g}; for few points it is {_FINEST_OF_FEW:g} or more")
         self.image, self.scale, self.error = image, scale, max(error, FINEST_NUFFT)
         self._y, self._x = y, x
-        self._finer = _FINER_OF_FEW if few else _FINER
+        self._oversampling = _FINER_OF_FEW if few_points else _FINER
         self._angles = [
             (2 * math.pi * pitch / scale * p.numpy())
             for pitch, p in zip(image.pitch, (y, x), strict=True)
@@ -76,7 +76,7 @@ class NonuniformTransform(Transform):
                 isign=-1 if kind == 1 else 1,
                 dtype="complex128",
                 nthreads=torch.get_num_threads(),
-                upsampfac=self._finer,
+                upsampfac=self._oversampling,
                 showwarn=0,
             )
             plan.setpts(*self._angles)
@@ -88,7 +88,7 @@ class NonuniformTransform(Transform):
             raise ValueError(f"field is {tuple(field.shape)}; there are {self._y.numel()} points")
 
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
-        values = self._inward(field)
+        values = self._as_complex128_array(field)
         if self._tilt is not None:
             values = values * self._tilt
         flat = values.reshape(-1, values.shape[-1])
@@ -96,14 +96,14 @@ class NonuniformTransform(Transform):
         return torch.from_numpy(done.reshape(*field.shape[:-1], *self.image.shape)).to(field.device)
 
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        values = self._inward(field)
+        values = self._as_complex128_array(field)
         flat = values.reshape(-1, *values.shape[-2:])
         done = np.stack([self._plan(2).execute(np.ascontiguousarray(v)) for v in flat])
         if self._tilt is not None:
             done = done * self._tilt.conj()
         return torch.from_numpy(done.reshape(*field.shape[:-2], -1)).to(field.device)
 
-    def _inward(self, field: torch.Tensor) -> NDArray[np.complex128]:
+    def _as_complex128_array(self, field: torch.Tensor) -> NDArray[np.complex128]:
         return field.detach().cpu().to(torch.complex128).resolve_conj().numpy()
 
     @staticmethod

@@ -9,15 +9,15 @@ from typing import Any
 
 import torch
 
-from optics.accuracy import MachineSpeed, Offer
-from optics.fourier.geometry import Geometry
-from optics.plane import Lattice, Plane
+from optics.accuracy import CandidateMethod, MachineSpeed
+from optics.fourier.geometry import FourierGeometry
+from optics.plane import Plane, RectilinearGrid
 
-KEPT_BYTES = 32 << 20
+RETAINED_BYTES = 32 << 20
 """What allocators keep for the next call, and caches hold."""
 
 
-class Transform(Offer):
+class Transform(CandidateMethod):
     """A linear map from a field in the pupil to the field in the image plane,
 
         F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale),
@@ -63,24 +63,24 @@ class Transform(Offer):
     ) -> torch.Tensor:
         self._require_samples(field)
         field = field.to(self.dtype)
-        if stretch is None and shift is None and not _recorded(field):
+        if stretch is None and shift is None and not _needs_gradient(field):
             return self._forward(field)
         zero = torch.zeros((), dtype=torch.float64)
         y, x = shift or (zero, zero)
         one = torch.ones_like(zero) if stretch is None else stretch
-        return applied(_Forward, self, field, one, y, x)
+        return apply_function(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
         _require_shape(self.image, field)
-        return linear(self._adjoint, self._forward, field.to(self.dtype))
+        return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
 
 
-def _recorded(field: torch.Tensor) -> bool:
+def _needs_gradient(field: torch.Tensor) -> bool:
     return field.requires_grad and torch.is_grad_enabled()
 
 
-def applied(function: Any, *arguments: Any) -> torch.Tensor:
+def apply_function(function: Any, *arguments: Any) -> torch.Tensor:
     """A torch function of one answer, whose `apply` has no types."""
     answer: torch.Tensor = function.apply(*arguments)
     return answer
@@ -112,7 +112,7 @@ class _Forward(torch.autograd.Function):
             answers[0] = transform._adjoint(gradient)
         if any(ctx.needs_input_grad[2:]):
             y, x = (
-                _moved(transform, field, p.to(field.device), gradient)
+                _position_gradient(transform, field, p.to(field.device), gradient)
                 for p in transform.positions()
             )
             u, v = (transform.image.coordinates(axis).to(y.device) for axis in (0, 1))
@@ -121,15 +121,15 @@ class _Forward(torch.autograd.Function):
         return (None, *answers)
 
 
-def linear(
+def apply_linear_map(
     forward: Callable[[torch.Tensor], torch.Tensor],
     adjoint: Callable[[torch.Tensor], torch.Tensor],
     field: torch.Tensor,
 ) -> torch.Tensor:
     """forward(field) of a linear map, whose derivative is its adjoint."""
-    if not _recorded(field):
+    if not _needs_gradient(field):
         return forward(field.detach())
-    return applied(_Linear, forward, adjoint, field)
+    return apply_function(_Linear, forward, adjoint, field)
 
 
 class _Linear(torch.autograd.Function):
@@ -144,7 +144,7 @@ class _Linear(torch.autograd.Function):
         return None, None, ctx.adjoint(gradient).to(ctx.dtype)
 
 
-def _moved(
+def _position_gradient(
     transform: Transform, field: torch.Tensor, position: torch.Tensor, gradient: torch.Tensor
 ) -> torch.Tensor:
     """What a move of the image along an axis changes, weighed by the gradient, for each sample."""
@@ -157,7 +157,7 @@ def _moved(
 class PlaneTransform(Transform):
     """A transform from a pupil that is sampled on a plane."""
 
-    def __init__(self, geometry: Geometry, dtype: torch.dtype) -> None:
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         self.geometry, self.dtype = geometry, dtype
         self.image, self.scale = geometry.image, geometry.scale
 
@@ -167,15 +167,15 @@ class PlaneTransform(Transform):
     def _require_samples(self, field: torch.Tensor) -> None:
         _require_shape(self.geometry.pupil, field)
 
-    def taking(self, speed: MachineSpeed) -> float:
+    def allocation_seconds(self, speed: MachineSpeed) -> float:
         """Seconds for memory that is taken anew at every call."""
-        return max(self.bytes - KEPT_BYTES, 0) * speed.fresh
+        return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
 
-    def slowness(self, speed: MachineSpeed) -> float:
+    def precision_slowdown(self, speed: MachineSpeed) -> float:
         """How much longer than in single precision an operation takes."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
 
-def _require_shape(plane: Plane | Lattice, field: torch.Tensor) -> None:
+def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

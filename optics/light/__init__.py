@@ -1,7 +1,7 @@
 """Sources, their spectra and flicker, and the filter's band."""
 
 from optics.light.bands import Band
-from optics.light.sources import blackbody, broadband, halogen, monochromatic, tabulated
+from optics.light.sources import blackbody, broadband, halogen, lamp_from_table, monochromatic
 from optics.light.spectrum import Spectrum
 from optics.light.waveform import Waveform
 
@@ -12,6 +12,6 @@ __all__ = [
     "blackbody",
     "broadband",
     "halogen",
+    "lamp_from_table",
     "monochromatic",
-    "tabulated",
 ]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from optics.edge import require_positive
-from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
+from optics.validation import require_positive
 
 NEGLIGIBLE = 1e-6
 """Transmission below which a band has ended."""
@@ -36,7 +36,7 @@ class Band:
       7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229, doi 10.1364/JOSA.39.000229.)
     - "interference": thin films with steep sides and a flat top, a super-Gaussian.
     - "open": no filter: everything within the width.
-    - "table": `table`, made 1 at its best; see tabulated().
+    - "table": `table`, made 1 at its best; see from_table().
 
     leak: transmission that is added everywhere in `leak_range`, metres.
     """
@@ -74,16 +74,16 @@ class Band:
             raise ValueError(f"leak_range is {low:g} to {high:g} m; give the shorter first")
 
     @staticmethod
-    def tabulated(
+    def from_table(
         table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
     ) -> Band:
         """A measured filter: centre by the mean of its wavelengths, width by its half maxima.
 
         Raises ValueError for a table that passes nothing.
         """
-        if table.most == 0:
+        if table.peak == 0:
             raise ValueError("the table passes nothing; give a filter's transmission")
-        one = table.scaled(1 / table.most)
+        one = table.with_scale(1 / table.peak)
         nodes, values = np.asarray(one.wavelengths), np.asarray(one.values)
         # The moment of a linear piece by Simpson's rule, which is exact for it.
         middle, mean = (nodes[1:] + nodes[:-1]) / 2, (values[1:] + values[:-1]) / 2
@@ -106,7 +106,7 @@ class Band:
             return (np.abs(offset) <= 1).astype(np.float64)
         return self._lyot(asked)
 
-    def passes(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
+    def total_transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
         """At wavelengths in metres, with the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         low, high = self.leak_range
@@ -120,7 +120,9 @@ class Band:
         if self.shape == "lyot":
             _, order = self._stages
             high = self.centre / (1 - 0.5 / order) if order > 0.5 else math.inf
-            return max(SHORTEST, self.centre / (1 + 0.5 / order)), min(LONGEST, high)
+            return max(SHORTEST_WAVELENGTH, self.centre / (1 + 0.5 / order)), min(
+                LONGEST_WAVELENGTH, high
+            )
         reach = {
             "gaussian": math.sqrt(-math.log2(NEGLIGIBLE)),
             "interference": (-math.log2(NEGLIGIBLE)) ** (1 / _STEEPNESS),
@@ -143,11 +145,11 @@ class Band:
             stages += 1
         return stages, _lyot_half(stages) / (math.pi * a)
 
-    def _lyot(self, asked: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _lyot(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
         stages, order = self._stages
         low, high = self.support
-        inside = (low <= asked) & (asked <= high)
-        u = math.pi * order * (self.centre / np.where(inside, asked, self.centre) - 1)
+        inside = (low <= wavelengths) & (wavelengths <= high)
+        u = math.pi * order * (self.centre / np.where(inside, wavelengths, self.centre) - 1)
         product = np.ones_like(u)
         for stage in range(stages):
             product = product * np.cos(2**stage * u) ** 2

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from optics.edge import require_positive
-from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
+from optics.validation import require_positive
 
 VISIBLE = (400e-9, 720e-9)
 """Metres: where a source's brightest counts as 1, and what liquid-crystal filters can be set to."""
 
-HALOGEN = 3200.0
+HALOGEN_TEMPERATURE = 3200.0
 """Kelvin, of a photographic halogen lamp: what tungsten film was balanced for."""
 
 _SECOND_CONSTANT = 0.01438776877503933
@@ -23,7 +23,9 @@ _STEP = 1e-9
 on."""
 
 
-def blackbody(temperature: float, low: float = SHORTEST, high: float = LONGEST) -> Spectrum:
+def blackbody(
+    temperature: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
+) -> Spectrum:
     """Planck's law for the radiance by wavelength, λ⁻⁵ / (exp(c₂ / λ T) - 1).
 
     temperature: kelvin, from 1000 up: a cooler body doesn't shine visibly. Raises ValueError.
@@ -37,7 +39,7 @@ def blackbody(temperature: float, low: float = SHORTEST, high: float = LONGEST) 
     return Spectrum(tuple(nodes), tuple(_planck(nodes, temperature) / peak))
 
 
-def halogen(temperature: float = HALOGEN) -> Spectrum:
+def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
     """A tungsten-halogen lamp, as a black body of its colour temperature.
 
     Tungsten's emissivity falls by a few per cent from 450 to 700 nm, which the colour
@@ -56,19 +58,19 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
     return Spectrum((wavelength - width, wavelength, wavelength + width), (0.0, 1.0, 0.0))
 
 
-def broadband(low: float = SHORTEST, high: float = LONGEST) -> Spectrum:
+def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH) -> Spectrum:
     """The same at all wavelengths of a range, in metres."""
-    return Spectrum.even(1.0, low, high)
+    return Spectrum.flat(1.0, low, high)
 
 
-def tabulated(table: Spectrum) -> Spectrum:
+def lamp_from_table(table: Spectrum) -> Spectrum:
     """A measured lamp, made relative. Raises ValueError for one that is dark in the visible."""
     nodes = np.union1d(table.wavelengths, VISIBLE)
     visible = nodes[(nodes >= VISIBLE[0]) & (nodes <= VISIBLE[1])]
     peak = float(table.at(visible).max())
     if peak == 0:
         raise ValueError("the table is 0 from 400 to 720 nm; give a lamp that shines there")
-    return table.scaled(1 / peak)
+    return table.with_scale(1 / peak)
 
 
 def _nodes(low: float, high: float) -> np.ndarray:

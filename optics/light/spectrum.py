@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-SHORTEST, LONGEST = 300e-9, 1100e-9
+SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
 """Metres: where silicon sees, and so the range of what isn't given by a table."""
 
 
@@ -41,7 +41,9 @@ class Spectrum:
             raise ValueError(f"a value is {wrong[0]:g}; values must be finite and not negative")
 
     @staticmethod
-    def even(value: float, low: float = SHORTEST, high: float = LONGEST) -> Spectrum:
+    def flat(
+        value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
+    ) -> Spectrum:
         """The same value at all wavelengths of a range, in metres."""
         return Spectrum((low, high), (value, value))
 
@@ -54,7 +56,7 @@ class Spectrum:
         return self.wavelengths[-1]
 
     @property
-    def most(self) -> float:
+    def peak(self) -> float:
         """The largest value."""
         return max(self.values)
 
@@ -63,7 +65,7 @@ class Spectrum:
         asked = np.asarray(wavelengths, dtype=np.float64)
         return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
 
-    def scaled(self, factor: float) -> Spectrum:
+    def with_scale(self, factor: float) -> Spectrum:
         """Every value times a factor, which isn't negative."""
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 

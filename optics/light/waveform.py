@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optics.edge import require_positive
+from optics.validation import require_positive
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Waveform:
         return 1 / self.frequency
 
     @property
-    def constant(self) -> bool:
+    def is_constant(self) -> bool:
         return self.shape == "constant" or self.depth == 0
 
     @property
     def ripple(self) -> float:
         """The largest relative deviation from the mean, at any time."""
-        if self.constant:
+        if self.is_constant:
             return 0.0
         if self.shape == "square":
             return max(self.depth, self._excess)
@@ -62,7 +62,7 @@ class Waveform:
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """The factor at times in seconds."""
         turns = self._turns(time)
-        if self.constant:
+        if self.is_constant:
             return np.ones_like(turns)
         if self.shape == "square":
             return np.where(turns % 1 < self.duty, 1 + self._excess, 1 - self.depth)
@@ -78,7 +78,7 @@ class Waveform:
         length = np.asarray(end, dtype=np.float64) - first
         if np.any(length < 0) or not np.all(np.isfinite(length)):
             raise ValueError("an interval ends before it starts; give finite times, start first")
-        if self.constant:
+        if self.is_constant:
             return np.ones_like(length)
         if self.shape == "square":
             return self._square_mean(first, length)

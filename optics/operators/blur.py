@@ -7,11 +7,11 @@ from typing import Literal
 
 import torch
 
-from optics.edge import floating, require_finite, tensors_inside
-from optics.fourier import fft, irfft2, quick_length, rfft, rfft2
-from optics.operators.contract import Operator
-from optics.operators.gram import Gram
-from optics.operators.pixels import Window
+from optics.fourier import fast_fft_length, fft, irfft2, rfft, rfft2
+from optics.operators.base import Operator
+from optics.operators.crop_and_mask import CentredCrop
+from optics.operators.gram import GramOperator
+from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 Border = Literal["unknown", "dark", "periodic"]
 
@@ -26,10 +26,10 @@ class Blur(Operator):
     precision, or in the PSF's double.
     """
 
-    @tensors_inside
+    @accepts_numpy
     def __init__(self, psf: torch.Tensor, shape: Sequence[int]) -> None:
         require_finite("psf", psf)
-        psf = floating(psf)
+        psf = as_floating_point(psf)
         self.shape = (int(shape[0]), int(shape[1]))
         self.transfer = transfer_function(psf, self.shape)
         self.domain = self.codomain = (*psf.shape[:-2], *self.shape)
@@ -45,22 +45,22 @@ class Blur(Operator):
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
-    def gram(self) -> Gram:
+    def gram(self) -> GramOperator:
         power = self.transfer.real.square() + self.transfer.imag.square()
-        return Gram("frequencies", power, self.shape)
+        return GramOperator("frequencies", power, self.shape)
 
 
-@tensors_inside
+@accepts_numpy
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """The rfft2 of a PSF whose origin is at n // 2, on a period of `shape`.
 
     Rows that the PSF doesn't have are never transformed: of a small one that saves nearly half.
     """
-    across = rfft(_wound(psf, -1, int(shape[1])))
-    return fft(_wound(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
+    across = rfft(_wrap_axis(psf, -1, int(shape[1])))
+    return fft(_wrap_axis(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
 
 
-def _wound(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
+def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
     """The sum of all that falls on the same place of a period, origin in the corner."""
     length = psf.shape[dim]
     place = (torch.arange(length, device=psf.device) - length // 2) % period
@@ -73,7 +73,7 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
     """(rows, columns) of a period on which the frame gets no light from its opposite side: a fast
     size for an FFT that holds the frame and half a PSF on every side."""
     rows, columns = (
-        quick_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
+        fast_fft_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
     )
     return rows, columns
 
@@ -84,8 +84,8 @@ def require_border(border: str) -> None:
         raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
 
 
-@tensors_inside
-def blur_of(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
+@accepts_numpy
+def blur_operator(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
     """From the scene to a frame of (rows, columns).
 
     border: "unknown", the scene goes on beyond the frame, and is looked for there too, on
@@ -96,6 +96,6 @@ def blur_of(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator
     if border == "periodic":
         return Blur(psf, frame)
     whole = blur_shape(frame, psf.shape)
-    window = Window(whole, frame, psf.shape[:-2])
+    window = CentredCrop(whole, frame, psf.shape[:-2])
     spread = window @ Blur(psf, whole)
     return spread if border == "unknown" else spread @ window.T

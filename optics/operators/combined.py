@@ -6,10 +6,10 @@ import itertools
 
 import torch
 
-from optics.operators.contract import Operator
+from optics.operators.base import Operator
 
 
-class Chain(Operator):
+class OperatorProduct(Operator):
     """One operator after the other: the light meets the first one first."""
 
     def __init__(self, *steps: Operator) -> None:
@@ -39,7 +39,7 @@ class Chain(Operator):
         return max(step.bytes for step in self.steps)
 
 
-class Sum(Operator):
+class OperatorSum(Operator):
     """Several operators' answers added."""
 
     def __init__(self, *parts: Operator) -> None:

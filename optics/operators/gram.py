@@ -13,7 +13,7 @@ Domain = Literal["pixels", "frequencies", "bands"]
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
+class GramOperator:
     """A^T A.
 
     domain: "pixels", which multiplies each by its weight; "frequencies", the same for a
@@ -26,7 +26,7 @@ class Gram:
     shape: tuple[int, int]
 
     @property
-    def largest(self) -> float:
+    def largest_eigenvalue(self) -> float:
         """Eigenvalue."""
         weights = self._squares if self.domain == "bands" else self.weights
         return float(weights.max())
@@ -43,14 +43,14 @@ class Gram:
             return x * self.weights
         return self.weights * (self.weights * x).sum(-3, keepdim=True)
 
-    def inverse(self, y: torch.Tensor, more: float) -> torch.Tensor:
-        """The x of (A^T A + more) x = y; ValueError unless `more` is positive."""
-        if not more > 0:
-            raise ValueError(f"more is {more:g}; it must be positive for an inverse to exist")
+    def solve_shifted(self, y: torch.Tensor, shift: float) -> torch.Tensor:
+        """The x of (A^T A + shift) x = y; ValueError unless `shift` is positive."""
+        if not shift > 0:
+            raise ValueError(f"shift is {shift:g}; it must be positive for an inverse to exist")
         if self.domain == "frequencies":
-            return irfft2(rfft2(y) / (self.weights + more), self.shape)
+            return irfft2(rfft2(y) / (self.weights + shift), self.shape)
         if self.domain == "pixels":
-            return y / (self.weights + more)
+            return y / (self.weights + shift)
         # Sherman and Morrison's formula.
         along = (self.weights * y).sum(-3, keepdim=True)
-        return (y - self.weights * along / (self._squares + more)[..., None, :, :]) / more
+        return (y - self.weights * along / (self._squares + shift)[..., None, :, :]) / shift

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import torch
 
-from optics.edge import floating, require_finite, tensors_inside
 from optics.fourier import irfft2, rfft2
+from optics.operators.base import Operator
 from optics.operators.blur import transfer_function
-from optics.operators.contract import Operator
+from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class VaryingBlur(Operator):
@@ -20,12 +20,12 @@ class VaryingBlur(Operator):
     mixture of them. For fields see field_weights(), for depths layer_weights().
     """
 
-    @tensors_inside
+    @accepts_numpy
     def __init__(self, psfs: torch.Tensor, weights: torch.Tensor) -> None:
-        require_as_many(psfs, "weights", weights, "PSFs")
-        self.weights = floating(weights)
+        require_matching_psfs(psfs, "weights", weights, "PSFs")
+        self.weights = as_floating_point(weights)
         self.shape = (int(weights.shape[-2]), int(weights.shape[-1]))
-        self.transfers = transfer_function(floating(psfs), self.shape)
+        self.transfers = transfer_function(as_floating_point(psfs), self.shape)
         self.domain = self.codomain = self.shape
 
     def _forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -41,7 +41,7 @@ class VaryingBlur(Operator):
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
-def require_as_many(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
+def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
     """Raise ValueError unless there is a finite picture for each finite PSF. each: what they are
     of, in a word."""
     require_finite("psfs", psfs)
@@ -61,13 +61,16 @@ def field_weights(
     rows, columns: pixels, each increasing; beyond the outermost places their PSFs go on.
     Raises ValueError for places that don't increase.
     """
-    down, along = _hats(int(shape[0]), "rows", rows), _hats(int(shape[1]), "columns", columns)
+    down, along = (
+        _hat_functions(int(shape[0]), "rows", rows),
+        _hat_functions(int(shape[1]), "columns", columns),
+    )
     return (down[:, None, :, None] * along[None, :, None, :]).reshape(
         -1, int(shape[0]), len(along.T)
     )
 
 
-def _hats(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
+def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
     """(places, n): each 1 at its own place, and straight to 0 at its neighbours'."""
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
@@ -84,7 +87,7 @@ def _hats(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
     return hats.to(torch.float32)
 
 
-@tensors_inside
+@accepts_numpy
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
     """Of a map that says which layer is seen where, (rows, columns) whole numbers from 0:
     (count, rows, columns), 1 where it is that layer. Raises ValueError for other numbers."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from optics.patterns.aberrations import *
 from optics.patterns.constant import *
-from optics.patterns.depth import *
+from optics.patterns.extended_depth import *
 from optics.patterns.gratings import *
 from optics.patterns.lenses import *
 from optics.patterns.patches import *

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 import torch
 
 from optics.camera import Panel
-from optics.chebyshev import Smooth
-from optics.edge import require_positive, rounded_down
-from optics.patterns.slope import strengthened
-from optics.zernike import require_zernike, zernike
+from optics.chebyshev import ChebyshevExpansion
+from optics.patterns.slope import scale_within_slope
+from optics.validation import require_positive, rounded_down
+from optics.zernike import require_zernike_indices, zernike
 
-__all__ = ["aberrated"]
+__all__ = ["zernike_pattern"]
 
 
-def aberrated(
+def zernike_pattern(
     panel: Panel,
     terms: Sequence[tuple[int, int, float]],
     radius: float,
@@ -33,13 +33,13 @@ def aberrated(
     require_positive("radius", radius, "m")
     require_positive("wavelength", wavelength, "m")
     for n, m, strength in terms:
-        require_zernike(n, m)
+        require_zernike_indices(n, m)
         if not math.isfinite(strength):
             raise ValueError(f"the aberration ({n}, {m}) is {strength} m; it must be finite")
     path = _path(panel, terms, radius)
     if not torch.isfinite(path).all():
         raise ValueError(f"radius is {radius:g} m; the polynomials overflow: choose a larger one")
-    return strengthened(
+    return scale_within_slope(
         "terms",
         2 * math.pi / wavelength * path,
         1.0,
@@ -55,4 +55,4 @@ def _path(panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float) 
         return torch.stack(parts).sum(dim=0) if parts else 0 * y * x
 
     degree = max((n for n, _, _ in terms), default=0)
-    return Smooth(path, panel.plane, degree + 1).rows(slice(None))
+    return ChebyshevExpansion(path, panel.plane, degree + 1).rows(slice(None))

@@ -8,10 +8,10 @@ import torch
 
 from optics.camera import Panel
 
-__all__ = ["constant"]
+__all__ = ["constant_phase"]
 
 
-def constant(panel: Panel, phase: float = 0.0) -> torch.Tensor:
+def constant_phase(panel: Panel, phase: float = 0.0) -> torch.Tensor:
     """The same phase everywhere: a neutral pattern."""
     if not math.isfinite(phase):
         raise ValueError(f"phase is {phase}; it must be finite")

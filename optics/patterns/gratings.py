@@ -7,13 +7,13 @@ import math
 import torch
 
 from optics.camera import Panel
-from optics.edge import require_positive, rounded_down, rounded_up
 from optics.patterns.slope import require_slope
+from optics.validation import require_positive, rounded_down, rounded_up
 
 _FEWEST = 4.0
 """Pixels in a period of a sine: with fewer, its crests may fall between pixels."""
 
-__all__ = ["binary_grating", "blazed_grating", "sine", "steered"]
+__all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating"]
 
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
@@ -30,7 +30,7 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
     return 2 * math.pi * _along(panel, direction) / period
 
 
-def steered(
+def steering_grating(
     panel: Panel, shift: tuple[float, float], distance: float, wavelength: float
 ) -> torch.Tensor:
     """The blazed grating that shifts the PSF on the sensor.
@@ -69,7 +69,9 @@ def binary_grating(
     return step * (turns - 2 * torch.floor(turns / 2))
 
 
-def sine(panel: Panel, amplitude: float, period: float, direction: float = 0.0) -> torch.Tensor:
+def sine_grating(
+    panel: Panel, amplitude: float, period: float, direction: float = 0.0
+) -> torch.Tensor:
     """A wave of phase, which bends light to and fro (thesis section 6.4: low and high).
 
     amplitude: radians, from the mean to a crest. period: panel pixels, 4 at least. direction:

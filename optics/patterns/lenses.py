@@ -7,8 +7,8 @@ import math
 import torch
 
 from optics.camera import Panel
-from optics.edge import require_positive, rounded_down, rounded_up
-from optics.patterns.slope import require_slope, strengthened
+from optics.patterns.slope import require_slope, scale_within_slope
+from optics.validation import require_positive, rounded_down, rounded_up
 
 __all__ = ["axicon", "fresnel_lens"]
 
@@ -32,7 +32,7 @@ def fresnel_lens(
         raise ValueError(f"centre {centre} m must be finite in each axis")
     y, x = panel.plane.mesh()
     shape = -math.pi / wavelength * ((y - centre[0]) ** 2 + (x - centre[1]) ** 2)
-    return strengthened(
+    return scale_within_slope(
         "focal_length",
         shape,
         1 / focal_length,

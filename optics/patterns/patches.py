@@ -7,7 +7,7 @@ import math
 import torch
 
 from optics.camera import Panel
-from optics.edge import require_positive
+from optics.validation import require_positive
 
 __all__ = ["random_patches"]
 

@@ -8,14 +8,14 @@ from collections.abc import Callable
 import torch
 
 from optics.camera import Panel
-from optics.edge import require_finite, rounded_down, tensors_inside
+from optics.validation import accepts_numpy, require_finite, rounded_down
 
 _ROUNDING = 1 + 1e-9
 
-__all__ = ["superposed"]
+__all__ = ["superpose"]
 
 
-def largest_step(phase: torch.Tensor) -> float:
+def largest_phase_step(phase: torch.Tensor) -> float:
     """The largest difference of neighbouring pixels, along rows or columns, in radians."""
     steps = [torch.diff(phase, dim=axis) for axis in (0, 1)]
     return max((float(step.abs().max()) for step in steps if step.numel()), default=0.0)
@@ -33,22 +33,22 @@ def require_slope(name: str, step: float, remedy: str) -> None:
         )
 
 
-def strengthened(
+def scale_within_slope(
     name: str, shape: torch.Tensor, strength: float, remedy: Callable[[float], str]
 ) -> torch.Tensor:
     """A smooth phase of a shape, times a strength; ValueError if that is too steep.
 
     remedy: says what would be right, given the strength that the pixels just allow.
     """
-    steepest = largest_step(shape)
+    steepest = largest_phase_step(shape)
     step = abs(strength) * steepest
     if step > math.pi * _ROUNDING:
         require_slope(name, step, remedy(math.pi / steepest))
     return strength * shape
 
 
-@tensors_inside
-def superposed(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
+@accepts_numpy
+def superpose(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
     """The sum of smooth patterns, (rows, columns), radians.
 
     Patterns that jump (patches, binary gratings, retrieved ones) have no slope that could be
@@ -62,7 +62,7 @@ def superposed(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
     total = torch.zeros(panel.shape, dtype=torch.float64)
     for phase in phases:
         total = total + phase
-    step = largest_step(total)
+    step = largest_phase_step(total)
     share = rounded_down(math.pi / step) if step else ""
     require_slope("the sum", step, f"make its parts weaker, all by {share} for instance")
     return total

@@ -6,10 +6,10 @@ import math
 
 import torch
 
-from optics.fourier import Geometry, MatrixTransform, unit_phasor
+from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
 from optics.gauss_legendre import gauss_legendre
 
-_SPARE_NODES = 10
+_EXTRA_NODES = 10
 """Gauss-Legendre nodes beyond half a radian each, for full precision."""
 
 
@@ -29,23 +29,23 @@ class CurvedPixelTransform(MatrixTransform):
     name = "matrix DFT with curved pixels"
 
     def __init__(
-        self, geometry: Geometry, dtype: torch.dtype, curvature: float, side: float
+        self, geometry: FourierGeometry, dtype: torch.dtype, curvature: float, side: float
     ) -> None:
         super().__init__(geometry, dtype)
         self._curvature, self._side = curvature, side
 
-    def nodes(self, axis: int) -> int:
+    def node_count(self, axis: int) -> int:
         """Quadrature nodes inside a pixel: enough for its largest change of phase."""
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
         tilt = 2 * math.pi * float(u) * half / self.geometry.scale
-        return math.ceil((bend + tilt) / 2) + _SPARE_NODES
+        return math.ceil((bend + tilt) / 2) + _EXTRA_NODES
 
     def _kernel(self, axis: int) -> torch.Tensor:
         g = self.geometry
         u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
-        points, weights = gauss_legendre(self.nodes(axis))
+        points, weights = gauss_legendre(self.node_count(axis))
         d = torch.from_numpy(points * self._side / 2)
         weight = torch.from_numpy(weights / 2)
         turns = self._curvature / (2 * math.pi) * (x[:, None] + d) ** 2

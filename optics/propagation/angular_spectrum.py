@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from optics.fourier import CommensurateTransform, Geometry
+from optics.fourier import CommensurateTransform, FourierGeometry
 from optics.fourier.transform import PlaneTransform
-from optics.propagation.band import Band, whole_band
-from optics.propagation.spectral import SpectralPropagator
+from optics.propagation.band import FrequencyBand, resolved_band
+from optics.propagation.spectral_propagator import SpectralPropagator
 
 _MOST_PARTS = 64
 """Of a pitch, among which a common multiple of two is looked for."""
@@ -22,8 +22,8 @@ class ScaledAngularSpectrum(SpectralPropagator):
 
     name = "scaled angular spectrum"
 
-    def _pitches(self) -> list[tuple[float, float]]:
-        source, target = self._declared.source.pitch, self._declared.target.pitch
+    def _candidate_pitches(self) -> list[tuple[float, float]]:
+        source, target = self._numeric_span.source.pitch, self._numeric_span.target.pitch
         common = tuple(common_multiple(p, q) for p, q in zip(source, target, strict=True))
         pitches = [source, target, (common[0] or source[0], common[1] or source[1])]
         return list(dict.fromkeys(pitches))
@@ -42,8 +42,8 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
 
     name = "band-limited angular spectrum"
 
-    def _require_served(self) -> None:
-        super()._require_served()
+    def _require_applicable(self) -> None:
+        super()._require_applicable()
         pitches = self.span.source.pitch, self.span.target.pitch
         if not all(abs(p - q) <= 1e-12 * p for p, q in zip(*pitches, strict=True)):
             raise ValueError(
@@ -51,7 +51,7 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
                 f"{pitches[1]} m; use the scaled angular spectrum"
             )
 
-    def _transform(self, geometry: Geometry) -> PlaneTransform:
+    def _transform(self, geometry: FourierGeometry) -> PlaneTransform:
         return CommensurateTransform(geometry, self.dtype)
 
 
@@ -67,13 +67,13 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
 
     name = "angular spectrum"
 
-    def _require_served(self) -> None:
+    def _require_applicable(self) -> None:
         if self.span.cells is not None:
             raise ValueError(f"{self.name} serves smooth fields; cells have sharp edges")
-        super()._require_served()
+        super()._require_applicable()
 
-    def _made_band(self) -> Band:
-        return whole_band(self.span)
+    def _build_band(self) -> FrequencyBand:
+        return resolved_band(self.span)
 
     def _count(self, steps: float) -> int:
         """All frequencies of the FFT: the band's ends are one and the same."""

@@ -1,9 +1,9 @@
 """Which frequencies take part between two windows, and how finely they must be sampled.
 
-Light of frequency f leaves a point sideways by X(f) (optics.propagation.transfer.Rays). Only
-rays from the source to the target matter. The others may be cut, and should: a spectrum that
-is sampled every df repeats the source every 1 / df, and the fewer rays there are, the closer
-the copies may stand.
+Light of frequency f leaves a point sideways by X(f)
+(optics.propagation.transfer_function.PlaneWaveRays). Only rays from the source to the target
+matter. The others may be cut, and should: a spectrum that is sampled every df repeats the source
+every 1 / df, and the fewer rays there are, the closer the copies may stand.
 
 A sharp cut would ring. Cut by a Gaussian-smoothed step of width sigma at f_c, the light that
 is removed from a ray f_s = f_c - delta is, with kappa = dX/df,
@@ -29,8 +29,8 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.accuracy import ToleranceError
-from optics.propagation.span import Span
-from optics.propagation.transfer import Rays
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.transfer_function import PlaneWaveRays
 
 _EDGES = 10
 """Four and a circle, for light that is removed and for light from copies."""
@@ -45,31 +45,31 @@ def edge_exponent(epsilon: float) -> float:
 
 
 @dataclass(frozen=True)
-class Taper:
-    """A smooth step down with growing frequency, whose width suits a spread of the rays.
+class FrequencyTaper:
+    """A smooth step down with growing frequency, whose width suits the rays' slope.
 
-    reach: the last frequency whose light must be whole. spread: the least dX/df there and
-    beyond, square metres. epsilon: what may be lost.
+    last_full_frequency: the last frequency whose light must be whole. ray_slope: the least dX/df
+    there and beyond, square metres. epsilon: what may be lost.
     """
 
-    reach: float
-    spread: float
+    last_full_frequency: float
+    ray_slope: float
     epsilon: float
 
     @property
     def delta(self) -> float:
-        return math.sqrt(2 * edge_exponent(self.epsilon) / (math.pi * self.spread))
+        return math.sqrt(2 * edge_exponent(self.epsilon) / (math.pi * self.ray_slope))
 
     @property
     def sigma(self) -> float:
-        return 1 / math.sqrt(2 * math.pi * self.spread)
+        return 1 / math.sqrt(2 * math.pi * self.ray_slope)
 
     @property
     def centre(self) -> float:
-        return self.reach + self.delta
+        return self.last_full_frequency + self.delta
 
     @property
-    def passes(self) -> float:
+    def stop_frequency(self) -> float:
         """From where on no light is left."""
         return self.centre + self.delta
 
@@ -85,32 +85,32 @@ class Taper:
 @dataclass(frozen=True)
 class AxisBand:
     """The frequencies along an axis: samples from low to high, light that passes from
-    passes[0] to passes[1], and the tapers, if any; `below` is mirrored."""
+    passband[0] to passband[1], and the tapers, if any; `below` is mirrored."""
 
     low: float
     high: float
-    passes: tuple[float, float]
-    below: Taper | None = None
-    above: Taper | None = None
+    passband: tuple[float, float]
+    below: FrequencyTaper | None = None
+    above: FrequencyTaper | None = None
 
     @property
-    def mirrored(self) -> AxisBand:
-        low, high = self.passes
+    def mirror_image(self) -> AxisBand:
+        low, high = self.passband
         return AxisBand(-self.high, -self.low, (-high, -low), self.above, self.below)
 
     @property
-    def largest(self) -> float:
+    def largest_passed_frequency(self) -> float:
         """The largest frequency of light that passes."""
-        return max(map(abs, self.passes))
+        return max(map(abs, self.passband))
 
     @property
-    def needed(self) -> float:
+    def largest_target_frequency(self) -> float:
         """The largest frequency of light that lands on the target."""
-        low, high = self.passes
+        low, high = self.passband
         if self.above:
-            high = min(high, self.above.reach)
+            high = min(high, self.above.last_full_frequency)
         if self.below:
-            low = max(low, -self.below.reach)
+            low = max(low, -self.below.last_full_frequency)
         return max(abs(low), abs(high))
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
@@ -123,7 +123,7 @@ class AxisBand:
 
 
 @dataclass(frozen=True)
-class Band:
+class FrequencyBand:
     """The frequencies of both axes, (y, x), and how far apart the source's copies must stand.
 
     radial: a taper in the length of the frequency, where the corner of the axes' bands would
@@ -131,115 +131,125 @@ class Band:
     """
 
     axes: tuple[AxisBand, AxisBand]
-    radial: Taper | None
+    radial: FrequencyTaper | None
     period: tuple[float, float]
     epsilon: float
 
     @property
-    def needed(self) -> float:
+    def largest_target_frequency(self) -> float:
         """The largest frequency of light that lands on the target, of both axes together."""
-        return math.hypot(*(axis.needed for axis in self.axes))
+        return math.hypot(*(axis.largest_target_frequency for axis in self.axes))
 
     @property
-    def farthest(self) -> float:
+    def largest_frequency(self) -> float:
         """The largest frequency that takes part, of both axes together."""
-        corner = math.hypot(*(axis.largest for axis in self.axes))
-        return min(corner, self.radial.passes) if self.radial else corner
+        corner = math.hypot(*(axis.largest_passed_frequency for axis in self.axes))
+        return min(corner, self.radial.stop_frequency) if self.radial else corner
 
 
-def whole_band(span: Span) -> Band:
+def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
     """All that a smooth field's samples resolve, without a taper.
 
     Raises ToleranceError where the field's light grazes.
     """
     axes = []
-    for carrier, band, pitch in zip(span.carrier, span.bands, span.source.pitch, strict=True):
+    for carrier, band, pitch in zip(
+        span.carrier, span.half_bandwidths, span.source.pitch, strict=True
+    ):
         passes = (carrier - band, carrier + band)
         axes.append(AxisBand(carrier - 0.5 / pitch, carrier + 0.5 / pitch, passes))
-    return _spaced(span, (axes[0], axes[1]), None, 0.0)
+    return _with_period(span, (axes[0], axes[1]), None, 0.0)
 
 
-def reaching_band(span: Span, epsilon: float) -> Band:
+def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
     """The frequencies of the source whose rays reach the target, cut smoothly beyond.
 
     epsilon: how much is lost or comes from copies, at most, of all the source's light.
     Raises ToleranceError where the rays graze.
     """
     rays = _rays(span)
-    tangents = [_tangents(span, axis) for axis in (0, 1)]
-    near = min(abs(z) for _, _, z in span.numeric.corners)
-    reach = _Reach(span, rays, near, epsilon)
-    outer = [reach.limits(axis, tangents[axis], 0.0) for axis in (0, 1)]
-    axes = [reach.limits(axis, tangents[axis], outer[1 - axis].largest) for axis in (0, 1)]
+    tangents = [_target_tangents(span, axis) for axis in (0, 1)]
+    near = min(abs(z) for _, _, z in span.numeric.target_corners)
+    reach = _TargetBands(span, rays, near, epsilon)
+    outer = [reach.axis_band(axis, tangents[axis], 0.0) for axis in (0, 1)]
+    axes = [
+        reach.axis_band(axis, tangents[axis], outer[1 - axis].largest_passed_frequency)
+        for axis in (0, 1)
+    ]
     farthest = rays.frequency(math.hypot(*(max(map(abs, t)) for t in tangents)))
-    radial = reach.taper(farthest, outward=True)
-    corner = math.hypot(*(axis.largest for axis in axes))
-    cuts = not rays.paraxial and radial.passes < corner
-    return _spaced(span, (axes[0], axes[1]), radial if cuts else None, epsilon)
+    radial = reach.taper_above(farthest, outward=True)
+    corner = math.hypot(*(axis.largest_passed_frequency for axis in axes))
+    cuts = not rays.paraxial and radial.stop_frequency < corner
+    return _with_period(span, (axes[0], axes[1]), radial if cuts else None, epsilon)
 
 
 @dataclass(frozen=True)
-class _Reach:
+class _TargetBands:
     """The bands of rays that reach the target, axis by axis."""
 
-    span: Span
-    rays: Rays
+    span: FreeSpaceSpan
+    rays: PlaneWaveRays
     near: float
     epsilon: float
 
-    def taper(self, edge: float, outward: bool) -> Taper:
+    def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
         """Beyond a frequency; the rays spread the least at the least angle there is."""
-        slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing) if outward else 0.0
-        return Taper(edge, self.rays.spread(slowest, self.near), self.epsilon)
+        slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
+        return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
 
-    def limits(self, axis: int, tangents: tuple[float, float], across: float) -> AxisBand:
+    def axis_band(self, axis: int, tangents: tuple[float, float], across: float) -> AxisBand:
         """Along an axis, for waves of up to a frequency across it; mirrored for a way back."""
         low, high = tangents
-        above = self._beyond(high, across)
-        below = self._beyond(-low, across)
+        above = self._taper_beyond_tangent(high, across)
+        below = self._taper_beyond_tangent(-low, across)
         backwards = self.span.numeric.distance < 0
-        band = AxisBand(-below.end, above.end, (-below.passes, above.passes), below, above)
-        return self._limited(band.mirrored if backwards else band, axis)
+        band = AxisBand(
+            -below.end, above.end, (-below.stop_frequency, above.stop_frequency), below, above
+        )
+        return self._within_field_band(band.mirror_image if backwards else band, axis)
 
-    def _beyond(self, tangent: float, across: float) -> Taper:
+    def _taper_beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
         """Of rays that go farther than a tangent; on the near side of an axis that the rays
         don't cross, waves that go sideways as well need less to get there."""
         if tangent > 0:
-            return self.taper(self.rays.frequency(tangent), outward=True)
-        return self.taper(self.rays.frequency(tangent, across), outward=False)
+            return self.taper_above(self.rays.frequency(tangent), outward=True)
+        return self.taper_above(self.rays.frequency(tangent, across), outward=False)
 
-    def _limited(self, band: AxisBand, axis: int) -> AxisBand:
+    def _within_field_band(self, band: AxisBand, axis: int) -> AxisBand:
         """What of a band is in the field as well."""
         span = self.span
-        least = span.carrier[axis] - span.bands[axis]
-        most = span.carrier[axis] + span.bands[axis]
+        least = span.carrier[axis] - span.half_bandwidths[axis]
+        most = span.carrier[axis] + span.half_bandwidths[axis]
         if band.low >= most or band.high <= least:
             raise ToleranceError(
                 f"tol {span.tol:g} can't be kept: none of the field's light goes towards the "
                 f"target in {'yx'[axis]}; move the target, or give the band= that the light has"
             )
-        passes = (max(band.passes[0], least), min(band.passes[1], most))
-        return replace(band, low=max(band.low, least), high=min(band.high, most), passes=passes)
+        passes = (max(band.passband[0], least), min(band.passband[1], most))
+        return replace(band, low=max(band.low, least), high=min(band.high, most), passband=passes)
 
 
-def _rays(span: Span) -> Rays:
-    return Rays(span.numeric.wavelength, span.paraxial)
+def _rays(span: FreeSpaceSpan) -> PlaneWaveRays:
+    return PlaneWaveRays(span.numeric.wavelength, span.paraxial)
 
 
-def _tangents(span: Span, axis: int) -> tuple[float, float]:
+def _target_tangents(span: FreeSpaceSpan, axis: int) -> tuple[float, float]:
     """The least and the largest way sideways, a metre of distance, from source to target."""
-    low, high = span.extent(axis)
-    places = [(corner[axis], abs(corner[2])) for corner in span.numeric.corners]
+    low, high = span.source_extent(axis)
+    places = [(corner[axis], abs(corner[2])) for corner in span.numeric.target_corners]
     return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
 
 
-def _spaced(
-    span: Span, axes: tuple[AxisBand, AxisBand], radial: Taper | None, epsilon: float
-) -> Band:
+def _with_period(
+    span: FreeSpaceSpan,
+    axes: tuple[AxisBand, AxisBand],
+    radial: FrequencyTaper | None,
+    epsilon: float,
+) -> FrequencyBand:
     """A band with the period at which no copy's light lands on the target."""
-    band = Band(axes, radial, (math.inf, math.inf), epsilon)
+    band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
     rays = _rays(span)
-    if not band.farthest < rays.grazing * (1 - 1e-9):
+    if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
         n = span.numeric
         raise ToleranceError(
             f"tol {span.tol:g} can't be kept by a spectrum {n.distance:g} m away: rays to the "
@@ -250,24 +260,29 @@ def _spaced(
     return replace(band, period=period)
 
 
-def _period(span: Span, band: Band, rays: Rays, axis: int) -> float:
+def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
     """A copy's light goes as far as that of the source, and must miss every corner."""
     n = span.numeric
-    low, high = band.axes[axis].passes
+    low, high = band.axes[axis].passband
     if n.distance < 0:
         low, high = -high, -low
-    left, right = -_steepest(band, rays, axis, -low), _steepest(band, rays, axis, high)
-    first, last = span.extent(axis)
+    left, right = (
+        -_largest_tangent(band, rays, axis, -low),
+        _largest_tangent(band, rays, axis, high),
+    )
+    first, last = span.source_extent(axis)
     ways = [0.0]
-    for corner in n.corners:
+    for corner in n.target_corners:
         place, z = corner[axis], abs(corner[2])
         ways += [last + right * z - place, place - first - left * z]
     return max(ways)
 
 
-def _steepest(band: Band, rays: Rays, axis: int, frequency: float) -> float:
+def _largest_tangent(
+    band: FrequencyBand, rays: PlaneWaveRays, axis: int, frequency: float
+) -> float:
     """The largest tangent along an axis of light up to a frequency, whatever it does across."""
     if frequency <= 0:
         return rays.tangent(frequency)
-    left = math.sqrt(max(band.farthest**2 - frequency**2, 0.0))
-    return rays.tangent(frequency, min(band.axes[1 - axis].largest, left))
+    left = math.sqrt(max(band.largest_frequency**2 - frequency**2, 0.0))
+    return rays.tangent(frequency, min(band.axes[1 - axis].largest_passed_frequency, left))

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.special import wofz
 
 from optics.fourier import unit_phasor
-from optics.fourier.transform import applied
+from optics.fourier.transform import apply_function
 from optics.gauss_legendre import gauss_legendre
 
 _Reals = NDArray[np.float64]
 _Complexes = NDArray[np.complex128]
 
-_DIAGONAL = cmath.exp(0.25j * math.pi)
+_ROOT_I = cmath.exp(0.25j * math.pi)
 _NODES, _WEIGHTS = gauss_legendre(14)
 _FEW_RADIANS = 2.0
 """Half a turn of phase up to which 14 Gauss-Legendre nodes are exact to rounding."""
@@ -41,7 +41,7 @@ def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
     intervals, where the ends' terms would cancel, it is a Gauss-Legendre sum.
     Differentiable in both, once.
     """
-    return applied(_MeanChirp, place, width)
+    return apply_function(_MeanChirp, place, width)
 
 
 class _MeanChirp(torch.autograd.Function):
@@ -49,7 +49,7 @@ class _MeanChirp(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
-        values = _means(place.detach().cpu().numpy().ravel(), float(width.detach()))
+        values = _mean_chirps(place.detach().cpu().numpy().ravel(), float(width.detach()))
         mean = torch.from_numpy(values).reshape(place.shape).to(place.device)
         ctx.save_for_backward(place, width, mean)
         return mean
@@ -65,20 +65,20 @@ class _MeanChirp(torch.autograd.Function):
         return (gradient.conj() * in_place).real, (gradient.conj() * in_width).real.sum().to(width)
 
 
-def _means(place: _Reals, width: float) -> _Complexes:
+def _mean_chirps(place: _Reals, width: float) -> _Complexes:
     """mean_chirp() of a list of places, part by part."""
     means = np.empty(place.size, dtype=np.complex128)
     for start in range(0, place.size, _PART):
         t = np.abs(place[start : start + _PART])
         short = math.pi * width * (t + width / 4) <= _FEW_RADIANS
         part = np.empty(t.size, dtype=np.complex128)
-        part[short] = _summed(t[short], width)
-        part[~short] = _ended(t[~short], width)
+        part[short] = _mean_by_quadrature(t[short], width)
+        part[~short] = _mean_by_end_terms(t[~short], width)
         means[start : start + _PART] = part
     return means
 
 
-def _summed(t: _Reals, width: float) -> _Complexes:
+def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
     """By Gauss and Legendre."""
     total = np.zeros(t.size, dtype=np.complex128)
     for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
@@ -86,20 +86,20 @@ def _summed(t: _Reals, width: float) -> _Complexes:
     return total
 
 
-def _ended(t: _Reals, width: float) -> _Complexes:
+def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
     """By what is beyond either end; from -width / 2 to 0 the near end is on the other side."""
     near = t - width / 2
-    whole = np.where(near < 0, _DIAGONAL * _phasor(-(t**2)), 0.0)
+    whole = np.where(near < 0, _ROOT_I * _phasor(-(t**2)), 0.0)
     side = np.where(near < 0, -1.0, 1.0)
-    last = _phasor(width**2 / 4 - width * t) * _beyond(np.abs(near)) * side
-    first = _phasor(width**2 / 4 + width * t) * _beyond(t + width / 2)
+    last = _phasor(width**2 / 4 - width * t) * _scaled_tail_integral(np.abs(near)) * side
+    first = _phasor(width**2 / 4 + width * t) * _scaled_tail_integral(t + width / 2)
     return np.asarray((whole + last - first) / width, dtype=np.complex128)
 
 
-def _beyond(t: _Reals) -> _Complexes:
+def _scaled_tail_integral(t: _Reals) -> _Complexes:
     """exp(-i pi t²) times the integral of exp(i pi v²) from t >= 0 to infinity."""
-    values = np.asarray(wofz(_DIAGONAL * math.sqrt(math.pi) * t), dtype=np.complex128)
-    return 0.5 * _DIAGONAL * values
+    values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
+    return 0.5 * _ROOT_I * values
 
 
 def _phasor(half_turns: _Reals) -> _Complexes:
@@ -108,44 +108,44 @@ def _phasor(half_turns: _Reals) -> _Complexes:
     return np.cos(angle) + 1j * np.sin(angle)
 
 
-def cell_envelope(way: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
+def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
     """What a cell of constant field sends along an axis, over what its centre would send.
 
-    way: metres from the cell's centre to the target. side: metres. scale: wavelength times
-    distance, square metres, not 0; a 0-d tensor. The mean of exp(i pi (d² - 2 d way) / scale)
+    offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
+    distance, square metres, not 0; a 0-d tensor. The mean of exp(i pi (d² - 2 d offset) / scale)
     over |d| < side / 2.
     """
     root = torch.sqrt(torch.abs(scale))
-    mean = mean_chirp(way / root, side / root)
+    mean = mean_chirp(offset / root, side / root)
     return mean if float(scale.detach()) > 0 else mean.conj()
 
 
-def cell_kernel(way: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
+def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
     """The field that a cell of amplitude 1 sends along an axis, paraxially.
 
-    The integral of exp(i pi (way - d)² / scale) / sqrt(i scale) over |d| < side / 2; two of
+    The integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2; two of
     them, one along each axis, make a rectangle's field.
     """
-    return side * point_kernel(way, scale) * cell_envelope(way, side, scale)
+    return side * point_kernel(offset, scale) * cell_envelope(offset, side, scale)
 
 
-def point_kernel(way: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """The paraxial impulse response along an axis, exp(i pi way² / scale) / sqrt(i scale)."""
+def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+    """The paraxial impulse response along an axis, exp(i pi offset² / scale) / sqrt(i scale)."""
     turn = -0.125 if float(scale.detach()) > 0 else 0.125
-    phasor = unit_phasor(way**2 / (2 * scale) + turn, torch.complex128)
+    phasor = unit_phasor(offset**2 / (2 * scale) + turn, torch.complex128)
     return phasor / torch.sqrt(torch.abs(scale))
 
 
 def band_kernel(
-    way: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
+    offset: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
 ) -> torch.Tensor:
     """The field that one sample of a band-limited field sends along an axis, paraxially.
 
-    pitch times the integral of exp(-i pi scale f² + 2 pi i f way) over frequencies f within
+    pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over frequencies f within
     half a cycle a pitch of the carrier: a Fresnel integral as well, of the spectrum.
     """
     root = torch.sqrt(torch.abs(scale))
-    mean = mean_chirp((way - scale * carrier) / root, root / pitch)
-    turns = carrier * way - scale * (carrier**2 / 2)
+    mean = mean_chirp((offset - scale * carrier) / root, root / pitch)
+    turns = carrier * offset - scale * (carrier**2 / 2)
     mean = mean.conj() if float(scale.detach()) > 0 else mean
     return unit_phasor(turns, torch.complex128) * mean

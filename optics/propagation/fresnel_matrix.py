@@ -8,7 +8,7 @@ from optics.accuracy import ErrorEstimate, MachineSpeed
 from optics.propagation.fresnel_integral import band_kernel, cell_kernel
 from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.precision import working_precision
-from optics.propagation.span import Span
+from optics.propagation.span import FreeSpaceSpan
 
 _BLOCK = 1 << 20
 """Elements of a matrix that are made at once."""
@@ -32,20 +32,20 @@ class FresnelMatrices(ParaxialPropagator):
 
     name = "Fresnel matrices"
 
-    def __init__(self, span: Span) -> None:
+    def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
-        self.dtype, self.arithmetic = working_precision(span.tol - self._model, self._turns())
-        self.error = ErrorEstimate(self._model, "bound")
+        self.dtype, self.arithmetic = working_precision(span.tol - self._model_error, self._turns())
+        self.error = ErrorEstimate(self._model_error, "bound")
         (ny, nx), (my, mx) = span.source.shape, span.target.shape
         self.sampling = f"{my}x{ny} and {nx}x{mx} matrices"
-        self._kept: tuple[torch.Tensor, torch.Tensor] | None = None
+        self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _turns(self) -> float:
         """Of the kernel between the points that are farthest from each other; a smooth field
         has no faster phase than its own fringes give it."""
-        n, most = self._asked.numeric, 0.0
+        n, most = self._paraxial_span.numeric, 0.0
         for axis in (0, 1):
-            way = max(map(abs, n.lateral(axis)))
+            way = max(map(abs, n.lateral_range(axis)))
             turns = way**2 / (2 * abs(n.scale))
             if n.cells is None:
                 fringe = abs(n.carrier[axis]) + 0.5 / n.source.pitch[axis]
@@ -53,8 +53,8 @@ class FresnelMatrices(ParaxialPropagator):
             most = max(most, turns)
         return most
 
-    def _values(self, axis: int, way: torch.Tensor) -> torch.Tensor:
-        span = self._asked
+    def _kernel_values(self, axis: int, way: torch.Tensor) -> torch.Tensor:
+        span = self._paraxial_span
         scale = torch.as_tensor(span.scale, dtype=torch.float64, device="cpu")
         if span.cells is not None:
             return cell_kernel(way, span.cells[axis], scale)
@@ -66,31 +66,31 @@ class FresnelMatrices(ParaxialPropagator):
         pitch = source.pitch[axis]
         m, n = target.shape[axis], source.shape[axis]
         if abs(target.pitch[axis] - pitch) * max(m, n) < 1e-15 * pitch:
-            return self._lagged(axis)
+            return self._toeplitz_matrix(axis)
         x = source.coordinates(axis)
         rows = max(1, _BLOCK // n)
         parts = [
-            self._values(axis, part[:, None] - x).to(self.dtype)
+            self._kernel_values(axis, part[:, None] - x).to(self.dtype)
             for part in torch.split(target.coordinates(axis), rows)
         ]
         return torch.cat(parts)
 
-    def _lagged(self, axis: int) -> torch.Tensor:
+    def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
         """Between samples that are equally far apart it takes one value for each lag."""
         source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]
         lag = torch.arange(m + n - 1, dtype=torch.float64) - (n - 1) + n // 2 - m // 2
         way = lag * source.pitch[axis] + (target.centre[axis] - source.centre[axis])
         index = torch.arange(m)[:, None] - torch.arange(n) + (n - 1)
-        return self._values(axis, way).to(self.dtype)[index]
+        return self._kernel_values(axis, way).to(self.dtype)[index]
 
     def _matrices(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
         if self.span.differentiable and torch.is_grad_enabled():
             return self._matrix(0).to(device), self._matrix(1).to(device)
-        if self._kept is None or self._kept[0].device != device:
+        if self._cached_matrices is None or self._cached_matrices[0].device != device:
             with torch.no_grad():
-                self._kept = (self._matrix(0).to(device), self._matrix(1).to(device))
-        return self._kept
+                self._cached_matrices = (self._matrix(0).to(device), self._matrix(1).to(device))
+        return self._cached_matrices
 
     def prepare(self) -> None:
         if not self.span.differentiable:

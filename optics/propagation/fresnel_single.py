@@ -6,25 +6,25 @@ import math
 
 from optics.accuracy import ToleranceError
 from optics.propagation.chirped import (
-    Cells,
+    CellSampling,
     ChirpedPropagator,
     ChirpedTransform,
-    cell_error,
-    cell_nodes,
+    envelope_error,
+    envelope_node_count,
 )
 from optics.propagation.paraxial import kernel_turns
 from optics.propagation.precision import working_precision
-from optics.propagation.replicas import copies_miss, field_band, reaching
-from optics.propagation.span import Span
-from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
+from optics.propagation.replicas import field_band, replicas_miss_target, target_ray_frequencies
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.spectral_propagator import TRANSFORM_SHARE, transform_error_share
 
 SAMPLING_SHARE = 0.2
 """Of the tolerance that samples may use: copies that come near, or envelopes between nodes."""
 
-COPY_SHARE = 0.05
+REPLICA_SHARE = 0.05
 """Of the tolerance: what one of a smooth field's four nearest copies may send, at most."""
 
-MOST_NODES = 6
+MAX_ENVELOPE_NODES = 6
 """Transforms an axis beyond which other methods are always cheaper."""
 
 
@@ -39,33 +39,39 @@ class SingleFresnel(ChirpedPropagator):
 
     name = "single Fresnel transform"
 
-    def __init__(self, span: Span) -> None:
+    def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
-        n = self._asked.numeric
+        n = self._paraxial_span.numeric
         cells, sampling = None, SAMPLING_SHARE * n.tol
         if n.cells is None:
-            require_missed_copies(self.name, n)
+            require_replicas_miss_target(self.name, n)
         else:
-            cells, sampling = interpolated_cells(n, n.scale, SAMPLING_SHARE * n.tol)
-        share, turns = SAMPLING_SHARE + 2 * TRANSFORM_SHARE, kernel_turns(self._asked)
-        self.dtype, self.arithmetic = working_precision(n.tol - self._model, turns, share)
+            cells, sampling = plan_cell_sampling(n, n.scale, SAMPLING_SHARE * n.tol)
+        share, turns = SAMPLING_SHARE + 2 * TRANSFORM_SHARE, kernel_turns(self._paraxial_span)
+        self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         step = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
-            error=shared_error(n), cells=cells,
+            error=transform_error_share(n), cells=cells,
         )  # fmt: skip
         self._steps = (step,)
-        self._promise(self._model + sampling + 2 * step.error, share, self._model)
+        self._set_error_bound(
+            self._model_error + sampling + 2 * step.error, share, self._model_error
+        )
         terms = f", {cells.nodes[1]}x{cells.nodes[0]} nodes" if cells else ""
         rows, columns = n.source.shape
         self.sampling = f"{columns}x{rows} source samples{terms}, {step.name}"
 
 
-def require_missed_copies(name: str, span: Span) -> None:
+def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
     """Raise ToleranceError where a copy of a smooth field's spectrum lights the target."""
     n = span.numeric
     for axis in (0, 1):
-        band, reach, pitch = field_band(n, axis), reaching(n, axis), n.source.pitch[axis]
-        if copies_miss(band, pitch, reach, abs(n.scale), COPY_SHARE * n.tol):
+        band, reach, pitch = (
+            field_band(n, axis),
+            target_ray_frequencies(n, axis),
+            n.source.pitch[axis],
+        )
+        if replicas_miss_target(band, pitch, reach, abs(n.scale), REPLICA_SHARE * n.tol):
             continue
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by the {name}: samples {pitch:g} m apart in "
@@ -74,7 +80,9 @@ def require_missed_copies(name: str, span: Span) -> None:
         )
 
 
-def interpolated_cells(span: Span, scale: float, error: float) -> tuple[Cells, float]:
+def plan_cell_sampling(
+    span: FreeSpaceSpan, scale: float, error: float
+) -> tuple[CellSampling, float]:
     """The nodes that cells need for the way of a scale, and what they cost.
 
     Raises ToleranceError where the chirp turns too fast across the outermost cells.
@@ -85,12 +93,12 @@ def interpolated_cells(span: Span, scale: float, error: float) -> tuple[Cells, f
     for axis, side in enumerate(n.cells):
         farthest = (span.source.shape[axis] - 1) * span.source.pitch[axis] / 2
         turn = 2 * math.pi * farthest * side / abs(scale)
-        count = cell_nodes(turn, error / 2, MOST_NODES)
+        count = envelope_node_count(turn, error / 2, MAX_ENVELOPE_NODES)
         if not count:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by a single Fresnel transform: the chirp turns by "
                 f"{turn:.2g} rad across the outermost cells; use the Fresnel matrices"
             )
         nodes.append(count)
-        costs.append(3 * cell_error(turn, count))
-    return Cells(n.cells, (nodes[0], nodes[1])), sum(costs)
+        costs.append(3 * envelope_error(turn, count))
+    return CellSampling(n.cells, (nodes[0], nodes[1])), sum(costs)

@@ -19,7 +19,7 @@ class FresnelTransfer(ScaledAngularSpectrum):
     name = "Fresnel transfer function"
     paraxial = True
 
-    def _made_filter(self, frequencies: Plane) -> torch.Tensor:
+    def _build_filter(self, frequencies: Plane) -> torch.Tensor:
         """W along y, then along x, in one line."""
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))
         zero = torch.zeros(1, dtype=torch.float64)
@@ -27,7 +27,7 @@ class FresnelTransfer(ScaledAngularSpectrum):
         along = self._transfer(zero, x) * self._weight(frequencies, 1)
         return torch.cat((down, along)).to(self.dtype)
 
-    def _filtered(
+    def _apply_filter(
         self, spectrum: torch.Tensor, frequencies: Plane, *, back: bool = False
     ) -> torch.Tensor:
         w = self._filter(frequencies, spectrum.device)

@@ -12,14 +12,20 @@ from optics.accuracy import ToleranceError
 from optics.fourier.chirp import chirp_length
 from optics.fourier.fft import fft_operations
 from optics.plane import Plane
-from optics.propagation.chirped import Cells, ChirpedPropagator, ChirpedTransform
-from optics.propagation.fresnel_single import COPY_SHARE, SAMPLING_SHARE, interpolated_cells
-from optics.propagation.precision import rounding, working_precision
-from optics.propagation.replicas import Interval, copies_miss, field_band, shadow, step_widths
-from optics.propagation.span import Span
-from optics.propagation.spectral import TRANSFORM_SHARE, shared_error
+from optics.propagation.chirped import CellSampling, ChirpedPropagator, ChirpedTransform
+from optics.propagation.fresnel_single import REPLICA_SHARE, SAMPLING_SHARE, plan_cell_sampling
+from optics.propagation.precision import phase_rounding, working_precision
+from optics.propagation.replicas import (
+    Interval,
+    diffraction_margin,
+    field_band,
+    replicas_miss_target,
+    step_widths,
+)
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.spectral_propagator import TRANSFORM_SHARE, transform_error_share
 
-_PARTS = tuple(
+_PLANE_POSITIONS = tuple(
     sign * 2.0 ** (k / 2) for k in range(-6, 25) for sign in (1.0, -1.0) if (sign, k) != (1.0, 0)
 )
 """Where the plane between may lie, in distances from source to target. Beyond the target, or
@@ -36,7 +42,7 @@ _PART_OF_SAMPLE = 1e-12
 
 
 @dataclass(frozen=True)
-class Between:
+class IntermediateAxis:
     """The samples of the plane between, along one axis, and the light that passes there.
 
     low, high: metres. pitch: metres between samples. below, above: the smooth steps down at
@@ -84,44 +90,61 @@ class TwoStepFresnel(ChirpedPropagator):
 
     name = "two-step Fresnel"
 
-    def __init__(self, span: Span) -> None:
+    def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
-        n = self._asked.numeric
-        self._epsilon = COPY_SHARE * n.tol
-        part, axes, cells = self._cheapest()
+        n = self._paraxial_span.numeric
+        self._epsilon = REPLICA_SHARE * n.tol
+        part, axes, cells = self._cheapest_plane()
         self._tapers = axes
-        self._between = _plane(axes)
+        self._intermediate_plane = _sampled_plane(axes)
         turns = self._turns(part, axes)
         share = 2 * SAMPLING_SHARE + 4 * TRANSFORM_SHARE
-        self.dtype, self.arithmetic = working_precision(n.tol - self._model, turns, share)
-        scale, error = span.scale, shared_error(n)
+        self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
+        scale, error = span.scale, transform_error_share(n)
         first = ChirpedTransform(
-            n.source, self._between, part * scale, self.dtype, n.budget, error=error, cells=cells
+            n.source,
+            self._intermediate_plane,
+            part * scale,
+            self.dtype,
+            n.budget,
+            error=error,
+            cells=cells,
         )
         second = ChirpedTransform(
-            self._between, span.target, (1 - part) * scale, self.dtype, n.budget, error=error
+            self._intermediate_plane,
+            span.target,
+            (1 - part) * scale,
+            self.dtype,
+            n.budget,
+            error=error,
         )
         self._steps = (first, second)
         sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (first.error + second.error)
-        self._promise(self._model + sampling, share, self._model)
-        rows, columns = self._between.shape
+        self._set_error_bound(self._model_error + sampling, share, self._model_error)
+        rows, columns = self._intermediate_plane.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
 
-    def _cheapest(self) -> tuple[float, tuple[Between, Between], Cells | None]:
+    def _cheapest_plane(
+        self,
+    ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
         """Where the plane lies, its samples, and how cells are sent there."""
-        n, best = self._asked.numeric, math.inf
-        found: tuple[float, tuple[Between, Between], Cells | None] | None = None
-        farthest = _FARTHEST if self._asked.differentiable else math.inf
-        for part in (part for part in _PARTS if abs(part) <= farthest):
-            offer = self._offer(part)
+        n, best = self._paraxial_span.numeric, math.inf
+        found: (
+            tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None
+        ) = None
+        farthest = _FARTHEST if self._paraxial_span.differentiable else math.inf
+        for part in (part for part in _PLANE_POSITIONS if abs(part) <= farthest):
+            offer = self._plane_at(part)
             if offer is None:
                 continue
             axes, cells = offer
-            if rounding(self._turns(part, axes)) > _PHASE_SHARE * n.tol:
+            if phase_rounding(self._turns(part, axes)) > _PHASE_SHARE * n.tol:
                 continue
             terms = cells.nodes[0] * cells.nodes[1] if cells else 1
             shape = (axes[0].count, axes[1].count)
-            work = terms * _work(n.source.shape, shape) + _work(shape, n.target.shape)
+            work = terms * _chirp_z_operations(n.source.shape, shape) + _chirp_z_operations(
+                shape, n.target.shape
+            )
             if work < best:
                 best, found = work, (part, axes, cells)
         if found is None:
@@ -132,105 +155,109 @@ class TwoStepFresnel(ChirpedPropagator):
             )
         return found
 
-    def _offer(self, part: float) -> tuple[tuple[Between, Between], Cells | None] | None:
+    def _plane_at(
+        self, part: float
+    ) -> tuple[tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None:
         """The plane between and the cells' nodes at a part of the way; None where none serves."""
-        n, cells = self._asked.numeric, None
+        n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
-                cells, _ = interpolated_cells(n, part * n.scale, SAMPLING_SHARE * n.tol)
+                cells, _ = plan_cell_sampling(n, part * n.scale, SAMPLING_SHARE * n.tol)
             except ToleranceError:
                 return None
         y, x = self._axis(0, part), self._axis(1, part)
         return ((y, x), cells) if y and x else None
 
-    def _axis(self, axis: int, part: float) -> Between | None:
-        light = _Light(self._asked.numeric, axis, part, self._epsilon)
-        if light.ends is None:
+    def _axis(self, axis: int, part: float) -> IntermediateAxis | None:
+        light = _IntermediateLight(self._paraxial_span.numeric, axis, part, self._epsilon)
+        if light.window is None:
             return None
-        low, high, below, above = light.ends
-        first, last = _places(self._asked, axis)
-        left, right = light.arriving
+        low, high, below, above = light.window
+        first, last = _target_ends(self._paraxial_span, axis)
+        left, right = light.target_interval
         farthest = max(right - first, last - left)
-        pitch = abs((1 - part) * self._asked.numeric.scale) / farthest
-        return Between(low, high, pitch, below, above)
+        pitch = abs((1 - part) * self._paraxial_span.numeric.scale) / farthest
+        return IntermediateAxis(low, high, pitch, below, above)
 
-    def _turns(self, part: float, axes: tuple[Between, Between]) -> float:
+    def _turns(self, part: float, axes: tuple[IntermediateAxis, IntermediateAxis]) -> float:
         """Of the fastest chirp."""
-        n = self._asked.numeric
+        n = self._paraxial_span.numeric
         most = 0.0
         for axis, between in enumerate(axes):
             wide = (between.high - between.low) / 2
-            first, last = n.extent(axis)
+            first, last = n.source_extent(axis)
             way = max(abs(between.high - first), abs(last - between.low))
-            places = _places(n, axis)
+            places = _target_ends(n, axis)
             on = max(abs(p - (between.low + between.high) / 2) for p in places)
             most = max(most, way**2 / abs(part), (wide**2 + on**2) / abs(1 - part))
         return most / (2 * abs(n.scale))
 
     @property
     def bytes(self) -> int:
-        rows, columns = self._between.shape
+        rows, columns = self._intermediate_plane.shape
         between = 2 * self.dtype.itemsize * rows * columns
         return super().bytes + between
 
-    def _tapered(self, field: torch.Tensor) -> torch.Tensor:
+    def _taper_ends(self, field: torch.Tensor) -> torch.Tensor:
         for axis, between in enumerate(self._tapers):
-            taper = between.taper(self._between.coordinates(axis)).to(
+            taper = between.taper(self._intermediate_plane.coordinates(axis)).to(
                 field.device, field.real.dtype
             )
             field = field * (taper if axis else taper[:, None])
         return field
 
 
-class _Light:
+class _IntermediateLight:
     """Where light is in the plane between and in the target's, along an axis."""
 
-    def __init__(self, span: Span, axis: int, part: float, epsilon: float) -> None:
+    def __init__(self, span: FreeSpaceSpan, axis: int, part: float, epsilon: float) -> None:
         self._span, self._axis, self._part, self._epsilon = span, axis, part, epsilon
-        self._source, self._target = span.extent(axis), _places(span, axis)
+        self._source, self._target = span.source_extent(axis), _target_ends(span, axis)
         scale = abs(span.scale)
         # A step in this plane meets chirps of 1 / (t (1 - t) scale), as one in the spectrum
         # meets those of dX/df.
         kappa = 1 / (scale * abs(part * (1 - part)))
-        self._over, self._nothing = step_widths(kappa, math.inf, epsilon)
-        self._sigma = self._over / math.sqrt(2 * math.log(1 / epsilon))
-        self.ends = self._ends()
+        self._step_width, self._dark_margin = step_widths(kappa, math.inf, epsilon)
+        self._sigma = self._step_width / math.sqrt(2 * math.log(1 / epsilon))
+        self.window = self._find_window()
 
-    def _reached(self, part: float) -> Interval | None:
+    def _smooth_light_interval(self, part: float) -> Interval | None:
         """Where all of a smooth field's light is, at a part of the way; None of cells'."""
         span, axis = self._span, self._axis
         if span.cells is not None:
             return None
         scale, band = part * span.scale, field_band(span, axis)
-        spread = abs(scale) * shadow(abs(scale), band, span.source.pitch[axis], self._epsilon)
+        spread = abs(scale) * diffraction_margin(
+            abs(scale), band, span.source.pitch[axis], self._epsilon
+        )
         rays = sorted(scale * frequency for frequency in band)
         return self._source[0] + rays[0] - spread, self._source[1] + rays[1] + spread
 
-    def _ends(
+    def _find_window(
         self,
     ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
         """Of the plane between, with the steps there; None where it can't be."""
         part = self._part
         through = [a + part * (b - a) for a in self._source for b in self._target]
-        low = min(through) - self._nothing - self._over
-        high = max(through) + self._nothing + self._over
-        below = (min(through) - self._nothing, self._sigma)
-        above = (max(through) + self._nothing, self._sigma)
-        whole = self._reached(part)
+        low = min(through) - self._dark_margin - self._step_width
+        high = max(through) + self._dark_margin + self._step_width
+        below = (min(through) - self._dark_margin, self._sigma)
+        above = (max(through) + self._dark_margin, self._sigma)
+        whole = self._smooth_light_interval(part)
         if whole is None:
             return low, high, below, above
         left, right = max(low, whole[0]), min(high, whole[1])
-        if not left < right or not self._copies_miss(left, right):
+        if not left < right or not self._replicas_miss_window(left, right):
             return None
         return left, right, below if left == low else None, above if right == high else None
 
-    def _copies_miss(self, low: float, high: float) -> bool:
+    def _replicas_miss_window(self, low: float, high: float) -> bool:
         """Whether the source's own samples send copies to the plane between."""
         span, axis = self._span, self._axis
         scale = self._part * span.scale
         ways = (low - self._source[1], high - self._source[0])
         reach = sorted(way / scale for way in ways)
-        return copies_miss(
+        return replicas_miss_target(
             field_band(span, axis),
             span.source.pitch[axis],
             (reach[0], reach[1]),
@@ -239,26 +266,26 @@ class _Light:
         )
 
     @property
-    def arriving(self) -> Interval:
+    def target_interval(self) -> Interval:
         """Where all light that has passed the plane between arrives in the target's plane."""
-        assert self.ends is not None
+        assert self.window is not None
         part = self._part
-        low, high, below, above = self.ends
-        low -= self._nothing - self._over if below else 0.0
-        high += self._nothing - self._over if above else 0.0
+        low, high, below, above = self.window
+        low -= self._dark_margin - self._step_width if below else 0.0
+        high += self._dark_margin - self._step_width if above else 0.0
         ways = [a + (b - a) / part for a in self._source for b in (low, high)]
         first, last = min(ways), max(ways)
-        whole = self._reached(1.0)
+        whole = self._smooth_light_interval(1.0)
         return (max(first, whole[0]), min(last, whole[1])) if whole else (first, last)
 
 
-def _places(span: Span, axis: int) -> Interval:
+def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
     """The target's first and last sample along an axis, metres."""
-    places = [corner[axis] for corner in span.corners]
+    places = [corner[axis] for corner in span.target_corners]
     return min(places), max(places)
 
 
-def _plane(axes: tuple[Between, Between]) -> Plane:
+def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
     """The samples of both axes, as many as an FFT likes."""
     shape, pitch, centre = [], [], []
     for axis in axes:
@@ -270,7 +297,7 @@ def _plane(axes: tuple[Between, Between]) -> Plane:
     return Plane((shape[0], shape[1]), (pitch[0], pitch[1]), (centre[0], centre[1]))
 
 
-def _work(source: tuple[int, int], target: tuple[int, int]) -> float:
+def _chirp_z_operations(source: tuple[int, int], target: tuple[int, int]) -> float:
     """Operations of a chirp-Z transform, for a comparison."""
     rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
     return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

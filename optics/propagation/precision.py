@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError, unkeepable
+from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError, unreachable_tolerance_error
 
 FIELD32_ARITHMETIC = 1e-6
 """Relative L2 error of a field from two complex64 transforms whose phases were prepared in
@@ -19,18 +19,18 @@ _SINGLE_SHARE = 0.5
 """Of the tolerance that single precision may use."""
 
 
-def rounding(turns: float) -> float:
+def phase_rounding(turns: float) -> float:
     """Radians that float64 leaves uncertain of a phase of so many turns."""
     return 2 * math.pi * turns * _ROUNDING
 
 
-def below_floor(tol: float, share: float, fixed: float) -> ToleranceError:
+def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> ToleranceError:
     """The refusal of a tolerance, with the least one that can be kept.
 
     share: of the tolerance, whatever it is, that sampling may use. fixed: the error that
     doesn't become less with it: rounding, and what a model leaves out.
     """
-    return unkeepable(tol, fixed / (1 - share))
+    return unreachable_tolerance_error(tol, fixed / (1 - share))
 
 
 def working_precision(
@@ -42,11 +42,11 @@ def working_precision(
     times the rounding of a number. share: of the tolerance, that sampling may use. double:
     never complex64. Raises ToleranceError for a tolerance below both.
     """
-    phase = rounding(turns)
+    phase = phase_rounding(turns)
     if not double and min(_SINGLE_SHARE, 1 - share) * tol > FIELD32_ARITHMETIC:
         dtype, error = torch.complex64, max(FIELD32_ARITHMETIC, phase)
     else:
         dtype, error = torch.complex128, max(FLOAT64_ARITHMETIC, phase)
     if not error < tol * (1 - share):
-        raise below_floor(tol, share, error)
+        raise tolerance_below_error_floor(tol, share, error)
     return dtype, error

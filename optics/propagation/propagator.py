@@ -6,12 +6,12 @@ from abc import abstractmethod
 
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, Offer
-from optics.propagation.precision import below_floor
-from optics.propagation.span import Span
+from optics.accuracy import CandidateMethod, ErrorEstimate, MachineSpeed
+from optics.propagation.precision import tolerance_below_error_floor
+from optics.propagation.span import FreeSpaceSpan
 
 
-class Propagator(Offer):
+class Propagator(CandidateMethod):
     """A linear map from samples on a span's source to the field on its target.
 
     An offer knows its bytes, its processor time and its error from sampling without having
@@ -31,7 +31,7 @@ class Propagator(Offer):
     error: ErrorEstimate
     arithmetic: float
 
-    def __init__(self, span: Span) -> None:
+    def __init__(self, span: FreeSpaceSpan) -> None:
         self.span = span
 
     def _require_parallel(self) -> None:
@@ -42,7 +42,7 @@ class Propagator(Offer):
                 "faces the source: use the tilted angular spectrum or direct quadrature"
             )
 
-    def _promise(self, error: float, share: float, model: float) -> None:
+    def _set_error_bound(self, error: float, share: float, model: float) -> None:
         """Set the error, or raise ToleranceError with the least tolerance that can be kept.
 
         share: of the tolerance, whatever it is, that sampling may use; model: what a paraxial
@@ -50,7 +50,7 @@ class Propagator(Offer):
         """
         self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
         if not error + self.arithmetic <= tol:
-            raise below_floor(tol, share, self.arithmetic + model)
+            raise tolerance_below_error_floor(tol, share, self.arithmetic + model)
 
     def _slowness(self, speed: MachineSpeed) -> float:
         """How much longer than in single precision an operation takes."""

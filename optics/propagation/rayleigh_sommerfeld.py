@@ -11,12 +11,12 @@ from torch.utils.checkpoint import checkpoint
 from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
-from optics.propagation.finer import finer, finer_adjoint
-from optics.propagation.gauss import gauss_nodes
 from optics.propagation.precision import working_precision
 from optics.propagation.propagator import Propagator
-from optics.propagation.replicas import finer_samples, reaching
-from optics.propagation.span import Span
+from optics.propagation.quadrature_nodes import gauss_nodes
+from optics.propagation.replicas import oversampling_factor, target_ray_frequencies
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.upsampling import upsample, upsample_adjoint
 
 _SHARE = 0.05
 """Of the tolerance: what one of a smooth field's nearest copies may send, and what Gauss and
@@ -28,7 +28,7 @@ _MOST = 1000
 _PAIRS = 1 << 16
 """Pairs of points of both planes that are taken together, so that they stay in the caches."""
 
-_SUMMED = 1 << 11
+_TILE_SOURCE_POINTS = 1 << 11
 """Source points of a tile, unless a single row has more."""
 
 _PAIR_BYTES = 120
@@ -81,10 +81,10 @@ class DirectQuadrature(Propagator):
 
     name = "direct quadrature"
 
-    def __init__(self, span: Span) -> None:
+    def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = span.numeric
-        self._near = span.require_before()
+        self._near = span.require_target_in_front()
         self._sign = math.copysign(1.0, n.distance)
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
@@ -98,10 +98,10 @@ class DirectQuadrature(Propagator):
         """Nodes in a cell, or finer samples in place of one."""
         n, error = self.span.numeric, _SHARE * self.span.tol
         if n.cells is None:
-            factor = finer_samples(n, axis, error, _MOST)
+            factor = oversampling_factor(n, axis, error, _MOST)
         else:
             half = n.cells[axis] / 2
-            turn = 2 * math.pi * half * max(map(abs, reaching(n, axis)))
+            turn = 2 * math.pi * half * max(map(abs, target_ray_frequencies(n, axis)))
             bend = math.pi * half**2 / (n.wavelength * self._near)
             depth = math.inf if n.paraxial else self._near / half
             factor = gauss_nodes(turn, bend, depth, error, _MOST)
@@ -116,8 +116,8 @@ class DirectQuadrature(Propagator):
     def _turns(self) -> float:
         """Of the kernel between the points that are farthest from each other."""
         n = self.span.numeric
-        ways = [max(map(abs, n.lateral(axis))) for axis in (0, 1)]
-        deepest = max(abs(corner[2]) for corner in n.corners)
+        ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
+        deepest = max(abs(corner[2]) for corner in n.target_corners)
         tilted = deepest - abs(n.distance)
         return (sum(way**2 for way in ways) / (2 * self._near) + tilted) / n.wavelength
 
@@ -142,7 +142,7 @@ class DirectQuadrature(Propagator):
         """Nothing is kept."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        points = self._on_axes(self._along, field.to(self.dtype))
+        points = self._apply_along_axes(self._samples_to_points, field.to(self.dtype))
         flat = points.reshape(-1, math.prod(self._points)).mT
         sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=False)
         sent = sent.conj().resolve_conj() if self._sign < 0 else sent
@@ -153,30 +153,30 @@ class DirectQuadrature(Propagator):
         sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=True)
         sent = (sent.conj().resolve_conj() if self._sign < 0 else sent).mT
         points = sent.reshape(*field.shape[:-2], *self._points)
-        return self._on_axes(self._back, points)
+        return self._apply_along_axes(self._points_to_samples, points)
 
     @staticmethod
-    def _on_axes(
+    def _apply_along_axes(
         function: Callable[[int, torch.Tensor], torch.Tensor], field: torch.Tensor
     ) -> torch.Tensor:
         for axis in (0, 1):
             field = function(axis, field.movedim(-2 + axis, -1)).movedim(-1, -2 + axis)
         return field
 
-    def _along(self, axis: int, field: torch.Tensor) -> torch.Tensor:
+    def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
         """The field on the points along an axis, times the length of each."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
-            return finer(field, factor, span.carrier[axis] * pitch) * (pitch / factor)
+            return upsample(field, factor, span.carrier[axis] * pitch) * (pitch / factor)
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
-    def _back(self, axis: int, points: torch.Tensor) -> torch.Tensor:
-        """The adjoint of _along()."""
+    def _points_to_samples(self, axis: int, points: torch.Tensor) -> torch.Tensor:
+        """The adjoint of _samples_to_points()."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
-            return finer_adjoint(points, factor, span.carrier[axis] * pitch) * (pitch / factor)
+            return upsample_adjoint(points, factor, span.carrier[axis] * pitch) * (pitch / factor)
         parts = points.reshape(*points.shape[:-1], -1, factor)
         return (parts * self._weights(axis, points.device)).sum(-1)
 
@@ -186,7 +186,7 @@ class DirectQuadrature(Propagator):
         weights = gauss_legendre(self._factors[axis])[1] / 2
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
-    def _place(self, axis: int) -> torch.Tensor:
+    def _point_coordinates(self, axis: int) -> torch.Tensor:
         """Metres of the points along an axis."""
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
@@ -202,7 +202,7 @@ class DirectQuadrature(Propagator):
         target = self.span.target
         y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
         x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
-        places = self.span.place(y, x)
+        places = self.span.target_position(y, x)
         y, x, z = (torch.as_tensor(p, dtype=torch.float64).expand(target.shape) for p in places)
         return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
 
@@ -210,7 +210,7 @@ class DirectQuadrature(Propagator):
         """h · values, or its conjugate transpose: (points of one plane, fields)."""
         device = values.device
         target = [p.to(device) for p in self._target()]
-        source_y, source_x = (self._place(axis).to(device) for axis in (0, 1))
+        source_y, source_x = (self._point_coordinates(axis).to(device) for axis in (0, 1))
         lengths = [
             torch.as_tensor(length, dtype=torch.float64, device=device)
             for length in (self.span.distance, self.span.wavelength)
@@ -257,7 +257,7 @@ class DirectQuadrature(Propagator):
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
     """Which parts of the answer's points are made at a time, and of which of the others' they
     are summed: target samples from source rows, or the other way round."""
-    some = min(max(_SUMMED // lines, 1), rows)
+    some = min(max(_TILE_SOURCE_POINTS // lines, 1), rows)
     many = max(_PAIRS // (some * lines), 1)
     parts = [
         [slice(first, min(first + step, count)) for first in range(0, count, step)]

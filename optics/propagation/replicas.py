@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 
-from optics.propagation.span import Span
+from optics.propagation.span import FreeSpaceSpan
 
 Interval = tuple[float, float]
 
@@ -41,7 +41,7 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
     return sigma * math.sqrt(2 * log), spread / (math.pi * kappa * sigma)
 
 
-def shadow(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
+def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
     """Cycles per metre beyond a band from which on rays have none of its light.
 
     pitch: metres; copies of the band stand 1 / pitch apart.
@@ -49,11 +49,11 @@ def shadow(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
     return sum(step_widths(kappa, (1 / pitch - (band[1] - band[0])) / 2, epsilon))
 
 
-def copies_miss(
+def replicas_miss_target(
     band: Interval, pitch: float, reach: Interval, kappa: float, epsilon: float
 ) -> bool:
     """Whether no copy of a band of frequencies is among the rays that reach the target."""
-    margin = shadow(kappa, band, pitch, epsilon)
+    margin = diffraction_margin(kappa, band, pitch, epsilon)
     if not math.isfinite(margin):
         return False
     first = math.floor((reach[0] - margin - band[1]) * pitch) + 1
@@ -61,19 +61,21 @@ def copies_miss(
     return first > last or (first >= 0 and last <= 0)
 
 
-def field_band(span: Span, axis: int) -> Interval:
+def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
     """The least and the largest frequency of a smooth field."""
-    return span.carrier[axis] - span.bands[axis], span.carrier[axis] + span.bands[axis]
+    return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
+        axis
+    ] + span.half_bandwidths[axis]
 
 
-def reaching(span: Span, axis: int) -> Interval:
+def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
     """The frequencies of rays from the source to the target along axis 0 (y) or 1 (x)."""
     n = span.numeric
-    depths = [abs(corner[2]) for corner in span.corners]
-    low, high = span.lateral(axis)
-    across = max(map(abs, span.lateral(1 - axis)))
+    depths = [abs(corner[2]) for corner in span.target_corners]
+    low, high = span.lateral_range(axis)
+    across = max(map(abs, span.lateral_range(1 - axis)))
     rays = [
-        _frequency(n.wavelength, way, depth, side, span.paraxial)
+        _ray_frequency(n.wavelength, way, depth, side, span.paraxial)
         for way in (low, high)
         for depth in (min(depths), max(depths))
         for side in (0.0, across)
@@ -81,25 +83,31 @@ def reaching(span: Span, axis: int) -> Interval:
     return (min(rays), max(rays)) if n.distance > 0 else (-max(rays), -min(rays))
 
 
-def _frequency(wavelength: float, way: float, depth: float, side: float, paraxial: bool) -> float:
+def _ray_frequency(
+    wavelength: float, way: float, depth: float, side: float, paraxial: bool
+) -> float:
     """Of the ray that goes `way` along one axis, `side` along the other, and `depth`."""
     if paraxial:
         return way / (wavelength * depth)
     return way / (wavelength * math.hypot(way, side, depth))
 
 
-def finer_samples(span: Span, axis: int, epsilon: float, most: int) -> int:
+def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
     """How many times as many samples an axis needs for a plain sum; 0 if more than `most`.
 
     Frequencies beyond one over the wavelength die: copies there are missed as well.
     """
     n = span.numeric
-    band, reach, pitch = field_band(span, axis), reaching(span, axis), n.source.pitch[axis]
-    near = min(abs(corner[2]) for corner in span.corners)
+    band, reach, pitch = (
+        field_band(span, axis),
+        target_ray_frequencies(span, axis),
+        n.source.pitch[axis],
+    )
+    near = min(abs(corner[2]) for corner in span.target_corners)
     kappa = n.wavelength * near
     for factor in range(1, most + 1):
         fine = pitch / factor
-        missed = copies_miss(band, fine, reach, kappa, epsilon)
+        missed = replicas_miss_target(band, fine, reach, kappa, epsilon)
         if span.paraxial:
             # Nothing dies there.
             if missed:
@@ -109,12 +117,12 @@ def finer_samples(span: Span, axis: int, epsilon: float, most: int) -> int:
         nearest = 1 / fine - max(map(abs, band))
         if missed and near > _RAYS * n.wavelength * math.log(1 / epsilon):
             return factor
-        if nearest > 0 and _dead(nearest, n.wavelength, near) < epsilon:
+        if nearest > 0 and _evanescent_decay(nearest, n.wavelength, near) < epsilon:
             return factor
     return 0
 
 
-def _dead(frequency: float, wavelength: float, distance: float) -> float:
+def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
     """What an evanescent wave has left; 1 for a wave that travels."""
     square = frequency**2 - 1 / wavelength**2
     return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0

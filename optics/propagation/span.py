@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any, TypedDict, cast
 
 from optics.accuracy import Budget
-from optics.edge import as_number, numeric, recorded, require_positive
 from optics.plane import Plane
+from optics.validation import as_number, needs_gradient, require_positive, to_plain_numbers
 
 Scalar = Any
 """A number or a 0-d tensor in which the answer is differentiable."""
@@ -26,7 +26,7 @@ class SpanSettings(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class Span:
+class FreeSpaceSpan:
     """A stretch of free space, the field that enters it, and where it is wanted.
 
     source, target: planes across the axis; any two shapes, pitches and centres. distance:
@@ -98,7 +98,7 @@ class Span:
                         f"wider than the source's pitch, {pitch:g} m"
                     )
                 continue
-            band = self.bands[axis]
+            band = self.half_bandwidths[axis]
             if not 0 < band <= 0.5 / pitch * (1 + 1e-9):
                 raise ValueError(
                     f"band is {band:g} cycles/m in {name}; it must be positive, and samples "
@@ -106,7 +106,7 @@ class Span:
                 )
 
     @property
-    def bands(self) -> tuple[float, float]:
+    def half_bandwidths(self) -> tuple[float, float]:
         """The field's fringes to either side of its carrier, cycles per metre; infinite for
         cells, whose edges are sharp."""
         if self.cells is not None:
@@ -117,22 +117,22 @@ class Span:
         return (0.25 / y, 0.25 / x)
 
     @property
-    def area(self) -> float:
+    def sample_area(self) -> float:
         """Square metres that a sample stands for."""
         y, x = self.source.pitch if self.cells is None else self.cells
         return y * x
 
     @cached_property
-    def numeric(self) -> Span:
+    def numeric(self) -> FreeSpaceSpan:
         """The same in plain numbers."""
-        return cast(Span, numeric(self))
+        return cast(FreeSpaceSpan, to_plain_numbers(self))
 
     @property
     def scale(self) -> Scalar:
         """Wavelength times distance, square metres, with the distance's sign."""
         return self.wavelength * self.distance
 
-    def extent(self, axis: int) -> tuple[float, float]:
+    def source_extent(self, axis: int) -> tuple[float, float]:
         """Where the source's light begins and ends along axis 0 (y) or 1 (x), metres."""
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
@@ -141,21 +141,21 @@ class Span:
         return first - half, first + (n - 1) * pitch + half
 
     @cached_property
-    def corners(self) -> tuple[tuple[float, float, float], ...]:
+    def target_corners(self) -> tuple[tuple[float, float, float], ...]:
         """Of the target: (y, x, z) of its outermost samples, metres; z is from the source."""
         n = self.numeric
         (ny, nx), (py, px) = n.target.shape, n.target.pitch
         ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
         ends_x = (-(nx // 2) * px, (nx - 1 - nx // 2) * px)
-        return tuple(n.place(y, x) for y in ends_y for x in ends_x)
+        return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
-    def require_before(self) -> float:
+    def require_target_in_front(self) -> float:
         """The least distance of a target's sample from the source's plane, metres.
 
         Raises ValueError where a tilt brings some through it.
         """
         n = self.numeric
-        nearest = min(z * math.copysign(1.0, n.distance) for _, _, z in n.corners)
+        nearest = min(z * math.copysign(1.0, n.distance) for _, _, z in n.target_corners)
         if not nearest > 0:
             raise ValueError(
                 f"tilt is {n.tilt} rad; it turns the target through the source's plane, "
@@ -164,7 +164,7 @@ class Span:
             )
         return nearest
 
-    def place(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
+    def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
         """Where the points (y, x) of the target's own plane, metres from its centre, lie:
         (y, x, z), the turned place."""
         a, b = self.tilt
@@ -173,20 +173,20 @@ class Span:
         centre = self.target.centre
         return centre[0] + y * math.cos(a), centre[1] + across, self.distance + depth
 
-    def lateral(self, axis: int) -> tuple[float, float]:
+    def lateral_range(self, axis: int) -> tuple[float, float]:
         """The least and the largest lateral way, metres, from any of the source's light to any
         of the target's samples along axis 0 (y) or 1 (x), wherever a tilt brings them."""
-        first, last = self.extent(axis)
-        places = [corner[axis] for corner in self.corners]
+        first, last = self.source_extent(axis)
+        places = [corner[axis] for corner in self.target_corners]
         return min(places) - last, max(places) - first
 
     @property
     def differentiable(self) -> bool:
         """Whether a derivative in a length is wanted."""
-        return any(map(recorded, self._scalars))
+        return any(map(needs_gradient, self._scalars))
 
     @cached_property
-    def changeable(self) -> bool:
+    def has_tensor_lengths(self) -> bool:
         """Whether a length is more than a number: a tensor's value may change under a plan."""
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 

@@ -7,12 +7,16 @@ import math
 import torch
 
 from optics.accuracy import MachineSpeed
-from optics.edge import as_number, recorded
-from optics.fourier import Geometry, NonuniformTransform, unit_phasor
+from optics.fourier import FourierGeometry, NonuniformTransform, unit_phasor
 from optics.fourier.nonuniform import FINEST_NUFFT, nonuniform_bytes, nonuniform_seconds
 from optics.plane import Plane
-from optics.propagation.spectral import SpectralPropagator, any_transform, shared_error
-from optics.propagation.transfer import Rays, axial
+from optics.propagation.spectral_propagator import (
+    SpectralPropagator,
+    cheapest_transform,
+    transform_error_share,
+)
+from optics.propagation.transfer_function import PlaneWaveRays, axial_frequency
+from optics.validation import as_number, needs_gradient
 
 _POINT_BYTES = 120
 """A frequency's place on the turned plane, while it is made."""
@@ -38,57 +42,59 @@ class TiltedAngularSpectrum(SpectralPropagator):
 
     name = "tilted angular spectrum"
 
-    def _require_served(self) -> None:
-        self.span.require_before()
+    def _require_applicable(self) -> None:
+        self.span.require_target_in_front()
         self.paraxial = self.span.paraxial
 
     def _plan(self) -> None:
-        n = self._declared
+        n = self._numeric_span
         self.frequencies = self._frequencies(n.source.pitch)
         rows, columns = self.frequencies.shape
         self._require_memory(float(rows) * columns)
-        self._there = any_transform(Geometry(n.source, self.frequencies, 1.0), self.dtype, n)
-        self._nufft_error = max(shared_error(n), FINEST_NUFFT)
+        self._to_spectrum = cheapest_transform(
+            FourierGeometry(n.source, self.frequencies, 1.0), self.dtype, n
+        )
+        self._nufft_error = max(transform_error_share(n), FINEST_NUFFT)
         # Its centre is where the waves' phases are counted from.
         self._image = Plane(n.target.shape, n.target.pitch)
-        self._points: NonuniformTransform | None = None
-        self._stages = []
+        self._cached_nufft: NonuniformTransform | None = None
+        self._parts = []
 
     def _transform_error(self) -> float:
-        return self._there.error + self._nufft_error
+        return self._to_spectrum.error + self._nufft_error
 
-    def _travelling(self) -> torch.Tensor:
+    def _propagating_indices(self) -> torch.Tensor:
         """Which frequencies are waves, flat indices; those beyond the taper may not be. In the
         paraxial model all are."""
         y, x = self.frequencies.mesh()
-        grazing = Rays(self._declared.wavelength, self.paraxial).grazing
+        grazing = PlaneWaveRays(self._numeric_span.wavelength, self.paraxial).grazing_frequency
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
-    def _places(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
         """(f'_y, f'_x) of the waves, modulo what the target's samples tell apart."""
-        a, b = self._declared.tilt
-        y, x = self._waves()
-        w = axial(y, x, self._declared.wavelength, paraxial=self.paraxial)
+        a, b = self._numeric_span.tilt
+        y, x = self._wave_frequencies()
+        w = axial_frequency(y, x, self._numeric_span.wavelength, paraxial=self.paraxial)
         turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
         turned_y = turned_y + w * (math.sin(a) * math.cos(b))
         turned_x = x * math.cos(b) - w * math.sin(b)
         q = self._image.pitch
-        return _folded(turned_y, 1 / q[0]), _folded(turned_x, 1 / q[1])
+        return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
 
-    def _waves(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
         """(f_y, f_x) of the waves that are summed."""
         y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
-        return y[self._kept_waves], x[self._kept_waves]
+        return y[self._wave_indices], x[self._wave_indices]
 
     def prepare(self) -> None:
         super().prepare()
-        self._kept_waves = self._travelling()
-        y, x = self._places()
-        self._points = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
+        self._wave_indices = self._propagating_indices()
+        y, x = self._tilted_frequencies()
+        self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
         """To the target's centre, which may be off the axis."""
-        centre = self._declared.target.centre
+        centre = self._numeric_span.target.centre
         way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
         return super()._transfer(y, x) * way
 
@@ -97,53 +103,55 @@ class TiltedAngularSpectrum(SpectralPropagator):
         points = math.prod(self.frequencies.shape)
         return (
             self._filter_bytes(self.frequencies)
-            + max(self._there.bytes, _POINT_BYTES * points)
+            + max(self._to_spectrum.bytes, _POINT_BYTES * points)
             + nonuniform_bytes(points, self._image)
         )
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         points = math.prod(self.frequencies.shape)
-        sums = 2 if recorded(self.span.wavelength) else 1
+        sums = 2 if needs_gradient(self.span.wavelength) else 1
         back = nonuniform_seconds(points, self._image, self._nufft_error, speed)
-        return self._there.cpu_seconds(speed) + self._filter_seconds(speed) + sums * back
+        return self._to_spectrum.cpu_seconds(speed) + self._filter_seconds(speed) + sums * back
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        spectrum = self._filtered(self._there(field), self.frequencies)
-        points = self._sum()
-        waves = spectrum.flatten(-2)[..., self._kept_waves.to(field.device)]
+        spectrum = self._apply_filter(self._to_spectrum(field), self.frequencies)
+        points = self._target_nufft()
+        waves = spectrum.flatten(-2)[..., self._wave_indices.to(field.device)]
         answer = points(waves.conj()).conj()
-        if recorded(self.span.wavelength):
-            answer = answer + self._turned(waves)
+        if needs_gradient(self.span.wavelength):
+            answer = answer + self._wavelength_gradient_term(waves)
         return answer.to(self.dtype).resolve_conj()
 
-    def _sum(self) -> NonuniformTransform:
-        if self._points is None:
+    def _target_nufft(self) -> NonuniformTransform:
+        if self._cached_nufft is None:
             self.prepare()
-        assert self._points is not None
-        return self._points
+        assert self._cached_nufft is not None
+        return self._cached_nufft
 
-    def _turned(self, waves: torch.Tensor) -> torch.Tensor:
+    def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
         """Nothing, whose derivative is what a wavelength changes through the waves' places:
         the phase at depth Z behind the target's centre is 2 pi w Z."""
-        n, wavelength = self._declared, self.span.wavelength
-        y, x = self._waves()
+        n, wavelength = self._numeric_span, self.span.wavelength
+        y, x = self._wave_frequencies()
         if self.paraxial:
             rate = -1 / n.wavelength**2 - (y**2 + x**2) / 2
         else:
-            rate = -1 / (n.wavelength**3 * axial(y, x, n.wavelength))
-        moved = self._sum()((waves.detach() * (2j * math.pi * rate).to(waves.device)).conj()).conj()
-        depth = (n.place(*self._image.mesh())[2] - n.distance).to(waves.device)
+            rate = -1 / (n.wavelength**3 * axial_frequency(y, x, n.wavelength))
+        moved = self._target_nufft()(
+            (waves.detach() * (2j * math.pi * rate).to(waves.device)).conj()
+        ).conj()
+        depth = (n.target_position(*self._image.mesh())[2] - n.distance).to(waves.device)
         return (wavelength - as_number(wavelength)) * (depth * moved)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        points = self._sum()
+        points = self._target_nufft()
         waves = points.adjoint(field.to(torch.complex128).conj()).conj()
         rows, columns = self.frequencies.shape
         spectrum = waves.new_zeros((*field.shape[:-2], rows * columns))
-        spectrum = spectrum.index_copy(-1, self._kept_waves.to(field.device), waves)
+        spectrum = spectrum.index_copy(-1, self._wave_indices.to(field.device), waves)
         spectrum = spectrum.reshape(*field.shape[:-2], rows, columns)
-        return self._there.adjoint(self._filtered(spectrum, self.frequencies, back=True))
+        return self._to_spectrum.adjoint(self._apply_filter(spectrum, self.frequencies, back=True))
 
 
-def _folded(frequency: torch.Tensor, period: float) -> torch.Tensor:
+def _wrap_frequency(frequency: torch.Tensor, period: float) -> torch.Tensor:
     return frequency - torch.round(frequency / period) * period

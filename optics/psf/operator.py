@@ -19,25 +19,30 @@ from optics.accuracy import (
     ToleranceError,
 )
 from optics.camera import Camera, Lens
-from optics.chain import GridEngine, Light, passed_light
-from optics.edge import as_number, numeric, tensors_inside
+from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
-from optics.point.engine import Engine
-from optics.point.question import Question
-from optics.point.sphere import Sphere
-from optics.psf.choice import advice, prepared, require_method, stand_ins
+from optics.point.engine import PSFEngine
+from optics.point.request import PSFRequest
+from optics.point.spherical_wave import SphericalWaveCorrection
+from optics.psf.engine_choice import (
+    fallback_engines,
+    prepare_cheapest_engine,
+    require_method,
+    tolerance_error_with_advice,
+)
 from optics.pupil import (
     Scalar,
     cutoff_frequency,
     model_error,
     numeric_camera,
-    open_radius,
-    require_light,
+    open_pupil_radius,
+    require_valid_source,
 )
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
+from optics.validation import accepts_numpy, as_number, to_plain_numbers
 
-_LEAST = 1e-12
+_MIN_SINGLE_AMPLITUDE = 1e-12
 """Amplitudes whose squares single precision holds, with room for a dim window."""
 
 
@@ -96,17 +101,17 @@ class PSFOperator:
     ) -> None:
         self.camera = camera = optics if isinstance(optics, Camera) else None
         lens = optics.lens if isinstance(optics, Camera) else optics
-        self.unmodulated = _unmodulated(camera, unmodulated)
-        require_light(as_number(distance), as_number(wavelength))
+        self.unmodulated = _resolve_unmodulated_share(camera, unmodulated)
+        require_valid_source(as_number(distance), as_number(wavelength))
         require_method(method, camera)
         self.pixels = pixels
-        cutoff = cutoff_frequency(_numeric(optics), as_number(wavelength))
-        self._integral = PixelIntegration(pixels, cutoff, budget) if integrate else None
-        samples = self._integral.plane if self._integral else pixels
+        cutoff = cutoff_frequency(_numeric_optics(optics), as_number(wavelength))
+        self._pixel_integration = PixelIntegration(pixels, cutoff, budget) if integrate else None
+        samples = self._pixel_integration.plane if self._pixel_integration else pixels
         rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
         floor = rest + 20 * FLOAT64_ARITHMETIC
-        margin = self._integral.margin if self._integral else 0
-        question = Question(
+        margin = self._pixel_integration.margin if self._pixel_integration else 0
+        request = PSFRequest(
             lens,
             distance,
             wavelength,
@@ -116,59 +121,59 @@ class PSFOperator:
             margin,
             phase_slope,
             camera.separation if camera else 0.0,
-            _field(field),
-            _sphere(camera, distance, wavelength, field) if sphere else None,
+            _validate_field_position(field),
+            _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
             pixels.pitch if integrate else (0.0, 0.0),
         )
         if not floor <= tol:
-            raise advice(question, camera, method, rest, floor)
-        self._question = question
-        self._kept: list[tuple[torch.Tensor | None, torch.Tensor]] = []
-        self.engine = prepared(question, camera, method, rest)
+            raise tolerance_error_with_advice(request, camera, method, rest, floor)
+        self._request = request
+        self._cached_unmodulated_psfs: list[tuple[torch.Tensor | None, torch.Tensor]] = []
+        self.engine = prepare_cheapest_engine(request, camera, method, rest)
         self._method = method
-        self._stand_in: Engine | None = None
-        self.account = self._accounted(question, tol, rest)
+        self._fallback_engine: PSFEngine | None = None
+        self.account = self._build_account(request, tol, rest)
 
-    def _accounted(self, question: Question, tol: float, rest: float) -> Account:
-        engine, speed = self.engine, question.budget.speed
-        rows, columns = question.samples.shape
+    def _build_account(self, request: PSFRequest, tol: float, rest: float) -> Account:
+        engine, speed = self.engine, request.budget.speed
+        rows, columns = request.samples.shape
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
         return Account(
             method=engine.name,
             sampling=f"{engine.sampling} to {columns}x{rows} samples of "
-            f"{question.samples.pitch[1] * 1e6:.3g} µm",
+            f"{request.samples.pitch[1] * 1e6:.3g} µm",
             precision=engine.precision,
             tol=tol,
-            model=self._model_error(question),
+            model=self._model_error(request),
             sampling_error=sampling,
             arithmetic=ErrorEstimate(engine.arithmetic, "bound, from tests"),
             cpu_predicted=self.cpu_seconds(speed),
-            bytes=engine.bytes + (self._integral.bytes if self._integral else 0),
+            bytes=engine.bytes + (self._pixel_integration.bytes if self._pixel_integration else 0),
         )
 
-    def _model_error(self, question: Question) -> ErrorEstimate:
-        n = question.numeric
+    def _model_error(self, request: PSFRequest) -> ErrorEstimate:
+        n = request.numeric
         radius = n.radius
         if self.camera is not None and not n.separation:
-            radius = open_radius(replace(self.camera, lens=n.lens))
+            radius = open_pupil_radius(replace(self.camera, lens=n.lens))
         return model_error(n.lens, n.wavelength, radius)
 
     @property
     def wavelength(self) -> Scalar:
         """Metres."""
-        return self._question.wavelength
+        return self._request.wavelength
 
     @property
     def scale(self) -> Scalar:
         """Square metres of pupil or panel by a cycle on the sensor: wavelength times image
         distance, or times the lever of a panel that stands apart from the lens."""
         if self.camera is None:
-            return self._question.scale
-        return self._question.wavelength * self.camera.lever
+            return self._request.scale
+        return self._request.wavelength * self.camera.ray_matrix_b
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predicted processor time of one call, on a machine of such a speed."""
-        integral = self._integral.cpu_seconds(speed) if self._integral else 0.0
+        integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         return self.engine.cpu_seconds(speed) + integral
 
     @property
@@ -176,73 +181,82 @@ class PSFOperator:
         """Metres (y, x) in the pupil where phases and amplitudes are wanted; they broadcast."""
         return self.engine.points()
 
-    @tensors_inside
+    @accepts_numpy
     @in_full_precision
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
-        return self.answer(phase, amplitude)
+        return self.evaluate(phase, amplitude)
 
-    def answer(
+    def evaluate(
         self,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None = None,
-        straight: torch.Tensor | None = None,
+        unmodulated_spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """What a call gives, of tensors alone. spectrum, straight: of the panel with phase and
-        without, where somebody knows them already (see PSFStack)."""
-        if self._question.differentiable:
-            self._question.require_unchanged()
-        light = self._light(phase, amplitude, spectrum)
+        """What a call gives, of tensors alone. spectrum, unmodulated_spectrum: of the panel with
+        phase and without, where somebody knows them already (see PSFStack)."""
+        if self._request.differentiable:
+            self._request.require_unchanged()
+        light = self._light_on_pixels(phase, amplitude, spectrum)
         if not self.unmodulated or phase is None:
             return light
-        other = self.straight(amplitude, spectrum=straight).to(light.device)
+        other = self.unmodulated_psf(amplitude, spectrum=unmodulated_spectrum).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * other
 
-    def straight(
+    def unmodulated_psf(
         self,
         amplitude: torch.Tensor | None = None,
         *,
-        keep: bool = False,
+        cache_result: bool = False,
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
         """The PSF of light that no phase is put on.
 
-        keep: whether this very amplitude will be asked for again, unchanged. Without any, the
-        answer is always kept: it is the same for every pattern. spectrum: of the panel then,
+        cache_result: whether this very amplitude will be asked for again, unchanged. Without any,
+        the answer is always kept: it is the same for every pattern. spectrum: of the panel then,
         where it is known.
         """
-        if self._question.differentiable or (amplitude is not None and not keep):
-            return self._light(None, amplitude, spectrum)
-        for known, light in self._kept:
+        if self._request.differentiable or (amplitude is not None and not cache_result):
+            return self._light_on_pixels(None, amplitude, spectrum)
+        for known, light in self._cached_unmodulated_psfs:
             if known is amplitude:
                 return light
-        light = self._light(None, amplitude, spectrum)
+        light = self._light_on_pixels(None, amplitude, spectrum)
         if not light.requires_grad:
-            self._kept = [*self._kept[-1:], (amplitude, light)]
+            self._cached_unmodulated_psfs = [
+                *self._cached_unmodulated_psfs[-1:],
+                (amplitude, light),
+            ]
         return light
 
-    def wants_straight(self, amplitude: torch.Tensor | None) -> bool:
-        """Whether a call with a phase takes straight(), and doesn't have it yet."""
-        return self.unmodulated > 0 and not any(known is amplitude for known, _ in self._kept)
+    def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
+        """Whether a call with a phase takes unmodulated_psf(), and doesn't have it yet."""
+        return self.unmodulated > 0 and not any(
+            known is amplitude for known, _ in self._cached_unmodulated_psfs
+        )
 
-    def _light(
+    def _light_on_pixels(
         self,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        amplitude, peak = normalised(amplitude)
-        light = self._by_any(phase, amplitude, spectrum)
-        light = self._integral(light) if self._integral else light
+        amplitude, peak = normalise_amplitude(amplitude)
+        light = self._intensity_with_fallback(phase, amplitude, spectrum)
+        light = self._pixel_integration(light) if self._pixel_integration else light
         if peak == 1:
             return light
         # Beyond what single precision holds, the answer is in double.
-        wide = light if _LEAST < peak < 1 / _LEAST else light.to(torch.float64)
+        wide = (
+            light
+            if _MIN_SINGLE_AMPLITUDE < peak < 1 / _MIN_SINGLE_AMPLITUDE
+            else light.to(torch.float64)
+        )
         return wide * peak**2
 
-    def _by_any(
+    def _intensity_with_fallback(
         self,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
@@ -251,34 +265,34 @@ class PSFOperator:
         """By the engine; by another where this pattern leaves it too little light to keep tol."""
         try:
             if spectrum is not None and isinstance(self.engine, GridEngine):
-                return self.engine.of_spectrum(spectrum, phase, amplitude)
+                return self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
             return self.engine.intensity(phase, amplitude)
         except ToleranceError:
-            for other in self._others():
+            for other in self._fallback_engines():
                 try:
                     light = other.intensity(phase, amplitude)
                 except ToleranceError:
                     continue
-                self._stand_in = other
+                self._fallback_engine = other
                 return light
             raise
 
-    def _others(self) -> Iterator[Engine]:
+    def _fallback_engines(self) -> Iterator[PSFEngine]:
         """Those that may stand in for an engine that nobody asked for by its name, the last one
         that did first. Only of a panel apart from the lens are there any."""
         if self._method is not None or self.camera is None or not self.camera.separation:
             return
         tried = [self.engine]
-        if self._stand_in is not None:
-            tried.append(self._stand_in)
-            yield self._stand_in
-        yield from stand_ins(self._question, self.camera, tried)
+        if self._fallback_engine is not None:
+            tried.append(self._fallback_engine)
+            yield self._fallback_engine
+        yield from fallback_engines(self._request, self.camera, tried)
 
-    @tensors_inside
+    @accepts_numpy
     @in_full_precision
-    def light(
+    def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
-    ) -> Light:
+    ) -> LightBudget:
         """Where the light of a pattern gets to: stop, window and what is blocked.
 
         phase, amplitude: (rows, columns) of the panel, as in a call. Unmodulated light counts.
@@ -286,38 +300,40 @@ class PSFOperator:
         """
         if self.camera is None:
             raise ValueError("a lens alone has no panel whose light could be told apart")
-        window = float(self.answer(phase, amplitude).sum())
-        amplitude, peak = normalised(amplitude)
+        window = float(self.evaluate(phase, amplitude).sum())
+        amplitude, peak = normalise_amplitude(amplitude)
         parts = [(1.0, phase)]
         if self.unmodulated and phase is not None:
             parts = [(1 - self.unmodulated, phase), (self.unmodulated, None)]
-        fields = [(peak**2 * share, self._leaving(one, amplitude)) for share, one in parts]
-        return passed_light(self._question, self.camera, fields, window)
+        fields = [(peak**2 * share, self._panel_field(one, amplitude)) for share, one in parts]
+        return compute_light_budget(self._request, self.camera, fields, window)
 
-    def _leaving(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+    def _panel_field(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor:
         """The panel's field, (rows, columns), complex64."""
         assert self.camera is not None
         shape = self.camera.panel.shape
-        factor = self.engine.modulation(phase, amplitude, shape, torch.complex64)
+        factor = self.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
         if factor is None:
             factor = torch.ones(shape, dtype=torch.complex64)
         if factor.ndim != 2:
             raise ValueError(f"phase is {tuple(factor.shape)}; give one pattern, {shape}")
-        sphere = self._question.sphere
+        sphere = self._request.sphere
         if sphere is not None:
-            factor = factor * sphere.factor(*self.engine.points()).to(factor)
+            factor = factor * sphere.wave_factor(*self.engine.points()).to(factor)
         return factor.detach()
 
 
-def normalised(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
+def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
     """An amplitude of peak 1, and its peak."""
-    peak = _peak(amplitude)
+    peak = _peak_amplitude(amplitude)
     if amplitude is None or peak == 1:
         return amplitude, 1.0
     return amplitude / peak, peak
 
 
-def _peak(amplitude: torch.Tensor | None) -> float:
+def _peak_amplitude(amplitude: torch.Tensor | None) -> float:
     """The largest amplitude there is; 1 where there is none, or it is no number."""
     if amplitude is None or not amplitude.numel():
         return 1.0
@@ -325,7 +341,7 @@ def _peak(amplitude: torch.Tensor | None) -> float:
     return peak if 0 < peak < math.inf else 1.0
 
 
-def _unmodulated(camera: Camera | None, share: float | None) -> float:
+def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
     if camera is None:
         if share:
             raise ValueError(f"unmodulated is {share:g}; a lens without a panel modulates nothing")
@@ -336,26 +352,26 @@ def _unmodulated(camera: Camera | None, share: float | None) -> float:
     return share
 
 
-def _field(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
     if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
         raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
     return field[0], field[1]
 
 
-def _sphere(
+def _build_spherical_wave(
     camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
-) -> Sphere:
+) -> SphericalWaveCorrection:
     """The wave over the panel of a point whose chief ray meets the sensor at `field`."""
     if camera is None:
         raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
     image, z1 = camera.lens.image_distance, camera.separation
     sines = (field[0] / image, field[1] / image)
-    return Sphere(distance, wavelength, sines, (-z1 * sines[0], -z1 * sines[1]))
+    return SphericalWaveCorrection(distance, wavelength, sines, (-z1 * sines[0], -z1 * sines[1]))
 
 
-def _numeric(optics: Camera | Lens) -> Camera | Lens:
+def _numeric_optics(optics: Camera | Lens) -> Camera | Lens:
     """The same in plain numbers."""
-    return numeric_camera(optics) if isinstance(optics, Camera) else numeric(optics)
+    return numeric_camera(optics) if isinstance(optics, Camera) else to_plain_numbers(optics)
 
 
 def psf(
@@ -375,9 +391,9 @@ def psf(
         optics, distance, wavelength, pixels, field=field, sphere=sphere, tol=tol
     )
     value = operator(phase)
-    return Result(value, operator.account.spent(time.process_time() - started))
+    return Result(value, operator.account.with_cpu_spent(time.process_time() - started))
 
 
-def nyquist_samples(camera: Camera, wavelength: float) -> float:
+def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:
     """Samples per sensor pixel, along an axis, that just resolve the PSF's finest fringe."""
     return 2 * camera.sensor.pitch * cutoff_frequency(camera, wavelength)

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from optics.camera import Camera, Lens
-from optics.edge import tensors_inside
 from optics.plane import Plane
 from optics.psf.operator import PSFOperator
+from optics.validation import accepts_numpy
 
 
 class PolychromaticPSF:
@@ -42,7 +42,7 @@ class PolychromaticPSF:
             for wavelength in wavelengths
         )
 
-    @tensors_inside
+    @accepts_numpy
     def __call__(self, phases: torch.Tensor | None = None) -> torch.Tensor:
         if phases is not None and phases.shape[0] != len(self.operators):
             raise ValueError(

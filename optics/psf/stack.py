@@ -11,13 +11,13 @@ from torch.utils.checkpoint import checkpoint
 
 from optics.accuracy import Account, Budget
 from optics.camera import Camera
-from optics.chain import GridEngine, spectrum_of
-from optics.edge import tensors_inside
+from optics.chain import GridEngine, panel_spectrum
 from optics.plane import Plane
-from optics.psf.operator import PSFOperator, normalised
+from optics.psf.operator import PSFOperator, normalise_amplitude
 from optics.threads import in_full_precision
+from optics.validation import accepts_numpy
 
-_KEPT = 0.25
+_CACHED_FIELDS_SHARE = 0.25
 """Of the memory allowed, what fields at the sensor may take that a derivative needs again."""
 
 
@@ -61,9 +61,11 @@ class PSFStack:
             [[plan(distance=z, wavelength=w, field=one) for one in fields] for w in wavelengths]
             for z in distances
         ]
-        self._sharing = [_Shared(self._of_band(band)) for band in range(len(wavelengths))]
+        self._shared_spectra = [
+            _SharedSpectrum(self._operators_of_band(band)) for band in range(len(wavelengths))
+        ]
 
-    def _of_band(self, band: int) -> list[PSFOperator]:
+    def _operators_of_band(self, band: int) -> list[PSFOperator]:
         return [operator for row in self.operators for operator in row[band]]
 
     @property
@@ -71,14 +73,14 @@ class PSFStack:
         """Of all PSFs, in the order of the answer."""
         return [one.account for row in self.operators for band in row for one in band]
 
-    @tensors_inside
+    @accepts_numpy
     @in_full_precision
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
         phases, amplitudes = self._per_band("phase", phase), self._per_band("amplitude", amplitude)
         found = [
-            self._band(band, *given)
+            self._compute_band(band, *given)
             for band, given in enumerate(zip(phases, amplitudes, strict=True))
         ]
         shape = (len(self.operators), len(self.operators[0][0]), *self.pixels.shape)
@@ -86,7 +88,7 @@ class PSFStack:
 
     def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
         """What belongs to every band, of what may be the same for all."""
-        bands = len(self._sharing)
+        bands = len(self._shared_spectra)
         if value is None or value.ndim == 2:
             return [value] * bands
         if value.ndim != 3 or value.shape[0] != bands:
@@ -96,60 +98,63 @@ class PSFStack:
             )
         return list(value)
 
-    def _band(
+    def _compute_band(
         self, band: int, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> list[torch.Tensor]:
-        operators, shared = self._of_band(band), self._sharing[band]
+        operators, shared = self._operators_of_band(band), self._shared_spectra[band]
         spectrum = shared.spectrum(phase, amplitude)
         straight = None
-        if phase is not None and any(one.wants_straight(amplitude) for one in operators):
+        if phase is not None and any(one.needs_unmodulated_psf(amplitude) for one in operators):
             straight = shared.spectrum(None, amplitude)
-        again = self._again(spectrum)
+        again = self._needs_recomputation(spectrum)
         found = []
         for one in operators:
-            known = (spectrum, straight) if shared.serves(one) else (None, None)
+            known = (spectrum, straight) if shared.can_serve(one) else (None, None)
             if again and known[0] is not None:
-                light = checkpoint(one.answer, phase, amplitude, *known, use_reentrant=False)
+                light = checkpoint(one.evaluate, phase, amplitude, *known, use_reentrant=False)
             else:
-                light = one.answer(phase, amplitude, *known)
+                light = one.evaluate(phase, amplitude, *known)
             found.append(light)
         return found
 
-    def _again(self, spectrum: torch.Tensor | None) -> bool:
+    def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
         """Whether to compute fields at the sensor a second time, rather than keep them."""
         if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
             return False
         kept = sum(
-            2 * spectrum.element_size() * one.engine.samples
-            for band in range(len(self._sharing))
-            for one in self._of_band(band)
+            2 * spectrum.element_size() * one.engine.sample_count
+            for band in range(len(self._shared_spectra))
+            for one in self._operators_of_band(band)
         )
-        return kept > _KEPT * self._budget.memory
+        return kept > _CACHED_FIELDS_SHARE * self._budget.memory
 
 
-class _Shared:
+class _SharedSpectrum:
     """One spectrum of the panel for all operators that can take it."""
 
     def __init__(self, operators: Sequence[PSFOperator]) -> None:
         engines = [one.engine for one in operators]
         self._engines = [
-            one for one in engines if isinstance(one, GridEngine) and one.takes_spectra
+            one for one in engines if isinstance(one, GridEngine) and one.can_share_spectrum
         ]
-        if len(self._engines) < 2 or len({one.relay.dtype for one in self._engines}) > 1:
+        if len(self._engines) < 2 or len({one.propagator.dtype for one in self._engines}) > 1:
             self._engines = []
             return
         lengths, held = [], []
         for axis in (0, 1):
-            axes = [one.relay.axes[axis] for one in self._engines]
-            lengths.append(max(one.length for one in axes))
+            axes = [one.propagator.axes[axis] for one in self._engines]
+            lengths.append(max(one.fft_length for one in axes))
             held.append(
-                (min(one.band.outer[0] for one in axes), max(one.band.outer[1] for one in axes))
+                (
+                    min(one.band.outer_limits[0] for one in axes),
+                    max(one.band.outer_limits[1] for one in axes),
+                )
             )
         for one in self._engines:
-            one.settle(lengths, held)
+            one.use_shared_spectrum(lengths, held)
             one.prepare()
 
-    def serves(self, operator: PSFOperator) -> bool:
+    def can_serve(self, operator: PSFOperator) -> bool:
         return any(operator.engine is one for one in self._engines)
 
     def spectrum(
@@ -158,4 +163,6 @@ class _Shared:
         if not self._engines:
             return None
         first = self._engines[0]
-        return spectrum_of(first.relay, first.modulated(phase, normalised(amplitude)[0]))
+        return panel_spectrum(
+            first.propagator, first.panel_field(phase, normalise_amplitude(amplitude)[0])
+        )

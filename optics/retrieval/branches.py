@@ -16,7 +16,7 @@ _AT_A_TIME = 1 << 20
 """Phases of a video whose ways are looked for at a time: a few of their orders fit in memory."""
 
 
-def short_ways(phases: torch.Tensor, reach: float) -> torch.Tensor:
+def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
     """Phases plus whole waves, within 0 to `reach`, whose squared steps over the repeated video
     are the least.
 
@@ -31,12 +31,12 @@ def short_ways(phases: torch.Tensor, reach: float) -> torch.Tensor:
     wrapped = torch.remainder(phases.to(torch.float64), _TURN).to(torch.float32)
     flat = wrapped.reshape(len(phases), -1)
     pixels = max(1, _AT_A_TIME // len(phases))
-    parts = [_shortest(part, reach) for part in torch.split(flat, pixels, dim=1)]
+    parts = [_shortest_paths_of_block(part, reach) for part in torch.split(flat, pixels, dim=1)]
     return torch.cat(parts, dim=1).reshape(phases.shape)
 
 
-def _shortest(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """short_ways() of (frames, pixels) that lie within the first wave."""
+def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor:
+    """shortest_phase_paths() of (frames, pixels) that lie within the first wave."""
     orders = math.ceil(reach / _TURN)
     offsets = _TURN * torch.arange(orders, dtype=phases.dtype)
     # (frames, orders, pixels); what the panel can't show costs more than any way.
@@ -44,14 +44,14 @@ def _shortest(phases: torch.Tensor, reach: float) -> torch.Tensor:
     beyond = torch.where(shown > max(reach, _TURN), 1e6, 0.0)
     best, least = phases, torch.full(phases.shape[1:], math.inf, dtype=phases.dtype)
     for first in range(orders):
-        way, cost = _cheapest_way(shown, beyond, first)
+        way, cost = _cheapest_path(shown, beyond, first)
         better = cost < least
         best = torch.where(better, way, best)
         least = torch.where(better, cost, least)
     return best
 
 
-def _cheapest_way(
+def _cheapest_path(
     shown: torch.Tensor, beyond: torch.Tensor, first: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The way (frames, pixels) that begins and ends in the order `first`, and what it costs."""

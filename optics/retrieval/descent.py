@@ -13,15 +13,15 @@ import torch
 
 from optics.progress import Progress
 from optics.pupil import pupil_amplitude
-from optics.retrieval.goal import Goal
-from optics.shadow import shadowed
+from optics.retrieval.goal import RetrievalGoal
 from optics.slm.modulator import Modulator
+from optics.stop_shadow import with_stop_shadow_on_panel
 
 _RATE = 0.03
 """Radians of a step at first; the last ones are ten times smaller."""
 
 
-class Descent:
+class GradientDescent:
     """The difference between a goal and the mean light of frames on a real panel.
 
     orders: waves of the panel's range that are used. The loss is the squared error of the mean
@@ -29,31 +29,33 @@ class Descent:
     had there: a fitted scale would let light go astray for a smoother shape.
     """
 
-    def __init__(self, goal: Goal, orders: int = 1) -> None:
+    def __init__(self, goal: RetrievalGoal, orders: int = 1) -> None:
         self.goal, self.orders = goal, orders
         self.modulator = Modulator(goal.camera.panel, goal.wavelength)
-        self._stop = pupil_amplitude(shadowed(goal.camera)).to(torch.float32)
+        self._stop = pupil_amplitude(with_stop_shadow_on_panel(goal.camera)).to(torch.float32)
         self._power = goal.power
-        self._straight = torch.zeros(goal.plane.shape)
-        for share, field in self.modulator.straight:
+        self._unmodulated_intensity = torch.zeros(goal.plane.shape)
+        for share, field in self.modulator.unmodulated_fields:
             still = torch.ones(goal.camera.panel.shape) if field is None else field
-            self._straight += share * goal.far_field.intensity(self._lit(still)) / self._power
+            self._unmodulated_intensity += (
+                share * goal.far_field.intensity(self._field_behind_stop(still)) / self._power
+            )
 
-    def _lit(self, modulation: torch.Tensor) -> torch.Tensor:
+    def _field_behind_stop(self, modulation: torch.Tensor) -> torch.Tensor:
         return modulation.to(torch.complex64) * self._stop
 
-    def light(self, phase: torch.Tensor) -> torch.Tensor:
+    def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
         """Share of all light a sample that one frame (rows, columns) sends to the window.
 
         Differentiable: the levels are rounded in the value, and not in the derivative.
         """
         modulated = self.goal.far_field.intensity(
-            self._lit(self.modulator.modulation(self._shown(phase)))
+            self._field_behind_stop(self.modulator.modulation(self._quantised_phase(phase)))
         )
-        steered = (1 - self.modulator.unmodulated) * (1 - self.modulator.scattered)
-        return steered * modulated / self._power + self._straight
+        steered = (1 - self.modulator.unmodulated_share) * (1 - self.modulator.jitter_scatter_share)
+        return steered * modulated / self._power + self._unmodulated_intensity
 
-    def _shown(self, phase: torch.Tensor) -> torch.Tensor:
+    def _quantised_phase(self, phase: torch.Tensor) -> torch.Tensor:
         """The phase that the panel's levels make of it."""
         with torch.no_grad():
             shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
@@ -69,9 +71,9 @@ class Descent:
         for iteration in range(iterations + 1):
             progress.report(iteration / (iterations + 1), f"descent {iteration}/{iterations}")
             with torch.no_grad():
-                mean = torch.stack([self.light(frame) for frame in frames]).mean(0)
+                mean = torch.stack([self.frame_intensity(frame) for frame in frames]).mean(0)
             if wanted is None:
-                wanted = self._wanted(mean)
+                wanted = self._target_intensity(mean)
             error = float((mean - wanted).square().sum())
             if error < least:
                 least, best = error, torch.stack([frame.detach().clone() for frame in frames])
@@ -81,15 +83,15 @@ class Descent:
             pull = 2 * (mean - wanted) / (len(frames) * wanted.square().sum())
             for frame in frames:
                 # One frame's graph at a time: they share the mean, and not the memory.
-                (self.light(frame) * pull).sum().backward()  # type: ignore[no-untyped-call]
+                (self.frame_intensity(frame) * pull).sum().backward()  # type: ignore[no-untyped-call]
             adam.step()
             schedule.step()
         return best
 
-    def _wanted(self, mean: torch.Tensor) -> torch.Tensor:
+    def _target_intensity(self, mean: torch.Tensor) -> torch.Tensor:
         """The target with the light that is in its brighter part now, and beside it nothing but
         what no pattern can take away."""
         target = self.goal.target.to(torch.float32)
         bright = target > 0.02 * target.max()
         wanted = target * (mean[bright].sum() / target[bright].sum())
-        return torch.where(bright, wanted, torch.maximum(wanted, self._straight))
+        return torch.where(bright, wanted, torch.maximum(wanted, self._unmodulated_intensity))

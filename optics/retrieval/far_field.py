@@ -10,7 +10,7 @@ _AT_A_TIME = 1 << 17
 """Samples of spectra that are bounced at a time: they stay in the processor's cache."""
 
 
-def unit(field: torch.Tensor) -> torch.Tensor:
+def unit_modulus(field: torch.Tensor) -> torch.Tensor:
     """The field's phase on amplitude one; zero stays zero."""
     return torch.sgn(field)
 
@@ -33,15 +33,17 @@ class FarField:
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         """From the panel (…, rows, columns) to the window."""
-        along = self._picked(fft(field, self.length, -1), 1)
-        return self._picked(fft(along.mT.contiguous(), self.length, -1), 0).mT
+        along = self._crop_window(fft(field, self.length, -1), 1)
+        return self._crop_window(fft(along.mT.contiguous(), self.length, -1), 0).mT
 
-    def back(self, field: torch.Tensor) -> torch.Tensor:
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """From the window to the panel: the adjoint of forward()."""
         along = self._columns_back(field)
-        return self._inverse(self._spread(along, 1))[..., : self.shape[1]]
+        return self._inverse(self._embed_window(along, 1))[..., : self.shape[1]]
 
-    def bounce(self, field: torch.Tensor, amplitude: torch.Tensor | None = None) -> torch.Tensor:
+    def round_trip(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """forward(amplitude * unit(back(field))): what a phase-only panel makes of a field.
 
         amplitude: real, (rows, columns) of the panel; None is one everywhere.
@@ -59,40 +61,40 @@ class FarField:
         for first in range(0, rows, step):
             part = slice(first, min(first + step, rows))
             spectrum = memory[: part.stop - part.start]
-            self._spread(along[part], 1, spectrum)
+            self._embed_window(along[part], 1, spectrum)
             pupil = fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
             modulated = pupil[:, :columns].sgn_()
             if amplitude is not None:
                 modulated *= amplitude[part]
             pupil[:, columns:] = 0
-            self._pick(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
-        return self._picked(fft(picked.mT.contiguous(), self.length, -1), 0).mT
+            self._crop_window_into(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
+        return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
         """From the window to (…, panel rows, window columns), contiguous."""
-        back = self._inverse(self._spread(field.mT.contiguous(), 0))
+        back = self._inverse(self._embed_window(field.mT.contiguous(), 0))
         return back[..., : self.shape[0]].mT.contiguous()
 
     def _inverse(self, spectrum: torch.Tensor) -> torch.Tensor:
         """The adjoint of the FFT along the last axis."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
-    def _picked(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
+    def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
         """The window's part of a spectrum's last axis, origin from index 0 to n // 2."""
         below, above = self._halves(axis)
         return torch.cat([spectrum[..., self.length - below :], spectrum[..., :above]], dim=-1)
 
-    def _pick(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
-        """_picked() into memory that is there."""
+    def _crop_window_into(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
+        """_crop_window() into memory that is there."""
         below, above = self._halves(axis)
         window[..., :below] = spectrum[..., self.length - below :]
         window[..., below:] = spectrum[..., :above]
 
-    def _spread(
+    def _embed_window(
         self, window: torch.Tensor, axis: int, spectrum: torch.Tensor | None = None
     ) -> torch.Tensor:
         """The spectrum that is zero but for the window, in memory that is there, or new: the
-        adjoint of _picked()."""
+        adjoint of _crop_window()."""
         below, above = self._halves(axis)
         if spectrum is None:
             spectrum = window.new_empty(*window.shape[:-1], self.length)

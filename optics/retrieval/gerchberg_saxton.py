@@ -12,14 +12,14 @@ from collections.abc import Callable
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_count, tensors_inside
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.retrieval.far_field import unit
-from optics.retrieval.goal import Goal
-from optics.retrieval.starts import starting_field
+from optics.retrieval.far_field import unit_modulus
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.start_phases import starting_field
 from optics.retrieval.superpixel import Superpixels
 from optics.threads import single_threaded
+from optics.validation import accepts_numpy, require_count
 
 Constraint = Callable[[torch.Tensor], torch.Tensor]
 """From the field on the window to the one that is asked for."""
@@ -28,13 +28,13 @@ _SIGNAL = 0.02
 """Share of the target's peak from which a sample belongs to the signal."""
 
 
-def replaced(intensity: torch.Tensor) -> Constraint:
+def amplitude_constraint(intensity: torch.Tensor) -> Constraint:
     """The target's amplitude with the field's phase, as published."""
     amplitude = torch.sqrt(intensity)
-    return lambda field: unit(field) * amplitude
+    return lambda field: unit_modulus(field) * amplitude
 
 
-def over_compensated(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
+def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
     """Where the amplitude a is below the target's A, ask for A + gain (A - a), and for as much
     less where it is above: an error is answered by its opposite.
 
@@ -45,12 +45,12 @@ def over_compensated(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
 
     def constrain(field: torch.Tensor) -> torch.Tensor:
         asked = ((1 + gain) * amplitude - gain * field.abs()).clamp(min=0)
-        return unit(field) * torch.where(amplitude > 0, asked, amplitude)
+        return unit_modulus(field) * torch.where(amplitude > 0, asked, amplitude)
 
     return constrain
 
 
-def mixed_region(intensity: torch.Tensor, freedom: float) -> Constraint:
+def mixed_region_constraint(intensity: torch.Tensor, freedom: float) -> Constraint:
     """MRAF: the target's amplitude where it is bright, and freedom where it is dark.
 
     Pasienski and DeMarco, Opt. Express 16, 2176, 2008. freedom: share of the amplitude that
@@ -62,13 +62,13 @@ def mixed_region(intensity: torch.Tensor, freedom: float) -> Constraint:
     signal = intensity > _SIGNAL * intensity.max()
 
     def constrain(field: torch.Tensor) -> torch.Tensor:
-        asked = (1 - freedom) * unit(field) * amplitude
+        asked = (1 - freedom) * unit_modulus(field) * amplitude
         return torch.where(signal, asked, freedom * field)
 
     return constrain
 
 
-def iterate(
+def iterate_constraint(
     pixels: Superpixels,
     field: torch.Tensor,
     constrain: Constraint,
@@ -80,11 +80,11 @@ def iterate(
     asked = constrain(pixels.far_field.forward(field))
     for iteration in range(1, iterations):
         progress.report(iteration / iterations, f"{name} {iteration + 1}/{iterations}")
-        asked = constrain(pixels.far_field.bounce(asked, pixels.uneven))
+        asked = constrain(pixels.far_field.round_trip(asked, pixels.uneven_amplitude))
     return asked
 
 
-@tensors_inside
+@accepts_numpy
 @single_threaded
 def gerchberg_saxton(
     camera: Camera,
@@ -105,15 +105,15 @@ def gerchberg_saxton(
     empty or negative target, or one of another shape than the plane's.
     """
     require_count("iterations", iterations)
-    goal = Goal(camera, target, plane, wavelength)
+    goal = RetrievalGoal(camera, target, plane, wavelength)
     pixels = Superpixels(goal, 1)
     field = starting_field(goal, pixels, start, generator)
-    asked = iterate(
+    asked = iterate_constraint(
         pixels,
         field,
-        replaced(pixels.intensity),
+        amplitude_constraint(pixels.target_intensity),
         iterations,
         progress or Progress(),
         "Gerchberg-Saxton",
     )
-    return pixels.pattern(asked)
+    return pixels.pixel_phases(asked)

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_positive
 from optics.plane import Plane
 from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
-from optics.retrieval.grid import design_plane, far_length
-from optics.shadow import shadowed
+from optics.retrieval.grid import design_plane, far_field_length
+from optics.stop_shadow import with_stop_shadow_on_panel
+from optics.validation import require_positive
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class RetrievalGoal:
     """A target intensity on a window of the design grid, for a camera and a wavelength.
 
     target: (rows, columns), any positive scale; zero beyond the window; kept as float64 with a
@@ -60,9 +60,9 @@ class Goal:
         object.__setattr__(self, "target", target / target.max())
 
     @property
-    def length(self) -> int:
+    def far_field_samples(self) -> int:
         """Samples across the far field that the panel reaches."""
-        return far_length(self.camera)
+        return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
@@ -71,24 +71,24 @@ class Goal:
         The illumination counts: what the panel doesn't get, no phase can steer. A stop that
         stands apart counts by its shadow on the panel.
         """
-        amplitude = pupil_amplitude(shadowed(self.camera))
+        amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
         if illumination is not None:
-            light = illumination.on(self.camera.panel)
+            light = illumination.at_pixels(self.camera.panel)
             amplitude = amplitude * torch.sqrt(light / light.mean())
         return amplitude.to(torch.float32)
 
     @functools.cached_property
     def power(self) -> float:
         """All light on the design grid when the field is `amplitude`: Parseval's sum."""
-        return float(self.amplitude.to(torch.float64).square().sum()) * self.length**2
+        return float(self.amplitude.to(torch.float64).square().sum()) * self.far_field_samples**2
 
     @functools.cached_property
-    def intensity(self) -> torch.Tensor:
+    def target_intensity(self) -> torch.Tensor:
         """The target with all the light there is, (rows, columns), float32."""
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
         """From all pixels of the panel to the target's window."""
-        return FarField(self.camera.panel.shape, self.length, self.plane.shape)
+        return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

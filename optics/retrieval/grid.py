@@ -7,9 +7,9 @@ import math
 import scipy.fft
 
 from optics.camera import Camera
-from optics.edge import require_positive, rounded_down
 from optics.plane import Plane
-from optics.shadow import in_focus
+from optics.stop_shadow import panel_to_focus_distance
+from optics.validation import require_positive, rounded_down
 
 OVERSAMPLING = 2
 """The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle
@@ -24,7 +24,7 @@ _DIVISIBLE = 16
 """A length that many superpixel sizes divide."""
 
 
-def far_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
+def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
     """Samples of the far field that the panel can steer light to, along either axis.
 
     One over it is the step of the Fourier transform from pixels to the design grid: at least
@@ -44,18 +44,18 @@ def design_plane(
     beyond it, or a window larger than the panel can steer light to.
     """
     require_positive("wavelength", wavelength, "m")
-    in_focus(camera)
-    length = far_length(camera, oversampling)
+    panel_to_focus_distance(camera)
+    length = far_field_length(camera, oversampling)
     if max(window) > length:
         raise ValueError(
             f"window is {window}; the panel steers light to {length} samples at most: choose a "
             "smaller target"
         )
-    pitch = wavelength * camera.lever / (length * camera.panel.pitch)
+    pitch = wavelength * camera.ray_matrix_b / (length * camera.panel.pitch)
     return Plane(window, (pitch, pitch))
 
 
-def window_for(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
+def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
     """The window (rows, columns) that holds light up to `reach` metres from the axis, and a
     dark margin around it.
 
@@ -63,7 +63,7 @@ def window_for(camera: Camera, wavelength: float, reach: float) -> tuple[int, in
     """
     require_positive("reach", reach, "m")
     pitch = design_plane(camera, wavelength, (1, 1)).pitch[0]
-    length = far_length(camera)
+    length = far_field_length(camera)
     if 2 * reach > length * pitch:
         raise ValueError(
             f"the target reaches {reach * 1e6:.0f} µm from the axis and the panel steers light to "

@@ -8,15 +8,15 @@ from itertools import pairwise
 import torch
 
 from optics.progress import Progress
-from optics.retrieval.goal import Goal
-from optics.retrieval.superpixel import Superpixels, coarsest
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.superpixel import Superpixels, coarsest_superpixels
 
 
 @dataclass(frozen=True)
-class Job:
+class RetrievalJob:
     """One retrieval, made ready. start: one of STARTS."""
 
-    goal: Goal
+    goal: RetrievalGoal
     frames: int
     iterations: int
     generator: torch.Generator
@@ -24,12 +24,12 @@ class Job:
     start: str
 
     @property
-    def pixels(self) -> Superpixels:
+    def superpixels(self) -> Superpixels:
         """The coarsest superpixels that the goal allows."""
-        return coarsest(self.goal)
+        return coarsest_superpixels(self.goal)
 
     @property
-    def parts(self) -> list[Progress]:
+    def frame_progress(self) -> list[Progress]:
         """The progress of every frame, where one is computed after the other."""
         ends = [n / self.frames for n in range(self.frames + 1)]
         return [self.progress.part(start, stop) for start, stop in pairwise(ends)]

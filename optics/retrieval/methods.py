@@ -9,23 +9,23 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft_operations
-from optics.retrieval.descent import Descent
+from optics.retrieval.descent import GradientDescent
 from optics.retrieval.far_field import FarField
-from optics.retrieval.frames import independent, joint, sequential
+from optics.retrieval.frame_averaging import independent_frames, joint_frames, sequential_frames
 from optics.retrieval.gerchberg_saxton import (
     Constraint,
-    iterate,
-    mixed_region,
-    over_compensated,
-    replaced,
+    amplitude_constraint,
+    iterate_constraint,
+    mixed_region_constraint,
+    over_compensated_constraint,
 )
-from optics.retrieval.goal import Goal
-from optics.retrieval.job import Job
-from optics.retrieval.published import published
-from optics.retrieval.slow_crystal import responding, shown_ways
-from optics.retrieval.spots import weighted
-from optics.retrieval.starts import starting_field
-from optics.retrieval.superpixel import Superpixels, coarsest
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.job import RetrievalJob
+from optics.retrieval.published_program import published_program_pattern
+from optics.retrieval.slow_crystal import shortest_panel_phases, slow_crystal_frames
+from optics.retrieval.spots import weighted_spots_field
+from optics.retrieval.start_phases import starting_field
+from optics.retrieval.superpixel import Superpixels, coarsest_superpixels
 
 QUICK_ITERATIONS = 100
 """Of a quick method, where nothing else is asked for."""
@@ -40,112 +40,123 @@ _PASSES = 2.5
 _MOTION = 2.6
 """Time of an iteration over one without the liquid crystal's motion."""
 
-_WAY_BACK = 2.5
+_GRADIENT_COST_FACTOR = 2.5
 """Time of a step of the descent over that of a round trip with all pixels."""
 
 
-Solve = Callable[[Job], torch.Tensor]
+Solver = Callable[[RetrievalJob], torch.Tensor]
 """To phases (frames, rows, columns), radians."""
 
 
 @dataclass(frozen=True)
-class Method:
+class RetrievalMethod:
     """A way from a target to frames.
 
-    what: in a few words. least, most: the numbers of frames that it serves.
+    description: in a few words. min_frames, max_frames: the numbers of frames that it serves.
     round_trip: seconds of one iteration of one frame.
     """
 
-    solve: Solve
-    what: str
-    least: int
-    most: int
-    round_trip: Callable[[Goal, MachineSpeed], float]
+    solve: Solver
+    description: str
+    min_frames: int
+    max_frames: int
+    round_trip: Callable[[RetrievalGoal, MachineSpeed], float]
 
-    def seconds(self, goal: Goal, frames: int, iterations: int, speed: MachineSpeed) -> float:
+    def seconds(
+        self, goal: RetrievalGoal, frames: int, iterations: int, speed: MachineSpeed
+    ) -> float:
         """Predicted processor time."""
-        lift = 0.5 * _all_pixels(goal, speed)
+        lift = 0.5 * _full_trip_seconds(goal, speed)
         return frames * (lift + iterations * self.round_trip(goal, speed))
 
-    def iterations(self, goal: Goal, frames: int, seconds: float, speed: MachineSpeed) -> int:
+    def iterations(
+        self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
+    ) -> int:
         """How many fit; may be less than one."""
         rest = seconds - self.seconds(goal, frames, 0, speed)
         return int(rest / (frames * self.round_trip(goal, speed)))
 
     def serves(self, frames: int) -> bool:
-        return self.least <= frames <= self.most
+        return self.min_frames <= frames <= self.max_frames
 
 
 MOST_FRAMES = 3600
 """A minute at 60 Hz."""
 
 
-def _trip(far_field: FarField, speed: MachineSpeed) -> float:
+def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
     each = fft_operations(far_field.length) / far_field.length
     return _PASSES * far_field.samples * each * speed.fft
 
 
-def _superpixels(goal: Goal, speed: MachineSpeed) -> float:
-    return _trip(coarsest(goal).far_field, speed)
+def _superpixel_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
+    return _round_trip_seconds(coarsest_superpixels(goal).far_field, speed)
 
 
-def _all_pixels(goal: Goal, speed: MachineSpeed) -> float:
-    return _trip(goal.far_field, speed)
+def _full_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
+    return _round_trip_seconds(goal.far_field, speed)
 
 
-def _moving(goal: Goal, speed: MachineSpeed) -> float:
-    return _MOTION * _superpixels(goal, speed)
+def _slow_crystal_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
+    return _MOTION * _superpixel_trip_seconds(goal, speed)
 
 
-def _there_and_back(goal: Goal, speed: MachineSpeed) -> float:
-    return _WAY_BACK * _all_pixels(goal, speed)
+def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
+    return _GRADIENT_COST_FACTOR * _full_trip_seconds(goal, speed)
 
 
-def _single(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solve:
+def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
     """One frame, by iterations with a constraint on the image."""
 
-    def solve(job: Job) -> torch.Tensor:
-        pixels = job.pixels
+    def solve(job: RetrievalJob) -> torch.Tensor:
+        pixels = job.superpixels
         field = starting_field(job.goal, pixels, job.start, job.generator)
-        constrain = constraint(pixels.intensity)
-        asked = iterate(pixels, field, constrain, job.iterations, job.progress, name)
-        return pixels.pattern(asked)[None]
+        constrain = constraint(pixels.target_intensity)
+        asked = iterate_constraint(pixels, field, constrain, job.iterations, job.progress, name)
+        return pixels.pixel_phases(asked)[None]
 
     return solve
 
 
-def _several(way: Callable[[Superpixels, Job], torch.Tensor]) -> Solve:
+def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
     """Frames whose mean counts."""
 
-    def solve(job: Job) -> torch.Tensor:
-        pixels = job.pixels
-        return pixels.pattern(way(pixels, job))
+    def solve(job: RetrievalJob) -> torch.Tensor:
+        pixels = job.superpixels
+        return pixels.pixel_phases(way(pixels, job))
 
     return solve
 
 
-def _weighted(job: Job) -> torch.Tensor:
-    pixels = job.pixels
-    return pixels.pattern(weighted(pixels, job.iterations, job.generator, job.progress))[None]
+def _solve_weighted_spots(job: RetrievalJob) -> torch.Tensor:
+    pixels = job.superpixels
+    return pixels.pixel_phases(
+        weighted_spots_field(pixels, job.iterations, job.generator, job.progress)
+    )[None]
 
 
-def _published(job: Job) -> torch.Tensor:
+def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
     """As many frames as are wanted, each from a random start of its own."""
-    found = (published(job.goal, job.iterations, job.generator, part) for part in job.parts)
+    found = (
+        published_program_pattern(job.goal, job.iterations, job.generator, part)
+        for part in job.frame_progress
+    )
     return torch.stack(list(found))
 
 
-def _responding(job: Job) -> torch.Tensor:
-    pixels = job.pixels
-    asked = responding(pixels, replace(job, progress=job.progress.part(0, 0.9)))
-    return shown_ways(job.goal, pixels.pattern(asked))
+def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
+    pixels = job.superpixels
+    asked = slow_crystal_frames(pixels, replace(job, progress=job.progress.part(0, 0.9)))
+    return shortest_panel_phases(job.goal, pixels.pixel_phases(asked))
 
 
-def _descent(job: Job) -> torch.Tensor:
+def _solve_descent(job: RetrievalJob) -> torch.Tensor:
     """From what the quick method gives; the iterations are the descent's own."""
-    quick = replace(job, iterations=converged(job.frames), progress=job.progress.part(0, 0.1))
+    quick = replace(
+        job, iterations=iterations_to_converge(job.frames), progress=job.progress.part(0, 0.1)
+    )
     start = METHODS[quick_method(job.frames)].solve(quick)
-    return Descent(job.goal).run(start, job.iterations, job.progress.part(0.1, 1))
+    return GradientDescent(job.goal).run(start, job.iterations, job.progress.part(0.1, 1))
 
 
 def quick_method(frames: int) -> str:
@@ -153,51 +164,83 @@ def quick_method(frames: int) -> str:
     return "over-compensated" if frames == 1 else "joint"
 
 
-def converged(frames: int) -> int:
+def iterations_to_converge(frames: int) -> int:
     """Iterations after which the quick method hardly gains."""
     return 300 if frames == 1 else 100
 
 
-METHODS: dict[str, Method] = {
-    "published": Method(
-        _published, "Gerchberg-Saxton as the thesis' program has it", 1, MOST_FRAMES, _all_pixels
+METHODS: dict[str, RetrievalMethod] = {
+    "published": RetrievalMethod(
+        _solve_published_program,
+        "Gerchberg-Saxton as the thesis' program has it",
+        1,
+        MOST_FRAMES,
+        _full_trip_seconds,
     ),
-    "gerchberg-saxton": Method(
-        _single(replaced, "Gerchberg-Saxton"), "the same, corrected", 1, 1, _superpixels
+    "gerchberg-saxton": RetrievalMethod(
+        _single_frame_solver(amplitude_constraint, "Gerchberg-Saxton"),
+        "the same, corrected",
+        1,
+        1,
+        _superpixel_trip_seconds,
     ),
-    "mixed-region": Method(
-        _single(lambda target: mixed_region(target, _FREEDOM), "mixed region"),
+    "mixed-region": RetrievalMethod(
+        _single_frame_solver(
+            lambda target: mixed_region_constraint(target, _FREEDOM), "mixed region"
+        ),
         "MRAF: freedom where the target is dark",
         1,
         1,
-        _superpixels,
+        _superpixel_trip_seconds,
     ),
-    "over-compensated": Method(
-        _single(over_compensated, "over-compensated"),
+    "over-compensated": RetrievalMethod(
+        _single_frame_solver(over_compensated_constraint, "over-compensated"),
         "errors are answered by their opposites",
         1,
         1,
-        _superpixels,
+        _superpixel_trip_seconds,
     ),
-    "weighted": Method(_weighted, "weighted Gerchberg-Saxton, for spots only", 1, 1, _superpixels),
-    "independent": Method(
-        _several(independent),
+    "weighted": RetrievalMethod(
+        _solve_weighted_spots,
+        "weighted Gerchberg-Saxton, for spots only",
+        1,
+        1,
+        _superpixel_trip_seconds,
+    ),
+    "independent": RetrievalMethod(
+        _multi_frame_solver(independent_frames),
         "frames that know nothing of each other",
         1,
         MOST_FRAMES,
-        _superpixels,
+        _superpixel_trip_seconds,
     ),
-    "sequential": Method(
-        _several(sequential), "each frame aims at what is left", 2, MOST_FRAMES, _superpixels
+    "sequential": RetrievalMethod(
+        _multi_frame_solver(sequential_frames),
+        "each frame aims at what is left",
+        2,
+        MOST_FRAMES,
+        _superpixel_trip_seconds,
     ),
-    "joint": Method(
-        _several(joint), "all frames together, feedback on their mean", 2, MOST_FRAMES, _superpixels
+    "joint": RetrievalMethod(
+        _multi_frame_solver(joint_frames),
+        "all frames together, feedback on their mean",
+        2,
+        MOST_FRAMES,
+        _superpixel_trip_seconds,
     ),
-    "responding": Method(
-        _responding, "joint, for a liquid crystal that is slow", 2, MOST_FRAMES, _moving
+    "responding": RetrievalMethod(
+        _solve_slow_crystal,
+        "joint, for a liquid crystal that is slow",
+        2,
+        MOST_FRAMES,
+        _slow_crystal_trip_seconds,
     ),
-    "descent": Method(
-        _descent, "gradient descent through the real modulator", 1, MOST_FRAMES, _there_and_back
+    "descent": RetrievalMethod(
+        _solve_descent,
+        "gradient descent through the real modulator",
+        1,
+        MOST_FRAMES,
+        _descent_step_seconds,
     ),
 }
 """By name, in the order from the published one to the dearest."""

@@ -14,14 +14,19 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.camera import Panel
-from optics.retrieval.branches import short_ways
+from optics.retrieval.branches import shortest_phase_paths
 from optics.retrieval.far_field import FarField
-from optics.retrieval.frames import corrected, joint, mean_light, scaled
-from optics.retrieval.goal import Goal
-from optics.retrieval.job import Job
+from optics.retrieval.frame_averaging import (
+    correct_request,
+    joint_frames,
+    mean_intensity,
+    scale_to_mean,
+)
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.job import RetrievalJob
 from optics.retrieval.superpixel import Superpixels
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
-from optics.slm.dynamics import relaxed, steady_starts, time_nodes
+from optics.slm.dynamics import relaxed_phase, steady_start_phases, time_nodes
 from optics.slm.flatness import flatness_phase
 from optics.slm.lut import whole_waves
 
@@ -36,7 +41,7 @@ _JUDGED_NODES = 6
 
 
 @dataclass(frozen=True)
-class Crystal:
+class LiquidCrystal:
     """frame_time: seconds that a frame is shown. response_time: seconds, of the first-order
     relaxation. reach: radians that the panel can show, one wave at least."""
 
@@ -45,31 +50,31 @@ class Crystal:
     reach: float
 
 
-def orders_of(panel: Panel, wavelength: float) -> int:
+def usable_orders(panel: Panel, wavelength: float) -> int:
     """Whole waves that the panel reaches, one at least."""
     return max(1, whole_waves(panel, wavelength))
 
 
-def crystal_of(goal: Goal) -> Crystal:
+def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
     """What a goal's panel is like at its wavelength."""
     panel = goal.camera.panel
-    orders = orders_of(panel, goal.wavelength)
+    orders = usable_orders(panel, goal.wavelength)
     # What is nearer to the next wave than to the last level is shown as the first one.
     half = 0.5 * max_phase(panel, goal.wavelength) / (panel.levels - 1)
     reach = max(2 * math.pi, 2 * math.pi * orders - half)
-    return Crystal(1 / panel.frame_rate, panel.response_time, reach)
+    return LiquidCrystal(1 / panel.frame_rate, panel.response_time, reach)
 
 
-def shown_ways(goal: Goal, phases: torch.Tensor) -> torch.Tensor:
-    """short_ways() of phases (frames, rows, columns) on a goal's panel, float32.
+def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
+    """shortest_phase_paths() of phases (frames, rows, columns) on a goal's panel, float32.
 
     The panel's first level isn't a phase of zero everywhere, and the ways begin there.
     """
     ground = _first_level(goal)
-    return short_ways(phases - ground, crystal_of(goal).reach) + ground
+    return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
 
 
-def _first_level(goal: Goal) -> torch.Tensor:
+def _first_level(goal: RetrievalGoal) -> torch.Tensor:
     """The phase of the light where the panel shows its first level, (rows, columns), float32."""
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
@@ -78,53 +83,55 @@ def _first_level(goal: Goal) -> torch.Tensor:
     return phase.to(torch.float32)
 
 
-def responding(pixels: Superpixels, job: Job) -> torch.Tensor:
+def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
     """Fields on the window (frames, rows, columns) whose mean over a repeated video, motion
-    included, has the target's shape when its phases are shown in shown_ways()."""
-    crystal, iterations = crystal_of(job.goal), job.iterations
+    included, has the target's shape when its phases are shown in shortest_panel_phases()."""
+    crystal, iterations = crystal_of_goal(job.goal), job.iterations
     before = max(1, round(_WITHOUT * iterations))
     first = replace(job, iterations=before, progress=job.progress.part(0, 0.2))
-    fields = list(joint(pixels, first))
-    target = pixels.intensity
+    fields = list(joint_frames(pixels, first))
+    target = pixels.target_intensity
     wanted = target
     rest = job.progress.part(0.2, 1)
     for iteration in range(before, iterations):
         done = (iteration - before) / (iterations - before)
         rest.report(done, f"moving frames {iteration + 1}/{iterations}")
-        phases = torch.angle(pixels.far_field.back(torch.stack(fields)))
-        ways = short_ways(phases, crystal.reach)
-        wanted = corrected(
-            wanted, target, moving_light(pixels.far_field, pixels.amplitude, ways, crystal, _NODES)
+        phases = torch.angle(pixels.far_field.adjoint(torch.stack(fields)))
+        ways = shortest_phase_paths(phases, crystal.reach)
+        wanted = correct_request(
+            wanted,
+            target,
+            moving_crystal_intensity(pixels.far_field, pixels.amplitude, ways, crystal, _NODES),
         )
-        given = [pixels.far_field.bounce(field, pixels.uneven) for field in fields]
-        fields = scaled(given, mean_light(given), wanted)
+        given = [pixels.far_field.round_trip(field, pixels.uneven_amplitude) for field in fields]
+        fields = scale_to_mean(given, mean_intensity(given), wanted)
     return torch.stack(fields)
 
 
-def moving_light(
+def moving_crystal_intensity(
     far_field: FarField,
     amplitude: torch.Tensor,
     phases: torch.Tensor,
-    crystal: Crystal,
+    crystal: LiquidCrystal,
     nodes: int,
-    besides: torch.Tensor | None = None,
+    static_phase: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """The mean intensity on the window while a video (frames, rows, columns) is repeated.
 
-    besides: radians that the light gets whatever is shown, (rows, columns).
+    static_phase: radians that the light gets whatever is shown, (rows, columns).
     """
-    starts = steady_starts(phases, crystal.frame_time, crystal.response_time)
+    starts = steady_start_phases(phases, crystal.frame_time, crystal.response_time)
     times, shares = time_nodes(crystal.frame_time, crystal.response_time, nodes)
     total = torch.zeros(far_field.window, dtype=torch.float32)
     for phase, start in zip(phases, starts, strict=True):
         for time, share in zip(times, shares, strict=True):
-            moved = relaxed(phase, start, time, crystal.response_time)
-            angle = (moved if besides is None else moved + besides).to(torch.float32)
+            moved = relaxed_phase(phase, start, time, crystal.response_time)
+            angle = (moved if static_phase is None else moved + static_phase).to(torch.float32)
             total += share / len(phases) * far_field.intensity(torch.polar(amplitude, angle))
     return total
 
 
-def shown_light(goal: Goal, phases: torch.Tensor, orders: int) -> torch.Tensor:
+def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> torch.Tensor:
     """The mean PSF of frames as the panel shows them, share of all light a sample, float64.
 
     Rounded to the panel's levels; a video that is repeated, with the liquid crystal's motion if
@@ -138,5 +145,7 @@ def shown_light(goal: Goal, phases: torch.Tensor, orders: int) -> torch.Tensor:
     nodes = _JUDGED_NODES if moving else 1
     # What phase_to_grey() takes off for a known flatness, the panel puts on again.
     besides = None if panel.flatness is None else flatness_phase(panel, wavelength)
-    total = moving_light(goal.far_field, goal.amplitude, shown, crystal_of(goal), nodes, besides)
+    total = moving_crystal_intensity(
+        goal.far_field, goal.amplitude, shown, crystal_of_goal(goal), nodes, besides
+    )
     return total.to(torch.float64) / goal.power

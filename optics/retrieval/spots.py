@@ -13,8 +13,8 @@ import scipy.ndimage
 import torch
 
 from optics.progress import Progress
-from optics.retrieval.far_field import unit
-from optics.retrieval.goal import Goal
+from optics.retrieval.far_field import unit_modulus
+from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.grid import OVERSAMPLING
 from optics.retrieval.superpixel import Superpixels
 
@@ -29,7 +29,7 @@ _FREE = 8
 """Iterations until the phases are kept."""
 
 
-def find_spots(goal: Goal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Rows and columns of the target's spots on the window, and their shares of the light.
 
     Raises ValueError for a target with anything larger than a spot.
@@ -54,7 +54,7 @@ def find_spots(goal: Goal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     return torch.from_numpy(rows), torch.from_numpy(columns), torch.from_numpy(shares)
 
 
-def weighted(
+def weighted_spots_field(
     pixels: Superpixels, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
     """The field on the window, zero but at the spots, of a pattern that gives them their light."""
@@ -65,14 +65,16 @@ def weighted(
     values = torch.polar(weights, turns)
     for iteration in range(iterations):
         progress.report(iteration / iterations, f"weighted spots {iteration + 1}/{iterations}")
-        seen = pixels.far_field.bounce(_window(pixels, rows, columns, values), pixels.uneven)
+        seen = pixels.far_field.round_trip(
+            _window(pixels, rows, columns, values), pixels.uneven_amplitude
+        )
         at_spots = seen[rows, columns]
         size = at_spots.abs()
         # A spot that is too dim for its share gets more weight.
         scale = (size * amplitude).sum() / amplitude.square().sum()
         weights = weights * (scale * amplitude / size.clamp(min=1e-3 * float(size.max())))
         weights = weights / weights.norm()
-        phases = unit(at_spots) if iteration < _FREE else unit(values)
+        phases = unit_modulus(at_spots) if iteration < _FREE else unit_modulus(values)
         values = phases * weights
     return _window(pixels, rows, columns, values)
 

@@ -8,7 +8,7 @@ import math
 import torch
 
 from optics.retrieval.far_field import FarField
-from optics.retrieval.goal import Goal
+from optics.retrieval.goal import RetrievalGoal
 
 _ROOM = 1.5
 """Samples of the coarse far field over those of the window: what a phase-only panel scatters
@@ -19,9 +19,9 @@ _LEAST_SIDE = 8
 """Superpixels along the panel's shorter side, at least."""
 
 
-def superpixel_side(goal: Goal) -> int:
+def superpixel_side(goal: RetrievalGoal) -> int:
     """The largest side of superpixels, in pixels, that the goal's window allows."""
-    length, window = goal.length, max(goal.plane.shape)
+    length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
     sides = [
         side
@@ -41,11 +41,11 @@ class Superpixels:
     shape: (rows, columns) of superpixels; the last ones may reach beyond the panel.
     """
 
-    def __init__(self, goal: Goal, side: int) -> None:
+    def __init__(self, goal: RetrievalGoal, side: int) -> None:
         self.goal, self.side = goal, side
         rows, columns = goal.camera.panel.shape
         self.shape = (math.ceil(rows / side), math.ceil(columns / side))
-        self.far_field = FarField(self.shape, goal.length // side, goal.plane.shape)
+        self.far_field = FarField(self.shape, goal.far_field_samples // side, goal.plane.shape)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
@@ -57,13 +57,13 @@ class Superpixels:
         return padded.reshape(rows, side, columns, side).mean(dim=(1, 3))
 
     @functools.cached_property
-    def uneven(self) -> torch.Tensor | None:
+    def uneven_amplitude(self) -> torch.Tensor | None:
         """The amplitude, or None where it is the same everywhere."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 
     @functools.cached_property
-    def intensity(self) -> torch.Tensor:
+    def target_intensity(self) -> torch.Tensor:
         """The target with all the light of the superpixels, (rows, columns), float32."""
         power = float(self.amplitude.double().square().sum()) * self.far_field.length**2
         target = self.goal.target
@@ -76,41 +76,41 @@ class Superpixels:
         index = torch.arange(n, dtype=torch.float64) * self.side + (self.side - 1) / 2
         return index - middle
 
-    def lit(self, phase: torch.Tensor) -> torch.Tensor:
+    def panel_field(self, phase: torch.Tensor) -> torch.Tensor:
         """The field of a phase (…, rows, columns), complex64."""
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
-    def lifted(self, window: torch.Tensor) -> torch.Tensor:
+    def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
         """The field on the window, with the origin of all pixels instead of the superpixels'.
 
         The first superpixel's middle lies (side - 1) / 2 pixels from the first pixel.
         """
-        return window * self._moved(-1)
+        return window * self._origin_shift_phasor(-1)
 
-    def lowered(self, window: torch.Tensor) -> torch.Tensor:
+    def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
         """The other way: from the origin of all pixels to that of the superpixels."""
-        return window * self._moved(1)
+        return window * self._origin_shift_phasor(1)
 
-    def _moved(self, sign: int) -> torch.Tensor:
+    def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
         """The phase over the window by which a shift of the pupil's origin is seen."""
         turns = []
         for n in self.goal.plane.shape:
             index = torch.arange(n, dtype=torch.float64) - n // 2
-            turns.append(sign * math.pi * (self.side - 1) / self.goal.length * index)
+            turns.append(sign * math.pi * (self.side - 1) / self.goal.far_field_samples * index)
         both = turns[0][:, None] + turns[1]
         return torch.polar(torch.ones_like(both), both).to(torch.complex64)
 
-    def pattern(self, window: torch.Tensor) -> torch.Tensor:
+    def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
         """Phases of all pixels, (…, rows, columns) float32, for fields on the window.
 
         Exact: the window's field is band-limited, and is evaluated anew at every pixel.
         """
-        fields = self.lifted(window).reshape(-1, *self.goal.plane.shape)
+        fields = self.to_pixel_origin(window).reshape(-1, *self.goal.plane.shape)
         # One after the other: the padded spectra of many frames would fill the memory.
-        phases = torch.stack([torch.angle(self.goal.far_field.back(field)) for field in fields])
+        phases = torch.stack([torch.angle(self.goal.far_field.adjoint(field)) for field in fields])
         return phases.reshape(*window.shape[:-2], *self.goal.camera.panel.shape)
 
 
-def coarsest(goal: Goal) -> Superpixels:
+def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
     """The largest superpixels that lose nothing of the goal's window."""
     return Superpixels(goal, superpixel_side(goal))

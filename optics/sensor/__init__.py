@@ -1,11 +1,10 @@
 """From light to digital numbers, in the quantities of EMVA 1288."""
 
-from optics.sensor.chain import Shot, Stages
-from optics.sensor.drawing import draw, expose
-from optics.sensor.fixed_pattern import FixedPattern, fixed_pattern, uneven
+from optics.sensor.fixed_pattern import FixedPattern, fixed_pattern, has_fixed_pattern
+from optics.sensor.frame_sampling import expose, sample_frame
 from optics.sensor.moments import moments
 from optics.sensor.mosaic import Mosaic
-from optics.sensor.pixels import (
+from optics.sensor.pixel_integration import (
     PIXEL_INTEGRATION_ERROR,
     PIXEL_OVERSAMPLING,
     PixelIntegration,
@@ -15,6 +14,7 @@ from optics.sensor.pixels import (
     sample_pixels,
 )
 from optics.sensor.shutter import row_starts
+from optics.sensor.stages import ShotNoise, Stages
 
 __all__ = [
     "PIXEL_INTEGRATION_ERROR",
@@ -22,16 +22,16 @@ __all__ = [
     "FixedPattern",
     "Mosaic",
     "PixelIntegration",
-    "Shot",
+    "ShotNoise",
     "Stages",
-    "draw",
     "expose",
     "fixed_pattern",
+    "has_fixed_pattern",
     "integrate_pixels",
     "moments",
     "pixel_margin",
     "pixel_transfer",
     "row_starts",
+    "sample_frame",
     "sample_pixels",
-    "uneven",
 ]

@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 _ROUNDING = 1 / 12
 """Variance of rounding to whole numbers."""
 
-_HIGHEST = 0.7
+_TRANSFER_LIMIT = 0.7
 """Of the saturation's mean, up to which the photon transfer curve is fitted (section 6.6)."""
 
-_LOWEST, _LINEAR_TO = 0.05, 0.95
+_LINEARITY_FROM, _LINEARITY_TO = 0.05, 0.95
 """Of the same, between which linearity is judged (section 6.7)."""
 
 
@@ -37,15 +37,15 @@ class Characteristics:
     """What is found.
 
     gain: electrons per digital number (1/K). read_noise: electrons, temporal, in darkness at
-    the shortest exposure. dark_current: electrons per second. full_scale: electrons at which
-    the variance is largest. linearity_error: mean absolute deviation from the best line,
+    the shortest exposure. dark_current: electrons per second. saturation_capacity: electrons at
+    which the variance is largest. linearity_error: mean absolute deviation from the best line,
     relative. rate: electrons per second of the light. points: the photon transfer curve.
     """
 
     gain: float
     read_noise: float
     dark_current: float
-    full_scale: float
+    saturation_capacity: float
     linearity_error: float
     rate: float
     points: tuple[TransferPoint, ...]
@@ -74,23 +74,23 @@ def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
     )
 
 
-def measure(
-    lit: Mapping[float, tuple[Frame, Frame]], dark: Mapping[float, tuple[Frame, Frame]]
+def measure_characteristics(
+    illuminated: Mapping[float, tuple[Frame, Frame]], dark: Mapping[float, tuple[Frame, Frame]]
 ) -> Characteristics:
     """Gain, noise, dark current and linearity, from pairs of frames.
 
-    lit, dark: by exposure in seconds, the same ones for both; even, constant light, and none.
-    Raises ValueError for fewer than five exposures, or other ones in darkness.
+    illuminated, dark: by exposure in seconds, the same ones for both; even, constant light, and
+    none. Raises ValueError for fewer than five exposures, or other ones in darkness.
     """
-    exposures = sorted(lit)
+    exposures = sorted(illuminated)
     if exposures != sorted(dark):
         raise ValueError("light and darkness have other exposures; take each in both")
     if len(exposures) < 5:
         raise ValueError(f"{len(exposures)} exposures are given; a curve needs five or more")
     darkness = [(t, *pair_moments(*dark[t])) for t in exposures]
-    points = tuple(_point(t, lit[t], mean, variance) for t, mean, variance in darkness)
+    points = tuple(_point(t, illuminated[t], mean, variance) for t, mean, variance in darkness)
     full = max(points, key=lambda point: point.variance)
-    slope = _through_zero([p for p in points if p.mean <= _HIGHEST * full.mean])
+    slope = _photon_transfer_slope([p for p in points if p.mean <= _TRANSFER_LIMIT * full.mean])
     gain = 1 / slope
     noise = max(darkness[0][2] - _ROUNDING, 0.0)
     times, means = np.array(exposures), np.array([mean for _, mean, _ in darkness])
@@ -99,7 +99,7 @@ def measure(
         gain=gain,
         read_noise=gain * math.sqrt(noise),
         dark_current=gain * float(np.polyfit(times, means, 1)[0]),
-        full_scale=gain * full.mean,
+        saturation_capacity=gain * full.mean,
         linearity_error=error,
         rate=gain * rate,
         points=points,
@@ -113,7 +113,7 @@ def _point(
     return TransferPoint(exposure, mean - dark_mean, variance - dark_variance)
 
 
-def _through_zero(points: Sequence[TransferPoint]) -> float:
+def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
     """The photon transfer curve's slope (section 6.6). Each variance is known to a share of
     itself, so that all points count alike by ratio: the curve is a line through zero."""
     used = [p for p in points if p.mean > 0]
@@ -130,7 +130,7 @@ def _through_zero(points: Sequence[TransferPoint]) -> float:
 def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, float]:
     """Slope of the mean by exposure, and the mean deviation from the line, both by relative
     residuals (section 6.7)."""
-    used = [p for p in points if _LOWEST * full <= p.mean <= _LINEAR_TO * full]
+    used = [p for p in points if _LINEARITY_FROM * full <= p.mean <= _LINEARITY_TO * full]
     if len(used) < 3:
         raise ValueError(
             "fewer than three exposures lie between 5 and 95 % of saturation; take more"
@@ -148,8 +148,8 @@ def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -
     own measure. The light must be even. gain: electrons per digital number. Raises ValueError
     for fewer than two frames of either, or a light that isn't above darkness.
     """
-    light, light_variance = _spatial(half_full)
-    darkness, dark_variance = _spatial(dark)
+    light, light_variance = _mean_and_spatial_variance(half_full)
+    darkness, dark_variance = _mean_and_spatial_variance(dark)
     above = float(light.mean() - darkness.mean())
     if above <= 0:
         raise ValueError(f"the lit frames are {above:g} numbers above the dark; light the sensor")
@@ -157,7 +157,7 @@ def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -
     return Uniformity(prnu, gain * math.sqrt(max(dark_variance, 0.0)))
 
 
-def _spatial(frames: Sequence[Frame]) -> tuple[Array, float]:
+def _mean_and_spatial_variance(frames: Sequence[Frame]) -> tuple[Array, float]:
     """The average frame, and the variance over its pixels without what is temporal."""
     count = len(frames)
     if count < 2:

@@ -13,7 +13,7 @@ from optics.sensor.sensor import Sensor
 OFFSET_STEPS = 4
 """Steps of offset a standard deviation: whole steps let moments be tabulated exactly."""
 
-_FURTHEST = 4.5
+_MAX_DEVIATIONS = 4.5
 """Standard deviations beyond which no pixel is drawn; one in 150,000 would be."""
 
 
@@ -21,28 +21,29 @@ _FURTHEST = 4.5
 class FixedPattern:
     """Maps of one sensor, (rows, columns).
 
-    gain: float32, what a pixel's response to light is multiplied by: 1 + PRNU, and 0 of a dead
-    one. steps: int8 numbers of steps of `step` electrons that a pixel reads too much: DSNU.
-    current: float32, electrons per second that hot pixels have beyond the dark current.
+    response: float32, what a pixel's response to light is multiplied by: 1 + PRNU, and 0 of a dead
+    one. offset_steps: int8 numbers of steps of `electrons_per_step` electrons that a pixel reads
+    too much: DSNU. hot_current: float32, electrons per second that hot pixels have beyond the dark
+    current.
     """
 
-    gain: torch.Tensor
-    steps: torch.Tensor
-    step: float
-    current: torch.Tensor
+    response: torch.Tensor
+    offset_steps: torch.Tensor
+    electrons_per_step: float
+    hot_current: torch.Tensor
 
     @property
     def offset(self) -> torch.Tensor:
         """Electrons that a pixel reads too much, float32."""
-        return self.steps.to(torch.float32) * self.step
+        return self.offset_steps.to(torch.float32) * self.electrons_per_step
 
 
-def uneven(sensor: Sensor) -> bool:
+def has_fixed_pattern(sensor: Sensor) -> bool:
     """Whether a sensor's pixels differ at all."""
     return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
 
 
-_known: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
+_cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
 """Maps of all equal sensors: they last while the first of these does."""
 
 
@@ -53,13 +54,13 @@ def fixed_pattern(sensor: Sensor) -> FixedPattern:
     of its standard deviation, made narrower by what the rounding widens (Sheppard). Which
     pixels are dead or hot is by chance, with the shares that the sensor gives.
     """
-    found = _known.get(sensor)
+    found = _cached_patterns.get(sensor)
     if found is None:
-        found = _known[sensor] = _draw(sensor)
+        found = _cached_patterns[sensor] = _generate_pattern(sensor)
     return found
 
 
-def _draw(sensor: Sensor) -> FixedPattern:
+def _generate_pattern(sensor: Sensor) -> FixedPattern:
     generator = torch.Generator().manual_seed(sensor.fixed_seed)
     shape = sensor.shape
     gain = 1 + sensor.prnu * _normal(shape, generator)
@@ -75,4 +76,4 @@ def _draw(sensor: Sensor) -> FixedPattern:
 
 
 def _normal(shape: tuple[int, int], generator: torch.Generator) -> torch.Tensor:
-    return torch.randn(shape, generator=generator).clamp(-_FURTHEST, _FURTHEST)
+    return torch.randn(shape, generator=generator).clamp(-_MAX_DEVIATIONS, _MAX_DEVIATIONS)

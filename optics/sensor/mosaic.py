@@ -64,7 +64,7 @@ class Mosaic:
         columns = torch.arange(shape[1])[None, :] % cell.shape[1]
         return cell[rows, columns]
 
-    def gather(self, channels: torch.Tensor) -> torch.Tensor:
+    def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
         """What a sensor with these filters has of (channel, rows, columns): (rows, columns)."""
         if channels.ndim != 3 or len(channels) != len(self.channels):
             raise ValueError(

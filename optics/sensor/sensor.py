@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from optics.edge import require_positive, require_share
 from optics.light.spectrum import Spectrum
 from optics.plane import Plane
 from optics.sensor.mosaic import Mosaic
+from optics.validation import require_positive, require_share
 
 _FULL_WELL_NOISE = 5.0
 """Standard deviations of read noise by which a full well may read too low."""
@@ -99,7 +99,9 @@ class Sensor:
     def plane(self) -> Plane:
         return Plane(self.shape, (self.pitch, self.pitch))
 
-    def window(self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)) -> Plane:
+    def window_plane(
+        self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)
+    ) -> Plane:
         """Some of the sensor's pixels, (rows, columns) around a centre (y, x) in metres."""
         return Plane(shape, (self.pitch, self.pitch), centre)
 

@@ -16,7 +16,7 @@ def as_float64(values: Any) -> torch.Tensor:
     return torch.from_numpy(np.array(values, dtype=np.float64))
 
 
-def between(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """For every pixel along an axis the cells before and behind it, and how far it is between.
 
     The cells are equally wide and cover all pixels. Pixels nearer to the edge than any
@@ -29,11 +29,11 @@ def between(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.
     return before, behind, centre - before
 
 
-def blended(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
+def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
     """Values of cells along an axis, interpolated to pixels; constant beyond the last centres."""
     if values.shape[axis] == pixels:
         return values
-    before, behind, share = between(values.shape[axis], pixels)
+    before, behind, share = neighbouring_cells(values.shape[axis], pixels)
     lengths = [1] * values.ndim
     lengths[axis] = pixels
     share = share.to(values).reshape(lengths)

@@ -32,14 +32,14 @@ _MOST_NODES = 32
 _FINE = 400
 """Nodes by which rules of few nodes are judged."""
 
-Places = tuple[np.ndarray, np.ndarray]
+NodesAndWeights = tuple[np.ndarray, np.ndarray]
 """Nodes from -1/2 to 1/2 across a pixel, and their weights."""
 
-Rule = tuple[tuple[float, tuple[float, ...]], ...]
+QuadratureRule = tuple[tuple[float, tuple[float, ...]], ...]
 """Nodes along an axis: the weight of each, and of the neighbours in the phase that it sees."""
 
 
-def coupled(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
+def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
     """The mean of exp(i blurred phase) over the active area of each pixel, complex.
 
     phase: radians, (..., rows, columns). sigma: standard deviation of the blur, and side: of
@@ -52,22 +52,27 @@ def coupled(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
 
     Raises ValueError for steps of the phase that no reasonable number of nodes follows.
     """
-    down, along = (_rule(sigma, side, _rounded(_largest_step(phase, axis))) for axis in (-2, -1))
-    return _Coupled.apply(phase, down, along)  # type: ignore[no-untyped-call]
+    down, along = (
+        _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
+        for axis in (-2, -1)
+    )
+    return _FringingFieldMean.apply(phase, down, along)  # type: ignore[no-untyped-call]
 
 
-class _Coupled(torch.autograd.Function):
+class _FringingFieldMean(torch.autograd.Function):
     """The mean over nodes, and its derivative by the same filters transposed."""
 
     @staticmethod
-    def forward(ctx: Any, phase: torch.Tensor, down: Rule, along: Rule) -> torch.Tensor:
+    def forward(
+        ctx: Any, phase: torch.Tensor, down: QuadratureRule, along: QuadratureRule
+    ) -> torch.Tensor:
         ctx.save_for_backward(phase)
         ctx.rules = down, along
         real, imaginary = torch.zeros_like(phase), torch.zeros_like(phase)
         for height, high in down:
-            rows = _filtered(phase, high, -2)
+            rows = _filter_axis(phase, high, -2)
             for width, wide in along:
-                angle = _filtered(rows, wide, -1)
+                angle = _filter_axis(rows, wide, -1)
                 real.add_(torch.cos(angle), alpha=height * width)
                 imaginary.add_(torch.sin(angle), alpha=height * width)
         return torch.complex(real, imaginary)
@@ -78,16 +83,16 @@ class _Coupled(torch.autograd.Function):
         (phase,), (down, along) = ctx.saved_tensors, ctx.rules
         total = torch.zeros_like(phase)
         for height, high in down:
-            rows, back = _filtered(phase, high, -2), torch.zeros_like(phase)
+            rows, back = _filter_axis(phase, high, -2), torch.zeros_like(phase)
             for width, wide in along:
-                angle = _filtered(rows, wide, -1)
+                angle = _filter_axis(rows, wide, -1)
                 turned = gradient.imag * torch.cos(angle) - gradient.real * torch.sin(angle)
-                back.add_(_returned(turned, wide, -1), alpha=height * width)
-            total.add_(_returned(back, high, -2))
+                back.add_(_filter_axis_transpose(turned, wide, -1), alpha=height * width)
+            total.add_(_filter_axis_transpose(back, high, -2))
         return total, None, None
 
 
-def _filtered(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
+def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
     """The sum over neighbours along an axis, the outermost continued."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
@@ -98,8 +103,10 @@ def _filtered(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch
     return total.reshape(values.shape)
 
 
-def _returned(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
-    """The transpose of _filtered()."""
+def _filter_axis_transpose(
+    values: torch.Tensor, taps: tuple[float, ...], axis: int
+) -> torch.Tensor:
+    """The transpose of _filter_axis()."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(torch.zeros_like(values), margins)
@@ -117,21 +124,21 @@ def _largest_step(phase: torch.Tensor, axis: int) -> float:
     return float(steps.abs().max()) if steps.numel() else 0.0
 
 
-def _rounded(step: float) -> float:
+def _round_up_step(step: float) -> float:
     """Up to the next of a few steps, for which rules are kept."""
     return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
-def _rule(sigma: float, side: float, step: float) -> Rule:
+def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
     """The fewest nodes that average over a pixel beside steps of the phase, to TOL."""
     if step == 0:
         return ((1.0, (1.0,)),)
-    known = _steps(step, _taps_beside(sigma, side))
-    truth = _means(known, sigma, next(_offered(sigma, side, _FINE)))
+    known = _test_phases(step, _neighbour_reach(sigma, side))
+    truth = _mean_fields(known, sigma, next(_candidate_nodes(sigma, side, _FINE)))
     for count in range(1, _MOST_NODES + 1):
-        for places in _offered(sigma, side, count):
-            if np.abs(_means(known, sigma, places) - truth).max() <= TOL:
+        for places in _candidate_nodes(sigma, side, count):
+            if np.abs(_mean_fields(known, sigma, places) - truth).max() <= TOL:
                 return _nodes(sigma, places)
     raise ValueError(
         f"the phase steps by {step:.3g} rad between neighbours, which a coupling of {sigma:.3g} "
@@ -139,17 +146,17 @@ def _rule(sigma: float, side: float, step: float) -> Rule:
     )
 
 
-def _taps_beside(sigma: float, side: float) -> int:
+def _neighbour_reach(sigma: float, side: float) -> int:
     """Neighbours on each side that a pixel's active area sees."""
     return max(1, math.ceil(side / 2 - 0.5 + _REACH * sigma))
 
 
-def _offered(sigma: float, side: float, count: int) -> Iterator[Places]:
+def _candidate_nodes(sigma: float, side: float, count: int) -> Iterator[NodesAndWeights]:
     """Ways to place so many nodes: over all of the pixel, or most of them at its edges."""
-    yield _spread((-side / 2, side / 2), count)
+    yield _gauss_nodes_on((-side / 2, side / 2), count)
     flat = 0.5 - _REACH * sigma
     if 0 < flat < side / 2 and count % 2 and count >= 5:
-        edge = _spread((flat, side / 2), count // 2)
+        edge = _gauss_nodes_on((flat, side / 2), count // 2)
         share = (side / 2 - flat) / side
         yield (
             np.concatenate([-edge[0], [0.0], edge[0]]),
@@ -157,25 +164,25 @@ def _offered(sigma: float, side: float, count: int) -> Iterator[Places]:
         )
 
 
-def _spread(ends: tuple[float, float], count: int) -> Places:
+def _gauss_nodes_on(ends: tuple[float, float], count: int) -> NodesAndWeights:
     place, weight = gauss_legendre(count)
     return (ends[0] + ends[1] + place * (ends[1] - ends[0])) / 2, weight / 2
 
 
-def _nodes(sigma: float, places: Places) -> Rule:
-    reach = _taps_beside(sigma, 2 * float(places[0].max()))
-    taps = _taps(sigma, places[0], reach).tolist()
+def _nodes(sigma: float, places: NodesAndWeights) -> QuadratureRule:
+    reach = _neighbour_reach(sigma, 2 * float(places[0].max()))
+    taps = _neighbour_weights(sigma, places[0], reach).tolist()
     return tuple((float(w), tuple(t)) for w, t in zip(places[1], taps, strict=True))
 
 
-def _taps(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
+def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
     """What each neighbour has of the phase at some places in a pixel, (places, neighbours)."""
     edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
     # What lies beyond the last neighbours is continued: the sum is one.
     return np.diff(ndtr(edges), axis=1, prepend=0, append=1)
 
 
-def _steps(step: float, beside: int) -> np.ndarray:
+def _test_phases(step: float, beside: int) -> np.ndarray:
     """Phases around a pixel, (cases, neighbours): an edge, a line, stripes, a slope, a valley."""
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2
@@ -183,6 +190,6 @@ def _steps(step: float, beside: int) -> np.ndarray:
     return step * np.array([edge, line, stripes, slope, valley], dtype=np.float64)
 
 
-def _means(phases: np.ndarray, sigma: float, places: Places) -> np.ndarray:
-    taps = _taps(sigma, places[0], phases.shape[1] // 2)
+def _mean_fields(phases: np.ndarray, sigma: float, places: NodesAndWeights) -> np.ndarray:
+    taps = _neighbour_weights(sigma, places[0], phases.shape[1] // 2)
     return np.exp(1j * phases @ taps.T) @ places[1]

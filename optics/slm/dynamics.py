@@ -14,7 +14,7 @@ import torch
 
 from optics.gauss_legendre import gauss_legendre
 
-_LONGEST = 36.0
+_MAX_TIME_CONSTANTS = 36.0
 """Time constants after which nothing is left in double precision."""
 
 _FINE = 120
@@ -23,23 +23,23 @@ _FINE = 120
 _MOST_NODES = 40
 
 
-def steady_starts(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
+def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
     """The phase at the beginning of every frame of a video that is repeated for ever.
 
     phases: (frames, ...), what each frame would settle at, radians. frame_time, tau: seconds;
     tau 0 is at once. The first start is the geometric sum over the cycles before, the others
     follow frame by frame. Differentiable.
     """
-    start = first_start(phases, frame_time, tau)
+    start = first_start_phase(phases, frame_time, tau)
     starts = []
     for phase in phases:
         starts.append(start)
-        start = relaxed(phase, start, frame_time, tau)
+        start = relaxed_phase(phase, start, frame_time, tau)
     return torch.stack(starts)
 
 
-def first_start(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """The phase at the beginning of the first frame, as `steady_starts`."""
+def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
+    """The phase at the beginning of the first frame, as `steady_start_phases`."""
     _require_times(frame_time, tau)
     if not len(phases):
         raise ValueError("phases has no frame; a video has one at least")
@@ -53,7 +53,7 @@ def first_start(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Te
     return torch.tensordot(weights.to(phases), phases, dims=1)
 
 
-def relaxed(end: torch.Tensor, start: torch.Tensor, time: float, tau: float) -> torch.Tensor:
+def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: float) -> torch.Tensor:
     """The phase `time` seconds after a frame began, on its way from `start` to `end`."""
     return end if tau == 0 else torch.lerp(end, start, math.exp(-time / tau))
 
@@ -72,17 +72,17 @@ def time_nodes(
         raise ValueError(f"count is {count}; a mean takes one node or more")
     if tau == 0:
         return (frame_time,), (1.0,)
-    left, shares = _rule(frame_time / tau, count)
+    left, shares = _time_quadrature(frame_time / tau, count)
     return tuple(-tau * math.log(value) for value in left), shares
 
 
-def nodes_for(change: float, frame_time: float, tau: float, tol: float) -> int:
+def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
     """The fewest nodes by which the mean of exp(i change exp(-t / tau)) is known to tol."""
     if tau == 0:
         return 1
-    fine = _mean(change, *_rule(frame_time / tau, _MOST_NODES))
+    fine = _mean(change, *_time_quadrature(frame_time / tau, _MOST_NODES))
     for count in range(1, _MOST_NODES):
-        if abs(_mean(change, *_rule(frame_time / tau, count)) - fine) <= tol:
+        if abs(_mean(change, *_time_quadrature(frame_time / tau, count)) - fine) <= tol:
             return count
     raise ValueError(
         f"the phase changes by {change:.3g} rad within a frame, more than can be followed; "
@@ -95,24 +95,26 @@ def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> 
 
 
 @lru_cache(maxsize=256)
-def _rule(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Gauss' rule for the mean over time of a function of exp(-t / tau); a frame is `frames` tau.
 
     Golub and Welsch (1969), from the three-term recursion of the measure, which Lanczos'
     method finds on many nodes in time.
     """
-    seen = min(frames, _LONGEST)
+    seen = min(frames, _MAX_TIME_CONSTANTS)
     time, weight = gauss_legendre(_FINE)
     left, weight = np.exp(-seen * (time + 1) / 2), weight / 2 * (seen / frames)
     # After that it stands.
     left, weight = np.append(left, math.exp(-seen)), np.append(weight, 1 - seen / frames)
     middle, scale = (left.max() + left.min()) / 2, (left.max() - left.min()) / 2 or 1.0
-    nodes, shares = _gauss((left - middle) / scale, weight, count)
+    nodes, shares = _gauss_rule_of_measure((left - middle) / scale, weight, count)
     nodes = np.clip(middle + scale * nodes, left.min(), left.max())
     return tuple(nodes.tolist()), tuple(shares.tolist())
 
 
-def _gauss(x: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _gauss_rule_of_measure(
+    x: np.ndarray, weight: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Gauss' nodes and weights for a measure of points x: fewer than count if they suffice."""
     basis = [np.sqrt(weight)]
     diagonal, beside = [float(basis[0] @ (x * basis[0]))], []

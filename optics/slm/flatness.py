@@ -15,4 +15,4 @@ def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
     A mirror's figure is a path, so that its phase goes as 1/wavelength.
     """
     assert panel.flatness is not None
-    return panel.flatness.on(panel) * (2 * math.pi / wavelength)
+    return panel.flatness.at_pixels(panel) * (2 * math.pi / wavelength)

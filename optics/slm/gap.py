@@ -5,7 +5,7 @@ from __future__ import annotations
 from optics.slm.panel import Panel
 
 
-def gap_light(panel: Panel) -> float:
+def gap_amplitude(panel: Panel) -> float:
     """What the frame adds to a pixel's field, relative to the pixel's own area: amplitude.
 
     The frame has (1 - F) / F of the area of a pixel whose fill factor is F, and adds

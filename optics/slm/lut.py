@@ -7,17 +7,17 @@ from collections.abc import Iterator
 
 import torch
 
-from optics.edge import require_finite, tensors_inside
-from optics.slm.cells import between
-from optics.slm.dispersion import max_phase
+from optics.slm.cells import neighbouring_cells
 from optics.slm.flatness import flatness_phase
 from optics.slm.panel import Panel
+from optics.slm.phase_range import max_phase
+from optics.validation import accepts_numpy, require_finite
 
 _ROWS = 64
 """Of the panel, whose own curves are held at a time."""
 
 
-@tensors_inside
+@accepts_numpy
 def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
     """Phase in radians, float64, that the liquid crystal gives to light at grey levels.
 
@@ -26,17 +26,18 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     ValueError for levels that the panel lacks, and for other shapes than the panel's.
     """
     _require_levels(panel, grey)
-    curves = _curves(panel, wavelength)
+    curves = _phase_curves(panel, wavelength)
     if curves.shape[:2] == (1, 1):
         return curves[0, 0].to(grey.device)[grey.to(torch.int64)]
     _require_shape("grey", grey, panel)
     parts = [
-        table.phase(grey[..., rows, :].to(torch.int64)) for rows, table in _tables(panel, curves)
+        table.phase(grey[..., rows, :].to(torch.int64))
+        for rows, table in _row_curves(panel, curves)
     ]
     return torch.cat(parts, dim=-2)
 
 
-@tensors_inside
+@accepts_numpy
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
@@ -52,30 +53,33 @@ def phase_to_grey(
     Raises ValueError if the panel can't reach so many waves, and for a phase that isn't finite.
     """
     require_finite("phase", phase)
-    curves = _curves(panel, wavelength).detach()
+    curves = _phase_curves(panel, wavelength).detach()
     _require_orders(panel, wavelength, curves, orders)
     phase = phase.to(torch.float64)
     if panel.flatness is not None:
         _require_shape("phase", phase, panel)
         phase = phase - flatness_phase(panel, wavelength).to(phase.device)
     if curves.shape[:2] == (1, 1):
-        return _nearest(curves[0, 0].to(phase.device), phase, orders)
+        return _nearest_levels(curves[0, 0].to(phase.device), phase, orders)
     _require_shape("phase", phase, panel)
-    parts = [table.nearest(phase[..., rows, :], orders) for rows, table in _tables(panel, curves)]
+    parts = [
+        table.nearest_levels(phase[..., rows, :], orders)
+        for rows, table in _row_curves(panel, curves)
+    ]
     return torch.cat(parts, dim=-2)
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
     """The waves that a panel can wrap at, all over; 0 if it can't reach one."""
-    return _whole_waves(panel, _curves(panel, wavelength).detach())
+    return _whole_waves(panel, _phase_curves(panel, wavelength).detach())
 
 
 def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
     """Raise ValueError if a panel can't wrap at so many whole waves, all over, or at any."""
-    _require_orders(panel, wavelength, _curves(panel, wavelength).detach(), orders)
+    _require_orders(panel, wavelength, _phase_curves(panel, wavelength).detach(), orders)
 
 
-def _curves(panel: Panel, wavelength: float) -> torch.Tensor:
+def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
     """Phase in radians, (region rows, region columns, levels) float64."""
     reach = max_phase(panel, wavelength)
     if panel.response is None:
@@ -105,30 +109,30 @@ def _up_to(waves: int) -> str:
     return "1" if waves == 1 else f"1 to {waves}"
 
 
-def _wrapped(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
+def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
     """The phase moved by whole periods to between `first` and one period more."""
     turns = (phase - first) / period
     return first + period * (turns - torch.floor(turns))
 
 
-def _nearest(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
+def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
     """Levels, uint8, of one curve for all pixels."""
     period = 2 * math.pi * orders
     end = curve[:1] + period
     # A wave beyond the first level is the first level again.
     used = torch.cat([curve[curve < end], end])
     middles = (used[1:] + used[:-1]) / 2
-    level = torch.bucketize(_wrapped(phase, curve[0], period), middles)
+    level = torch.bucketize(_wrap_phase(phase, curve[0], period), middles)
     return (level % (len(used) - 1)).to(torch.uint8)
 
 
-class _Table:
+class _RowCurves:
     """The curves of some rows of a panel, at every region's column; pixels lie between those."""
 
     def __init__(self, curves: torch.Tensor, columns: int) -> None:
         self._curves = curves
         rows, regions, self._levels = curves.shape
-        before, behind, self._share = between(regions, columns)
+        before, behind, self._share = neighbouring_cells(regions, columns)
         row = torch.arange(rows)[:, None] * regions
         self._before, self._behind = ((row + c) * self._levels for c in (before, behind))
 
@@ -137,17 +141,17 @@ class _Table:
         low, high = (flat[at.to(level.device) + level] for at in (self._before, self._behind))
         return torch.lerp(low, high, self._share.to(level.device))
 
-    def nearest(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
+    def nearest_levels(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
         """Levels, uint8, by bisection on every pixel's own curve."""
         zero = torch.zeros_like(phase, dtype=torch.int64)
         first, period = self.phase(zero), 2 * math.pi * orders
-        wanted = _wrapped(phase, first, period)
-        level = self._below(wanted, zero)
+        wanted = _wrap_phase(phase, first, period)
+        level = self._bisect_levels(wanted, zero)
         miss = (self.phase(level) - wanted).abs()
         # A wave beyond the first level is the first level again.
         return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
-    def _below(self, wanted: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+    def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
         """How many middles between levels lie below a phase: the nearest level."""
         middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
         # The last level has no middle behind it.
@@ -156,18 +160,18 @@ class _Table:
             tried = level + (1 << bit)
             fits = tried < self._levels
             at = torch.where(fits, tried, 1) - 1
-            level = torch.where(fits & (self.phase(at, middles) < wanted), tried, level)
+            level = torch.where(fits & (self.phase(at, middles) < phase), tried, level)
         return level
 
 
-def _tables(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _Table]]:
+def _row_curves(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _RowCurves]]:
     """Blocks of the panel's rows with their curves: bounded memory for any panel."""
     rows, columns = panel.shape
-    before, behind, share = between(curves.shape[0], rows)
+    before, behind, share = neighbouring_cells(curves.shape[0], rows)
     for start in range(0, rows, _ROWS):
         block = slice(start, min(start + _ROWS, rows))
         low, high = curves[before[block]], curves[behind[block]]
-        yield block, _Table(torch.lerp(low, high, share[block, None, None]), columns)
+        yield block, _RowCurves(torch.lerp(low, high, share[block, None, None]), columns)
 
 
 def _require_shape(name: str, value: torch.Tensor, panel: Panel) -> None:

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from optics.edge import require_finite
-from optics.slm.cells import as_float64, blended
+from optics.slm.cells import as_float64, interpolate_cells
+from optics.validation import require_finite
 
 if TYPE_CHECKING:
     from optics.slm.panel import Panel
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
+class PanelMap:
     """Values of cells that cover a panel, as coarse or as fine as they are known.
 
     values: (rows, columns), an array or tensor; kept as float64. Raises ValueError unless
@@ -33,10 +33,10 @@ class Map:
         require_finite("a map", values)
         object.__setattr__(self, "values", values)
 
-    def on(self, panel: Panel) -> torch.Tensor:
+    def at_pixels(self, panel: Panel) -> torch.Tensor:
         """The values at the panel's pixels, (rows, columns) float64.
 
         Bilinear between the cells' centres, constant beyond the outermost.
         """
         rows, columns = panel.shape
-        return blended(blended(self.values, rows, 0), columns, 1)
+        return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)

@@ -8,17 +8,17 @@ from functools import cached_property
 
 import torch
 
-from optics.edge import require_finite, tensors_inside
-from optics.slm.coupling import coupled
-from optics.slm.dispersion import max_phase
-from optics.slm.dynamics import first_start, nodes_for, relaxed, time_nodes
+from optics.slm.coupling import fringing_field_mean
+from optics.slm.dynamics import first_start_phase, relaxed_phase, time_node_count, time_nodes
 from optics.slm.flatness import flatness_phase
 from optics.slm.flicker import flicker_nodes
-from optics.slm.gap import gap_light
+from optics.slm.gap import gap_amplitude
 from optics.slm.jitter import scattered_share
 from optics.slm.lut import grey_to_phase, phase_to_grey
 from optics.slm.panel import Panel
-from optics.slm.reflection import front_share, unturned_share
+from optics.slm.phase_range import max_phase
+from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from optics.validation import accepts_numpy, require_finite
 
 TOL = 1e-2
 """Of means over a frame for the two pixels that move farthest apart; pictures are far better."""
@@ -45,23 +45,26 @@ class Modulator:
         self.panel, self.wavelength = panel, wavelength
 
     @property
-    def unmodulated(self) -> float:
+    def unmodulated_share(self) -> float:
         """Share of the light that ignores the pattern; it adds in intensity."""
-        return front_share(self.panel) + unturned_share(self.panel)
+        return front_reflection_share(self.panel) + transmitted_unmodulated_share(self.panel)
 
     @property
-    def straight(self) -> list[tuple[float, torch.Tensor | None]]:
+    def unmodulated_fields(self) -> list[tuple[float, torch.Tensor | None]]:
         """Shares and fields of the light that ignores the pattern; None is 1 everywhere.
 
         What went through the panel has its flatness, what the cover glass reflected hasn't.
         """
-        shares = [(front_share(self.panel), self._lit), (unturned_share(self.panel), self._still)]
+        shares = [
+            (front_reflection_share(self.panel), self._illumination_amplitude),
+            (transmitted_unmodulated_share(self.panel), self._static_factor),
+        ]
         if self.panel.flatness is None:
-            shares = [(self.unmodulated, self._lit)]
+            shares = [(self.unmodulated_share, self._illumination_amplitude)]
         return [(share, field) for share, field in shares if share > 0]
 
     @property
-    def scattered(self) -> float:
+    def jitter_scatter_share(self) -> float:
         """Share of the modulated light that jitter spreads evenly over the panel's orders."""
         return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
 
@@ -74,7 +77,7 @@ class Modulator:
         """Grey levels, uint8, by which light leaves with a phase. As `phase_to_grey`."""
         return phase_to_grey(self.panel, phase, self.wavelength, orders)
 
-    @tensors_inside
+    @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
         """The field of each pixel, complex, (..., rows, columns).
 
@@ -89,23 +92,25 @@ class Modulator:
         self._require_phase(phase)
         panel = self.panel
         if panel.coupling:
-            field = coupled(phase, panel.coupling / panel.pitch, math.sqrt(panel.fill_factor))
+            field = fringing_field_mean(
+                phase, panel.coupling / panel.pitch, math.sqrt(panel.fill_factor)
+            )
         else:
             field = torch.complex(torch.cos(phase), torch.sin(phase))
         if panel.gap_reflection:
-            field = field + gap_light(panel)
-        return field if self._still is None else field * self._still.to(field)
+            field = field + gap_amplitude(panel)
+        return field if self._static_factor is None else field * self._static_factor.to(field)
 
-    def still(
+    def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> list[tuple[float, torch.Tensor]]:
         """Shares of time and fields of a picture that stands; one pair if nothing flickers.
 
         grey: (rows, columns). dtype: of the phase; float32 gives complex64.
         """
-        return list(self.rippling(torch.as_tensor(self.phase(grey)), dtype=dtype))
+        return list(self.flicker_fields(torch.as_tensor(self.phase(grey)), dtype=dtype))
 
-    def rippling(
+    def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
         """Shares of time and fields while a phase stands but for its flicker.
@@ -120,9 +125,9 @@ class Modulator:
             moved = phase if factor == 1 else factor * phase
             yield weight, self.modulation(moved.to(dtype or phase.dtype))
 
-    def moving(
+    def transition_fields(
         self,
-        begun: torch.Tensor,
+        start: torch.Tensor,
         end: torch.Tensor,
         seconds: float,
         *,
@@ -131,22 +136,22 @@ class Modulator:
     ) -> Iterator[tuple[float, torch.Tensor]]:
         """Shares of a time and fields while the crystal goes from one phase towards another.
 
-        begun, end: (rows, columns), radians; what follows as `rippling`. The shares sum to 1.
+        start, end: (rows, columns), radians; what follows as `flicker_fields`. The shares sum to 1.
         """
         tau, flicker_tol = self.panel.response_time, min(tol, FLICKER_TOL)
         if not tau:
-            yield from self.rippling(end, dtype=dtype, tol=flicker_tol)
+            yield from self.flicker_fields(end, dtype=dtype, tol=flicker_tol)
             return
-        change = (begun - end).detach()
+        change = (start - end).detach()
         # The gap's light doesn't move.
         spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
-        count = nodes_for(spread, seconds, tau, tol)
+        count = time_node_count(spread, seconds, tau, tol)
         for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
-            phase = relaxed(end, begun, time, tau)
-            for weight, field in self.rippling(phase, dtype=dtype, tol=flicker_tol):
+            phase = relaxed_phase(end, start, time, tau)
+            for weight, field in self.flicker_fields(phase, dtype=dtype, tol=flicker_tol):
                 yield share * weight, field
 
-    def cycle(
+    def video_cycle_fields(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
         """Frames, shares of time and fields of one cycle of a video that is repeated for ever.
@@ -158,24 +163,24 @@ class Modulator:
         in the phases.
         """
         tau, count = self.panel.response_time, len(video_phase)
-        start = first_start(video_phase, frame_time, tau) if tau else video_phase[-1]
+        start = first_start_phase(video_phase, frame_time, tau) if tau else video_phase[-1]
         for frame, end in enumerate(video_phase):
-            for share, field in self.moving(start, end, frame_time, tol=tol):
+            for share, field in self.transition_fields(start, end, frame_time, tol=tol):
                 yield frame, share / count, field
-            start = relaxed(end, start, frame_time, tau) if tau else end
+            start = relaxed_phase(end, start, frame_time, tau) if tau else end
 
     @cached_property
-    def _lit(self) -> torch.Tensor | None:
+    def _illumination_amplitude(self) -> torch.Tensor | None:
         """Amplitude of the illumination, float64, mean square 1; None if it is even."""
         if self.panel.illumination is None:
             return None
-        light = self.panel.illumination.on(self.panel)
+        light = self.panel.illumination.at_pixels(self.panel)
         return torch.sqrt(light / light.mean())
 
     @cached_property
-    def _still(self) -> torch.Tensor | None:
+    def _static_factor(self) -> torch.Tensor | None:
         """What every picture is multiplied with, complex128; None if that is 1."""
-        lit, panel = self._lit, self.panel
+        lit, panel = self._illumination_amplitude, self.panel
         if panel.flatness is None:
             return None if lit is None else lit.to(torch.complex128)
         phase = flatness_phase(panel, self.wavelength)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from optics.edge import require_positive, require_share
 from optics.plane import Plane
-from optics.slm.maps import Map
-from optics.slm.response import Response
+from optics.slm.maps import PanelMap
+from optics.slm.response import PhaseResponse
+from optics.validation import require_positive, require_share
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class Panel:
     reflectivity: float = 0.6
     settling: float = 0.05
     frame_rate: float = 60.0
-    response: Response | None = None
+    response: PhaseResponse | None = None
     response_time: float = 0.0
     coupling: float = 0.0
     flicker: float = 0.0
     jitter: float = 0.0
     front_reflection: float = 0.0
     gap_reflection: float = 0.0
-    flatness: Map | None = None
-    illumination: Map | None = None
+    flatness: PanelMap | None = None
+    illumination: PanelMap | None = None
 
     def __post_init__(self) -> None:
         require_positive("pitch", self.pitch, "m")
@@ -76,7 +76,7 @@ class Panel:
         if not 2 <= self.levels <= 256:
             raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
         self._require_range()
-        self._require_fitting()
+        self._require_consistent_effects()
         Plane(self.shape, (self.pitch, self.pitch))
 
     def _require_range(self) -> None:
@@ -92,7 +92,7 @@ class Panel:
                     f"max_phase has {wavelength * 1e9:g} nm more than once; give it once"
                 )
 
-    def _require_fitting(self) -> None:
+    def _require_consistent_effects(self) -> None:
         """What the effects' data must have to do with each other."""
         if self.coupling > self.pitch:
             raise ValueError(

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from optics.edge import require_finite, require_positive
 from optics.slm.cells import as_float64
+from optics.validation import require_finite, require_positive
 
 if TYPE_CHECKING:
     from optics.slm.panel import Panel
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class PhaseResponse:
     """Shares of the panel's highest phase, level by level, at wavelengths and in regions.
 
     wavelengths: metres, all different. shares: (wavelengths, region rows, region columns,
@@ -52,18 +52,18 @@ class Response:
         object.__setattr__(self, "wavelengths", wavelengths)
 
     @staticmethod
-    def tabulated(wavelength: float, shares: Any) -> Response:
+    def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
         """One curve, (levels,), for the whole panel and every wavelength."""
-        return Response((wavelength,), as_float64(shares)[None, None, None])
+        return PhaseResponse((wavelength,), as_float64(shares)[None, None, None])
 
     @staticmethod
-    def measured(panel: Panel, wavelengths: Sequence[float], phases: Any) -> Response:
+    def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
         """From phases in radians, (wavelengths, levels) or (wavelengths, rows, columns, levels).
 
         panel: whose highest phase the shares are of.
         """
         # Imported here: a panel has a response.
-        from optics.slm.dispersion import max_phase
+        from optics.slm.phase_range import max_phase
 
         phases = as_float64(phases)
         if phases.ndim == 2:
@@ -74,7 +74,7 @@ class Response:
                 "and levels, with region rows and columns between them or without"
             )
         highest = torch.tensor([max_phase(panel, w) for w in wavelengths], dtype=torch.float64)
-        return Response(tuple(wavelengths), phases / highest[:, None, None, None])
+        return PhaseResponse(tuple(wavelengths), phases / highest[:, None, None, None])
 
     @property
     def levels(self) -> int:

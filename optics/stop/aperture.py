@@ -22,7 +22,7 @@ from optics.gauss_legendre import gauss_legendre
 Point = tuple[float, float]
 Array = NDArray[np.float64]
 
-_NOTHING = 1e-12
+_NEGLIGIBLE = 1e-12
 """Areas and lengths below this are rounding errors."""
 
 
@@ -56,7 +56,7 @@ class Polygon:
             raise ValueError("a polygon's corners must be finite numbers")
         if _crosses_itself(self.corners):
             raise ValueError("a polygon crosses itself; give its corners in order")
-        if abs(_shoelace(self.corners)) < _NOTHING:
+        if abs(_shoelace(self.corners)) < _NEGLIGIBLE:
             raise ValueError("a polygon's corners lie in a line; it has no area")
         if _shoelace(self.corners) < 0:
             object.__setattr__(self, "corners", tuple(reversed(self.corners)))
@@ -66,9 +66,9 @@ class Polygon:
         return list(zip(self.corners, self.corners[1:] + self.corners[:1], strict=True))
 
     @property
-    def convex(self) -> bool:
+    def is_convex(self) -> bool:
         return all(
-            _cross(a, b, c) >= -_NOTHING
+            _cross(a, b, c) >= -_NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
         )
 
@@ -196,50 +196,50 @@ class Stop:
             reach = math.hypot(*self.opening.centre) + self.opening.radius
             if reach > 1 + 1e-9:
                 raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
-        if any(self._have_common(*three) for three in combinations(self.obscurations, 3)):
+        if any(self._overlap_in_opening(*three) for three in combinations(self.obscurations, 3)):
             raise ValueError(
                 "three obscurations overlap; end vanes where others begin, or draw them as one"
             )
-        if self.area <= _NOTHING:
+        if self.area <= _NEGLIGIBLE:
             raise ValueError("the obscurations close the stop: no light passes")
 
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The boundary: the opening, less each obscuration, plus what was taken off twice."""
         found: list[Loop | None] = [_boundary(self.opening, 1)]
-        found += [_common(self.opening, shape, -1) for shape in self.obscurations]
+        found += [_intersection_loop(self.opening, shape, -1) for shape in self.obscurations]
         for a, b in combinations(self.obscurations, 2):
-            found.append(self._common_of_pair(a, b))
+            found.append(self._pair_overlap(a, b))
         return tuple(loop for loop in found if loop is not None)
 
-    def _have_common(self, a: Shape, b: Shape, c: Shape) -> bool:
+    def _overlap_in_opening(self, a: Shape, b: Shape, c: Shape) -> bool:
         """Whether three obscurations cover a part of the opening together.
 
         Touching doesn't count: vanes that end where others begin have corners in common.
         """
         a, b, c = sorted((a, b, c), key=lambda shape: isinstance(shape, Circle))
         if isinstance(a, Polygon) and isinstance(b, Polygon):
-            both = _clipped(a, b)
+            both = _clip_polygon(a, b)
             if both is not None and isinstance(c, Polygon):
-                both, c = _clipped(both, c), self.opening
+                both, c = _clip_polygon(both, c), self.opening
             if both is None:
                 return False
-            if c == self.opening or _within(c, self.opening):
-                return _area(_common(c, both, 1)) > _NOTHING
+            if c == self.opening or _lies_within(c, self.opening):
+                return _loop_area(_intersection_loop(c, both, 1)) > _NEGLIGIBLE
         # Two circles, or one that the edge cuts: their common parts are found by sampling.
         grid = (np.arange(800) + 0.5) / 400 - 1
         y, x = grid[:, None], grid[None, :]
         inside = (shape.contains(y, x) for shape in (self.opening, a, b, c))
         return bool(np.logical_and.reduce(list(inside)).any())
 
-    def _common_of_pair(self, a: Shape, b: Shape) -> Loop | None:
-        if _common(a, b, 1) is None:
+    def _pair_overlap(self, a: Shape, b: Shape) -> Loop | None:
+        if _intersection_loop(a, b, 1) is None:
             return None
-        if _within(a, self.opening) or _within(b, self.opening):
-            return _common(a, b, 1)
+        if _lies_within(a, self.opening) or _lies_within(b, self.opening):
+            return _intersection_loop(a, b, 1)
         if isinstance(a, Polygon) and isinstance(b, Polygon):
-            both = _clipped(a, b)
-            return _common(self.opening, both, 1) if both else None
+            both = _clip_polygon(a, b)
+            return _intersection_loop(self.opening, both, 1) if both else None
         raise ValueError("two obscurations overlap beyond the opening; draw them as one polygon")
 
     @property
@@ -248,7 +248,7 @@ class Stop:
         return sum(loop.area for loop in self.loops)
 
     @property
-    def rings(self) -> tuple[float, float] | None:
+    def annulus_radii(self) -> tuple[float, float] | None:
         """Inner and outer radius if the stop looks the same in all directions, else None."""
         if not isinstance(self.opening, Circle) or any(self.opening.centre):
             return None
@@ -260,7 +260,7 @@ class Stop:
         return first.radius, self.opening.radius
 
     @property
-    def sides(self) -> tuple[float, float, float, float] | None:
+    def rectangle_bounds(self) -> tuple[float, float, float, float] | None:
         """(lowest y, highest y, lowest x, highest x) of an upright, clear rectangle, else None."""
         if self.obscurations or not isinstance(self.opening, Polygon):
             return None
@@ -295,7 +295,7 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
     """Whether a line has c and d on different sides; what is rounding off it is on it."""
     low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
-    return low < -_NOTHING and high > _NOTHING
+    return low < -_NEGLIGIBLE and high > _NEGLIGIBLE
 
 
 def _boundary(shape: Shape, sign: int) -> Loop:
@@ -304,7 +304,7 @@ def _boundary(shape: Shape, sign: int) -> Loop:
     return Loop(tuple(Segment(a, b) for a, b in shape.edges), sign)
 
 
-def _within(inner: Shape, outer: Shape) -> bool:
+def _lies_within(inner: Shape, outer: Shape) -> bool:
     """Whether one shape lies inside another; a polygon's own corners decide, if it is convex."""
     if isinstance(outer, Circle) and isinstance(inner, Circle):
         return math.dist(inner.centre, outer.centre) + inner.radius <= outer.radius
@@ -314,35 +314,38 @@ def _within(inner: Shape, outer: Shape) -> bool:
     if isinstance(inner, Circle):
         y, x = (np.array([c]) for c in inner.centre)
         return bool(outer.contains(y, x)[0]) and all(
-            _distance(inner.centre, a, b) >= inner.radius for a, b in outer.edges
+            _distance_to_segment(inner.centre, a, b) >= inner.radius for a, b in outer.edges
         )
-    return abs(_area(_common(outer, inner, 1)) - _shoelace(inner.corners)) < _NOTHING
+    return (
+        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners))
+        < _NEGLIGIBLE
+    )
 
 
-def _distance(p: Point, a: Point, b: Point) -> float:
+def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
     """From a point to a segment."""
     along = np.subtract(b, a)
     t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
 
 
-def _area(loop: Loop | None) -> float:
+def _loop_area(loop: Loop | None) -> float:
     return loop.area if loop else 0.0
 
 
-def _common(a: Shape, b: Shape, sign: int) -> Loop | None:
+def _intersection_loop(a: Shape, b: Shape, sign: int) -> Loop | None:
     """The boundary of what two shapes have in common; None for nothing."""
     if isinstance(a, Circle) and isinstance(b, Circle):
-        return _two_circles(a, b, sign)
+        return _circle_intersection(a, b, sign)
     if isinstance(a, Circle):
-        return _circle_and_polygon(a, b, sign)  # type: ignore[arg-type]
+        return _circle_polygon_intersection(a, b, sign)  # type: ignore[arg-type]
     if isinstance(b, Circle):
-        return _circle_and_polygon(b, a, sign)
-    both = _clipped(a, b)
+        return _circle_polygon_intersection(b, a, sign)
+    both = _clip_polygon(a, b)
     return _boundary(both, sign) if both else None
 
 
-def _two_circles(a: Circle, b: Circle, sign: int) -> Loop | None:
+def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
     distance = math.dist(a.centre, b.centre)
     if distance >= a.radius + b.radius:
         return None
@@ -358,7 +361,7 @@ def _two_circles(a: Circle, b: Circle, sign: int) -> Loop | None:
     return Loop(tuple(arcs), sign)
 
 
-def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
+def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
     """Edges inside the circle stay; edges outside become the arc that they hide.
 
     Seen from the circle's centre every edge sweeps a signed area, and so does what it is
@@ -367,20 +370,20 @@ def _circle_and_polygon(circle: Circle, polygon: Polygon, sign: int) -> Loop | N
     pieces: list[Piece] = []
     for a, b in polygon.edges:
         edge = Segment(a, b)
-        cuts = [0.0, *_entries(circle, edge), 1.0]
+        cuts = [0.0, *_circle_crossings(circle, edge), 1.0]
         for low, high in pairwise(cuts):
             middle = [c[0] for c in edge.points(np.array([(low + high) / 2]))]
             p, q = (tuple(float(c[0]) for c in edge.points(np.array([t]))) for t in (low, high))
             # An edge that touches the circle in its middle is outside.
-            if math.dist(middle, circle.centre) < circle.radius - _NOTHING:
+            if math.dist(middle, circle.centre) < circle.radius - _NEGLIGIBLE:
                 pieces.append(Segment(p, q))  # type: ignore[arg-type]
             else:
                 pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]
     loop = Loop(tuple(pieces), sign)
-    return loop if abs(loop.area) > _NOTHING else None
+    return loop if abs(loop.area) > _NEGLIGIBLE else None
 
 
-def _entries(circle: Circle, edge: Segment) -> list[float]:
+def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
     """Parameters at which an edge crosses a circle, in order."""
     start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
     a, b = float(along @ along), float(start @ along)
@@ -398,21 +401,21 @@ def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
     return Arc(circle.centre, circle.radius, first, first + turn)
 
 
-def _clipped(a: Polygon, b: Polygon) -> Polygon | None:
+def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
     """What two polygons have in common, one of them convex (Sutherland and Hodgman 1974)."""
-    if not a.convex:
+    if not a.is_convex:
         a, b = b, a
-    if not a.convex:
+    if not a.is_convex:
         raise ValueError("neither the opening nor the obscuration is convex; draw them as one")
     corners: list[Point] = list(b.corners)
     for start, end in a.edges:
-        corners = _clipped_by_line(corners, start, end)
-    if len(corners) < 3 or abs(_shoelace(corners)) < _NOTHING:
+        corners = _clip_by_line(corners, start, end)
+    if len(corners) < 3 or abs(_shoelace(corners)) < _NEGLIGIBLE:
         return None
     return Polygon(tuple(corners))
 
 
-def _clipped_by_line(corners: Sequence[Point], start: Point, end: Point) -> list[Point]:
+def _clip_by_line(corners: Sequence[Point], start: Point, end: Point) -> list[Point]:
     kept: list[Point] = []
     for p, q in zip(corners, (*corners[1:], *corners[:1]), strict=True):
         at_p, at_q = _cross(start, end, p), _cross(start, end, q)
@@ -421,12 +424,12 @@ def _clipped_by_line(corners: Sequence[Point], start: Point, end: Point) -> list
         if (at_p > 0 > at_q) or (at_p < 0 < at_q):
             t = at_p / (at_p - at_q)
             kept.append((p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])))
-    return _without_repeats(kept)
+    return _drop_repeated_corners(kept)
 
 
-def _without_repeats(corners: Iterable[Point]) -> list[Point]:
+def _drop_repeated_corners(corners: Iterable[Point]) -> list[Point]:
     kept: list[Point] = []
     for corner in corners:
-        if not kept or math.dist(corner, kept[-1]) > _NOTHING:
+        if not kept or math.dist(corner, kept[-1]) > _NEGLIGIBLE:
             kept.append(corner)
-    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= _NOTHING else kept
+    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= _NEGLIGIBLE else kept

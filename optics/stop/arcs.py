@@ -10,40 +10,42 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 Interval = tuple[float, float]
 """Of angles in radians from x towards y, the first from 0 to below 2 pi."""
 
-_WHOLE: Interval = (0.0, 2 * math.pi)
-_SAME = 1e-12
+_FULL_CIRCLE: Interval = (0.0, 2 * math.pi)
+_EPSILON = 1e-12
 
 
 def open_arcs(stop: Stop, r: float) -> list[Interval]:
     """The open parts of the circle of radius r, in stop radii."""
-    found = _inside(stop.opening, r)
+    found = _arcs_inside_shape(stop.opening, r)
     for shape in stop.obscurations:
-        for low, high in _inside(shape, r):
+        for low, high in _arcs_inside_shape(shape, r):
             found = [
                 part
                 for first, last in found
                 for part in ((first, min(last, low)), (max(first, high), last))
-                if part[1] - part[0] > _SAME
+                if part[1] - part[0] > _EPSILON
             ]
-    return _joined_at_zero(found)
+    return _join_arcs_at_zero(found)
 
 
-def _joined_at_zero(arcs: list[Interval]) -> list[Interval]:
+def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
     """One arc for two that meet at the angle 0."""
-    if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _WHOLE[1]:
+    if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
         return arcs
     return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
 
 
-def _inside(shape: Shape, r: float) -> list[Interval]:
+def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
     if isinstance(shape, Circle):
-        return _inside_circle(shape, r)
-    cuts = [a for p, q in shape.edges for a in _angles_of_crossings(p, q, r)]
+        return _arcs_inside_circle(shape, r)
+    cuts = [a for p, q in shape.edges for a in _crossing_angles(p, q, r)]
     ends = [0.0, *sorted(cuts), 2 * math.pi]
-    return _merged([(a, b) for a, b in pairwise(ends) if _within(shape, r, (a + b) / 2)])
+    return _merge_touching_arcs(
+        [(a, b) for a, b in pairwise(ends) if _contains_point(shape, r, (a + b) / 2)]
+    )
 
 
-def _within(polygon: Polygon, r: float, angle: float) -> bool:
+def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
     """Polygon.contains() for one point; there may be a million of them, one after the other."""
     y, x = r * math.sin(angle), r * math.cos(angle)
     inside = False
@@ -53,7 +55,7 @@ def _within(polygon: Polygon, r: float, angle: float) -> bool:
     return inside
 
 
-def _merged(arcs: list[Interval]) -> list[Interval]:
+def _merge_touching_arcs(arcs: list[Interval]) -> list[Interval]:
     """Arcs that touch become one."""
     kept: list[Interval] = []
     for first, last in arcs:
@@ -64,10 +66,10 @@ def _merged(arcs: list[Interval]) -> list[Interval]:
     return kept
 
 
-def _inside_circle(circle: Circle, r: float) -> list[Interval]:
+def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
     away = math.hypot(*circle.centre)
     if r + away <= circle.radius:
-        return [_WHOLE]
+        return [_FULL_CIRCLE]
     if abs(r - away) >= circle.radius:
         return []
     towards = math.atan2(*circle.centre)
@@ -79,25 +81,32 @@ def _inside_circle(circle: Circle, r: float) -> list[Interval]:
     return [(0.0, last - 2 * math.pi), (first, 2 * math.pi)]
 
 
-def _angles_of_crossings(p: Point, q: Point, r: float) -> list[float]:
+def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
     """Where an edge crosses the circle of radius r around the axis."""
-    return [math.atan2(y, x) % (2 * math.pi) for y, x in _edge_meets((0.0, 0.0), r * r, p, q)]
+    return [
+        math.atan2(y, x) % (2 * math.pi)
+        for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
+    ]
 
 
 def break_radii(stop: Stop) -> list[float]:
     """Radii between which open_arcs() changes smoothly, from the smallest to the largest."""
     shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
-    found = [r for shape in shapes for r in _turning_radii(shape)]
-    found += [math.hypot(y, x) for a, b in combinations(shapes, 2) for y, x in _meetings(a, b)]
-    farthest = max(_turning_radii(stop.opening))
+    found = [r for shape in shapes for r in _critical_radii(shape)]
+    found += [
+        math.hypot(y, x)
+        for a, b in combinations(shapes, 2)
+        for y, x in _outline_intersections(a, b)
+    ]
+    farthest = max(_critical_radii(stop.opening))
     kept = [0.0]
-    for r in sorted(r for r in found if r < farthest - _SAME):
-        if r > kept[-1] + _SAME:
+    for r in sorted(r for r in found if r < farthest - _EPSILON):
+        if r > kept[-1] + _EPSILON:
             kept.append(r)
     return [*kept, farthest]
 
 
-def _turning_radii(shape: Shape) -> list[float]:
+def _critical_radii(shape: Shape) -> list[float]:
     """Of corners, and of points where an edge runs along a circle around the axis."""
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)
@@ -111,19 +120,23 @@ def _turning_radii(shape: Shape) -> list[float]:
     return found
 
 
-def _meetings(a: Shape, b: Shape) -> list[Point]:
+def _outline_intersections(a: Shape, b: Shape) -> list[Point]:
     """Points where two outlines cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
-        return _circles_meet(a, b)
+        return _circle_intersections(a, b)
     if isinstance(a, Polygon) and isinstance(b, Polygon):
-        return [m for p, q in a.edges for r, s in b.edges for m in _edges_meet(p, q, r, s)]
+        return [m for p, q in a.edges for r, s in b.edges for m in _edge_intersections(p, q, r, s)]
     circle, polygon = (a, b) if isinstance(a, Circle) else (b, a)
     assert isinstance(circle, Circle)
     assert isinstance(polygon, Polygon)
-    return [m for p, q in polygon.edges for m in _edge_meets(circle.centre, circle.radius**2, p, q)]
+    return [
+        m
+        for p, q in polygon.edges
+        for m in _edge_circle_intersections(circle.centre, circle.radius**2, p, q)
+    ]
 
 
-def _circles_meet(a: Circle, b: Circle) -> list[Point]:
+def _circle_intersections(a: Circle, b: Circle) -> list[Point]:
     dy, dx = b.centre[0] - a.centre[0], b.centre[1] - a.centre[1]
     distance = math.hypot(dy, dx)
     if not abs(a.radius - b.radius) < distance < a.radius + b.radius:
@@ -137,7 +150,7 @@ def _circles_meet(a: Circle, b: Circle) -> list[Point]:
     ]
 
 
-def _edge_meets(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
+def _edge_circle_intersections(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
     """Where an edge from p to q crosses a circle of a squared radius."""
     (cy, cx), dy, dx = centre, q[0] - p[0], q[1] - p[1]
     y, x = p[0] - cy, p[1] - cx
@@ -149,7 +162,7 @@ def _edge_meets(centre: Point, square: float, p: Point, q: Point) -> list[Point]
     return [(p[0] + t * dy, p[1] + t * dx) for t in parameters if 0 <= t <= 1]
 
 
-def _edges_meet(p: Point, q: Point, r: Point, s: Point) -> list[Point]:
+def _edge_intersections(p: Point, q: Point, r: Point, s: Point) -> list[Point]:
     dy, dx, ey, ex = q[0] - p[0], q[1] - p[1], s[0] - r[0], s[1] - r[1]
     turn = dx * ey - dy * ex
     if turn == 0:

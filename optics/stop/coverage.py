@@ -18,7 +18,9 @@ _NODES, _WEIGHTS = gauss_legendre(16)
 
 def coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
     """Share of each cell of a plane that a stop of `radius` metres leaves open, float64."""
-    return Coverage(stop, radius, plane).of(slice(0, plane.shape[0]), slice(0, plane.shape[1]))
+    return Coverage(stop, radius, plane).open_share(
+        slice(0, plane.shape[0]), slice(0, plane.shape[1])
+    )
 
 
 class Coverage:
@@ -32,13 +34,17 @@ class Coverage:
     def __init__(self, stop: Stop, radius: float, plane: Plane) -> None:
         self._pitch = (plane.pitch[0] / radius, plane.pitch[1] / radius)
         lines = [_cell_edges(plane, axis) / radius for axis in (0, 1)]
-        steps = [_walked(piece, loop.sign, lines) for loop in stop.loops for piece in loop.pieces]
+        steps = [
+            _integrate_along_piece(piece, loop.sign, lines)
+            for loop in stop.loops
+            for piece in loop.pieces
+        ]
         row, column, strip, step = (np.concatenate(parts) for parts in zip(*steps, strict=True))
         order = np.argsort(row, kind="stable")
         self._row, self._column = row[order], column[order]
         self._strip, self._step = strip[order], step[order]
 
-    def of(self, rows: slice, columns: slice) -> torch.Tensor:
+    def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
         """Of some rows and columns, from a first to a last one, float64."""
         part = slice(*np.searchsorted(self._row, (rows.start, rows.stop)))
         row, column = self._row[part] - rows.start, self._column[part] - columns.start
@@ -67,7 +73,7 @@ def _cell_edges(plane: Plane, axis: int) -> Array:
     return (np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5) * p + float(plane.centre[axis])
 
 
-def _walked(
+def _integrate_along_piece(
     piece: Piece, sign: int, lines: list[Array]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
     """The steps along a piece of the boundary, cut where it crosses the lines of the grid.

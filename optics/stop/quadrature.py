@@ -21,42 +21,42 @@ from optics.gauss_legendre import gauss_legendre
 from optics.stop.aperture import Array, Stop
 from optics.stop.arcs import break_radii, open_arcs
 
-_RADIANS_A_PANEL = 200.0
+_RADIANS_PER_SUBINTERVAL = 200.0
 """Longer lines are cut into panels: rules of thousands of nodes are slow to find."""
 
-_PART = 1 << 20
+_CHUNK_NODES = 1 << 20
 """Nodes that are made at once."""
 
-_Part = tuple[Array, Array, Array]
+_NodeChunk = tuple[Array, Array, Array]
 """Positions (y, x) in stop radii, and weights."""
 
-_SOME = 16
+_SPARSE_NODES = 16
 """Radii at which arcs are counted, and their ends followed."""
 
-_END_TO_SPARE = 1.2
+_END_SPEED_MARGIN = 1.2
 
 
 @dataclass(frozen=True)
-class Steepness:
+class PhaseSlopeBound:
     """How fast the phase may turn, in radians per stop radius.
 
-    radial(r): outwards, at radius r and the largest of all below; around(r): along the
+    radial(r): outwards, at radius r and the largest of all below; azimuthal(r): along the
     circle, radians per radian of angle. tilt: of the kernel, towards the farthest sample.
-    cycles: the most that the wave makes around the axis.
+    azimuthal_cycles: the most that the wave makes around the axis.
     """
 
     radial: Callable[[float], float]
-    around: Callable[[float], float]
+    azimuthal: Callable[[float], float]
     tilt: float
-    cycles: int = 1
+    azimuthal_cycles: int = 1
 
-    def along(self, r: float) -> float:
+    def largest_slope(self, r: float) -> float:
         """In any direction at a radius, kernel included."""
-        return math.hypot(self.radial(r), self.around(r) / max(r, 1e-3)) + self.tilt
+        return math.hypot(self.radial(r), self.azimuthal(r) / max(r, 1e-3)) + self.tilt
 
 
 @dataclass(frozen=True)
-class Nodes:
+class QuadratureNodes:
     """Points (y, x) in stop radii and weights whose sum is the open area."""
 
     y: torch.Tensor
@@ -69,12 +69,12 @@ class Nodes:
 
 
 @functools.cache
-def _legendre(count: int) -> tuple[Array, Array]:
+def _unit_interval_rule(count: int) -> tuple[Array, Array]:
     nodes, weights = gauss_legendre(count)
     return (nodes + 1) / 2, weights / 2
 
 
-def nodes_on_line(length: float, slope: float, tol: float) -> int:
+def gauss_node_count(length: float, slope: float, tol: float) -> int:
     """Gauss-Legendre nodes for a phase that turns by no more than slope x length.
 
     Half a node a radian of half the turn, some for the transition (Trefethen 2008), and
@@ -84,140 +84,154 @@ def nodes_on_line(length: float, slope: float, tol: float) -> int:
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
 
 
-def _panels(length: float, slope: float) -> int:
-    return max(1, math.ceil(length * slope / 2 / _RADIANS_A_PANEL))
+def _subinterval_count(length: float, slope: float) -> int:
+    return max(1, math.ceil(length * slope / 2 / _RADIANS_PER_SUBINTERVAL))
 
 
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
     """Nodes in 0 to 1 and weights with sum 1, in panels."""
-    panels = _panels(length, slope)
-    nodes, weights = _legendre(nodes_on_line(length / panels, slope, tol))
+    panels = _subinterval_count(length, slope)
+    nodes, weights = _unit_interval_rule(gauss_node_count(length / panels, slope, tol))
     starts = np.arange(panels)[:, None] / panels
     return (starts + nodes / panels).ravel(), np.tile(weights / panels, panels)
 
 
-def count_nodes(stop: Stop, steepness: Steepness, tol: float) -> int:
+def count_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
     """How many nodes stop_rule() makes, within some percent, without making them."""
-    if stop.rings is not None:
-        inner, outer = stop.rings
-        count, some = _some_nodes(outer - inner, _outwards(outer, steepness), tol)
+    if stop.annulus_radii is not None:
+        inner, outer = stop.annulus_radii
+        count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, steepness), tol)
         radii = inner + (outer - inner) * some
-        return int(count * np.mean([_around_count(r, steepness, tol) for r in radii.tolist()]))
-    return int(min(_rows_count(stop, steepness, tol), _arcs_count(stop, steepness, tol)))
+        return int(count * np.mean([_circle_node_count(r, steepness, tol) for r in radii.tolist()]))
+    return int(
+        min(_row_rule_node_count(stop, steepness, tol), _arc_rule_node_count(stop, steepness, tol))
+    )
 
 
-def _rows_count(stop: Stop, steepness: Steepness, tol: float) -> float:
+def _row_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> float:
     """Infinite where the stop isn't an upright rectangle."""
-    if stop.sides is None:
+    if stop.rectangle_bounds is None:
         return math.inf
-    y0, y1, x0, x1 = stop.sides
-    slope = steepness.along(1.0)
-    return nodes_in(y1 - y0, slope, tol) * nodes_in(x1 - x0, slope, tol)
+    y0, y1, x0, x1 = stop.rectangle_bounds
+    slope = steepness.largest_slope(1.0)
+    return line_rule_node_count(y1 - y0, slope, tol) * line_rule_node_count(x1 - x0, slope, tol)
 
 
-def _arcs_count(stop: Stop, steepness: Steepness, tol: float) -> int:
+def _arc_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
-        count, some = _some_nodes(math.pi, _bent_slope(stop, low, high, steepness), tol)
-        radii, _ = _bent(low, high, math.pi * (some - 0.5))
+        count, some = _sparse_line_nodes(
+            math.pi, _arc_integral_slope(stop, low, high, steepness), tol
+        )
+        radii, _ = _end_clustered_radii(low, high, math.pi * (some - 0.5))
         arcs = ((r, arc) for r in radii.tolist() for arc in open_arcs(stop, r))
-        total += count * sum(_arc_count(r, arc, steepness, tol) for r, arc in arcs) / _SOME
+        total += (
+            count
+            * sum(_single_arc_node_count(r, arc, steepness, tol) for r, arc in arcs)
+            / _SPARSE_NODES
+        )
     return int(total)
 
 
-def _some_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
+def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
     """How many nodes line_rule() makes, and a few of them, as dense as all."""
-    count = nodes_in(length, slope, tol)
-    panels = _panels(length, slope)
-    number = ((np.arange(_SOME) + 0.5) / _SOME * count).astype(np.int64)
+    count = line_rule_node_count(length, slope, tol)
+    panels = _subinterval_count(length, slope)
+    number = ((np.arange(_SPARSE_NODES) + 0.5) / _SPARSE_NODES * count).astype(np.int64)
     panel, place = np.divmod(number, count // panels)
-    return count, (panel + _legendre(count // panels)[0][place]) / panels
+    return count, (panel + _unit_interval_rule(count // panels)[0][place]) / panels
 
 
-def stop_rule(stop: Stop, steepness: Steepness, tol: float) -> Nodes:
+def stop_rule(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> QuadratureNodes:
     """Nodes and weights of an integral over a stop."""
-    return _joined(list(_parts(stop, steepness, tol)))
+    return _join_chunks(list(_node_chunks(stop, steepness, tol)))
 
 
-def stop_blocks(stop: Stop, steepness: Steepness, tol: float, most: int) -> Iterator[Nodes]:
-    """stop_rule() piece by piece, each of about `most` nodes, for rules that fit no memory."""
-    gathered: list[_Part] = []
+def stop_rule_blocks(
+    stop: Stop, steepness: PhaseSlopeBound, tol: float, max_nodes: int
+) -> Iterator[QuadratureNodes]:
+    """stop_rule() piece by piece, each of about `max_nodes` nodes, for rules that fit no memory."""
+    gathered: list[_NodeChunk] = []
     count = 0
-    for part in _parts(stop, steepness, tol):
-        if gathered and count + part[2].size > most:
-            yield _joined(gathered)
+    for part in _node_chunks(stop, steepness, tol):
+        if gathered and count + part[2].size > max_nodes:
+            yield _join_chunks(gathered)
             gathered, count = [], 0
         gathered.append(part)
         count += part[2].size
-    yield _joined(gathered)
+    yield _join_chunks(gathered)
 
 
-def _parts(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
-    if stop.rings is not None:
-        return _rings(*stop.rings, steepness, tol)
-    if stop.sides is None:
-        return _arcs(stop, steepness, tol)
+def _node_chunks(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+    if stop.annulus_radii is not None:
+        return _ring_nodes(*stop.annulus_radii, steepness, tol)
+    if stop.rectangle_bounds is None:
+        return _arc_nodes(stop, steepness, tol)
     # Rows and columns follow a rectangle's edges; far out of focus, arcs follow the wave.
-    if _rows_count(stop, steepness, tol) <= _arcs_count(stop, steepness, tol):
-        return _rows(stop, steepness, tol)
-    return _arcs(stop, steepness, tol)
+    if _row_rule_node_count(stop, steepness, tol) <= _arc_rule_node_count(stop, steepness, tol):
+        return _row_nodes(stop, steepness, tol)
+    return _arc_nodes(stop, steepness, tol)
 
 
 def product_rule(
-    stop: Stop, steepness: Steepness, tol: float
+    stop: Stop, steepness: PhaseSlopeBound, tol: float
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Rows and columns of nodes, with their weights, over an upright rectangle."""
-    assert stop.sides is not None
-    y0, y1, x0, x1 = stop.sides
-    slope = steepness.along(1.0)
+    assert stop.rectangle_bounds is not None
+    y0, y1, x0, x1 = stop.rectangle_bounds
+    slope = steepness.largest_slope(1.0)
     (ty, wy), (tx, wx) = (line_rule(side, slope, tol) for side in (y1 - y0, x1 - x0))
     return (y0 + (y1 - y0) * ty, (y1 - y0) * wy), (x0 + (x1 - x0) * tx, (x1 - x0) * wx)
 
 
-def _rows(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
+def _row_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
     (y, wy), (x, wx) = product_rule(stop, steepness, tol)
-    rows = max(1, _PART // x.size)
+    rows = max(1, _CHUNK_NODES // x.size)
     for start in range(0, y.size, rows):
         part, weight = y[start : start + rows], wy[start : start + rows]
         yield np.repeat(part, x.size), np.tile(x, part.size), (weight[:, None] * wx).ravel()
 
 
-def _joined(parts: list[_Part]) -> Nodes:
+def _join_chunks(parts: list[_NodeChunk]) -> QuadratureNodes:
     y, x, weight = (torch.from_numpy(np.concatenate(c)) for c in zip(*parts, strict=True))
-    return Nodes(y, x, weight)
+    return QuadratureNodes(y, x, weight)
 
 
-def nodes_in(length: float, slope: float, tol: float) -> int:
+def line_rule_node_count(length: float, slope: float, tol: float) -> int:
     """How many nodes line_rule() makes."""
-    panels = _panels(length, slope)
-    return panels * nodes_on_line(length / panels, slope, tol)
+    panels = _subinterval_count(length, slope)
+    return panels * gauss_node_count(length / panels, slope, tol)
 
 
-def _around_count(r: float, steepness: Steepness, tol: float) -> int:
+def _circle_node_count(r: float, steepness: PhaseSlopeBound, tol: float) -> int:
     """Evenly spaced nodes around a circle: more than the cycles of the fastest harmonic."""
-    kernel = _harmonics(steepness.tilt * r, tol)
-    if not steepness.around(r):
+    kernel = _harmonic_count(steepness.tilt * r, tol)
+    if not steepness.azimuthal(r):
         return kernel
     # A wave of so many cycles has only their multiples as harmonics.
-    return kernel + steepness.cycles * _harmonics(steepness.around(r) / steepness.cycles, tol)
+    return kernel + steepness.azimuthal_cycles * _harmonic_count(
+        steepness.azimuthal(r) / steepness.azimuthal_cycles, tol
+    )
 
 
-def _harmonics(turn: float, tol: float) -> int:
+def _harmonic_count(turn: float, tol: float) -> int:
     """Of exp(i turn sin(angle)), down to a tolerance: those of Bessel functions."""
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
 
-def _rings(inner: float, outer: float, steepness: Steepness, tol: float) -> Iterator[_Part]:
-    t, along = line_rule(outer - inner, _outwards(outer, steepness), tol)
+def _ring_nodes(
+    inner: float, outer: float, steepness: PhaseSlopeBound, tol: float
+) -> Iterator[_NodeChunk]:
+    t, along = line_rule(outer - inner, _radial_slope(outer, steepness), tol)
     radii, along = inner + (outer - inner) * t, (outer - inner) * along
-    counts = np.array([_around_count(r, steepness, tol) for r in radii])
-    most = max(1, _PART // int(counts.max()))
+    counts = np.array([_circle_node_count(r, steepness, tol) for r in radii])
+    most = max(1, _CHUNK_NODES // int(counts.max()))
     for start in range(0, radii.size, most):
         part = slice(start, start + most)
-        yield _circles(radii[part], along[part], counts[part])
+        yield _circle_nodes(radii[part], along[part], counts[part])
 
 
-def _circles(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Part:
+def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _NodeChunk:
     """Evenly spaced nodes on whole circles."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
@@ -227,32 +241,33 @@ def _circles(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Part:
     return r * np.sin(angle), r * np.cos(angle), weight
 
 
-def _arcs(stop: Stop, steepness: Steepness, tol: float) -> Iterator[_Part]:
+def _arc_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
     """Circles around the axis, as far as they are open: the kernel alone turns along them,
     and defocus does not."""
     for low, high in pairwise(break_radii(stop)):
-        t, along = line_rule(math.pi, _bent_slope(stop, low, high, steepness), tol)
-        radii, steps = _bent(low, high, math.pi * (t - 0.5))
+        t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, steepness), tol)
+        radii, steps = _end_clustered_radii(low, high, math.pi * (t - 0.5))
         for r, step in zip(radii.tolist(), (math.pi * along * steps).tolist(), strict=True):
             for arc in open_arcs(stop, r):
                 around, weight = _arc_rule(r, arc, steepness, tol)
                 yield r * np.sin(around), r * np.cos(around), step * r * weight
 
 
-def _bent(low: float, high: float, angle: Array) -> tuple[Array, Array]:
+def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, Array]:
     """Radii that crowd at both ends of a stretch, and dr / d angle, from -pi/2 to pi/2: smooth
     also where an edge is tangent to a circle."""
     middle, half = (low + high) / 2, (high - low) / 2
     return middle + half * np.sin(angle), half * np.cos(angle)
 
 
-def _bent_slope(stop: Stop, low: float, high: float, steepness: Steepness) -> float:
-    """Radians by which the integral along the arcs turns per radian of _bent()'s angle.
+def _arc_integral_slope(stop: Stop, low: float, high: float, steepness: PhaseSlopeBound) -> float:
+    """Radians by which the integral along the arcs turns per radian of angle.
 
-    The ends of the arcs may run along the stop's edge much faster than outwards.
+    That is the angle of _end_clustered_radii(). The ends of the arcs may run along the stop's edge
+    much faster than outwards.
     """
-    angle = np.linspace(-math.pi / 2, math.pi / 2, _SOME + 1)[1:-1]
-    radii, _ = _bent(low, high, angle)
+    angle = np.linspace(-math.pi / 2, math.pi / 2, _SPARSE_NODES + 1)[1:-1]
+    radii, _ = _end_clustered_radii(low, high, angle)
     ends = [
         np.array([r * np.exp(1j * end) for arc in open_arcs(stop, r) for end in arc])
         for r in radii.tolist()
@@ -263,51 +278,53 @@ def _bent_slope(stop: Stop, low: float, high: float, steepness: Steepness) -> fl
         for a, b in pairwise(ends)
         if a.size and b.size
     ]
-    speed = max([half, *(_END_TO_SPARE * m / (angle[1] - angle[0]) for m in moved)])
-    turned = steepness.around(high) / max(high, 1e-3)
+    speed = max([half, *(_END_SPEED_MARGIN * m / (angle[1] - angle[0]) for m in moved)])
+    turned = steepness.azimuthal(high) / max(high, 1e-3)
     return steepness.radial(high) * half + (steepness.tilt + turned) * speed
 
 
-def _outwards(r: float, steepness: Steepness) -> float:
+def _radial_slope(r: float, steepness: PhaseSlopeBound) -> float:
     return steepness.radial(r) + steepness.tilt
 
 
-def _sideways(angle: float, r: float, steepness: Steepness, tol: float) -> float:
+def _azimuthal_slope(angle: float, r: float, steepness: PhaseSlopeBound, tol: float) -> float:
     """Radians per radian that line_rule() has to follow along an open arc.
 
     Over more than half a cycle the slope changes too much for the few nodes that a line has
     to spare; the fastest harmonic is as fast everywhere.
     """
-    if angle * steepness.cycles > math.pi * (1 + 1e-9):
-        return _around_count(r, steepness, tol)
-    return steepness.tilt * r + steepness.around(r)
+    if angle * steepness.azimuthal_cycles > math.pi * (1 + 1e-9):
+        return _circle_node_count(r, steepness, tol)
+    return steepness.tilt * r + steepness.azimuthal(r)
 
 
 def _arc_rule(
-    r: float, arc: tuple[float, float], steepness: Steepness, tol: float
+    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
 ) -> tuple[Array, Array]:
     """Angles along an open arc, and weights whose sum is its angle."""
     first, last = arc
     if last - first >= 2 * math.pi:
-        count = _around_count(r, steepness, tol)
+        count = _circle_node_count(r, steepness, tol)
         step = 2 * math.pi / count
         return step * np.arange(count, dtype=np.float64), np.full(count, step)
-    pieces = _pieces(arc)
+    pieces = _arc_piece_count(arc)
     angle: float = (last - first) / pieces
-    t, weight = line_rule(angle, _sideways(angle, r, steepness, tol), tol)
+    t, weight = line_rule(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
     starts = first + angle * np.arange(pieces, dtype=np.float64)[:, None]
     return (starts + angle * t).ravel(), np.tile(np.multiply(angle, weight), pieces)
 
 
-def _arc_count(r: float, arc: tuple[float, float], steepness: Steepness, tol: float) -> int:
+def _single_arc_node_count(
+    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
+) -> int:
     if arc[1] - arc[0] >= 2 * math.pi:
-        return _around_count(r, steepness, tol)
-    pieces = _pieces(arc)
+        return _circle_node_count(r, steepness, tol)
+    pieces = _arc_piece_count(arc)
     angle = (arc[1] - arc[0]) / pieces
-    return pieces * nodes_in(angle, _sideways(angle, r, steepness, tol), tol)
+    return pieces * line_rule_node_count(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
 
 
-def _pieces(arc: tuple[float, float]) -> int:
+def _arc_piece_count(arc: tuple[float, float]) -> int:
     """Half a turn at the most: a tilt's slope changes too much along a longer piece for the
-    nodes that nodes_on_line() has to spare."""
+    nodes that gauss_node_count() has to spare."""
     return math.ceil((arc[1] - arc[0]) / math.pi)

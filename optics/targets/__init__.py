@@ -12,13 +12,13 @@ from optics.targets.curves import eye as eye
 from optics.targets.curves import heart as heart
 from optics.targets.curves import infinity as infinity
 from optics.targets.curves import spiral as spiral
-from optics.targets.dispersion import dispersed as dispersed
+from optics.targets.dispersion import dispersed_positions as dispersed_positions
 from optics.targets.dispersion import linear_dispersion as linear_dispersion
 from optics.targets.dots import dots as dots
-from optics.targets.dots import on_grid as on_grid
-from optics.targets.dots import on_ring as on_ring
-from optics.targets.drawing import Target as Target
+from optics.targets.dots import grid_positions as grid_positions
+from optics.targets.dots import ring_positions as ring_positions
 from optics.targets.letters import letters as letters
 from optics.targets.logo import logo as logo
 from optics.targets.moving import shrinking_spiral as shrinking_spiral
 from optics.targets.ring import ring as ring
+from optics.targets.target import Target as Target

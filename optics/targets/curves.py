@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optics.edge import require_positive
-from optics.targets.drawing import Drawing, Target, micrometres
-from optics.targets.stroke import Points, drawn
+from optics.targets.stroke import Points, draw_strokes
+from optics.targets.target import Drawing, Target, format_micrometres
+from optics.validation import require_positive
 
 _POINTS = 720
 """Along a closed curve, or a turn of an open one."""
@@ -28,7 +28,7 @@ def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) 
         raise ValueError(f"hole is {hole:g}; it is a share of the radius, from 0 to below 1")
     end = 2 * math.pi * turns
     angle = np.linspace(math.sqrt(hole) * end, end, 2 + math.ceil(_POINTS * turns))
-    return _shape([_polar((angle / end) ** 2, angle)], radius, width)
+    return _draw_within_radius([_polar((angle / end) ** 2, angle)], radius, width)
 
 
 @Target
@@ -37,9 +37,9 @@ def heart(radius: float, width: float) -> Drawing:
     t = np.linspace(0, 2 * math.pi, _POINTS)
     x = 16 * np.sin(t) ** 3
     y = -(13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t))
-    points = _closed(np.stack([y, x], 1))
+    points = _close_curve(np.stack([y, x], 1))
     points = points - (points.min(0) + points.max(0)) / 2
-    return _shape([points / np.hypot(*points.T).max()], radius, width)
+    return _draw_within_radius([points / np.hypot(*points.T).max()], radius, width)
 
 
 @Target
@@ -48,7 +48,7 @@ def infinity(radius: float, width: float) -> Drawing:
     t = np.linspace(0, 2 * math.pi, _POINTS)
     scale = 1 / (1 + np.sin(t) ** 2)
     points = np.stack([np.sin(t) * np.cos(t) * scale, np.cos(t) * scale], 1)
-    return _shape([_closed(points)], radius, width)
+    return _draw_within_radius([_close_curve(points)], radius, width)
 
 
 @Target
@@ -61,17 +61,17 @@ def eye(radius: float, width: float) -> Drawing:
     angle = np.linspace(-half, half, _POINTS)
     lid = np.stack([curvature * np.cos(angle) - (curvature - height), curvature * np.sin(angle)], 1)
     around = np.linspace(0, 2 * math.pi, _POINTS)
-    circles = [_closed(_polar(np.full(_POINTS, size), around)) for size in (iris, pupil)]
-    return _shape([lid, lid * [-1, 1], *circles], radius, width)
+    circles = [_close_curve(_polar(np.full(_POINTS, size), around)) for size in (iris, pupil)]
+    return _draw_within_radius([lid, lid * [-1, 1], *circles], radius, width)
 
 
-def _shape(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
+def _draw_within_radius(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
     """Strokes within a circle of one, at their size."""
     require_positive("radius", radius, "m")
-    return drawn(
+    return draw_strokes(
         [radius * stroke for stroke in strokes],
         width,
-        f"radius {micrometres(radius)} with width {micrometres(width)}",
+        f"radius {format_micrometres(radius)} with width {format_micrometres(width)}",
         "choose a smaller radius",
     )
 
@@ -80,6 +80,6 @@ def _polar(distance: Points, angle: Points) -> Points:
     return np.stack([distance * np.sin(angle), distance * np.cos(angle)], 1)
 
 
-def _closed(points: Points) -> Points:
+def _close_curve(points: Points) -> Points:
     """The last point is exactly the first."""
     return np.vstack([points[:-1], points[:1]])

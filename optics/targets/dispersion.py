@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from optics.edge import require_positive
 from optics.targets.dots import Position, dots
-from optics.targets.drawing import Drawings, Target
+from optics.targets.target import Drawings, Target
+from optics.validation import require_positive
 
 
-def dispersed(
+def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
     """Where a prism sends each wavelength; all of them together are a row of dots.
@@ -39,7 +39,7 @@ def linear_dispersion(
 ) -> Drawings:
     """The dot of every wavelength, (wavelengths, rows, columns), each with sum one.
 
-    width: standard deviation of a dot, metres. The rest: see dispersed().
+    width: standard deviation of a dot, metres. The rest: see dispersed_positions().
     """
-    places = dispersed(wavelengths, reference, rate, direction)
+    places = dispersed_positions(wavelengths, reference, rate, direction)
     return Drawings([dots.draw([place], width) for place in places])

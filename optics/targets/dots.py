@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import torch
 
-from optics.edge import require_positive
 from optics.plane import Plane
-from optics.targets.drawing import Drawing, Target, micrometres
+from optics.targets.target import Drawing, Target, format_micrometres
+from optics.validation import require_positive
 
 Position = tuple[float, float]
 """(y, x) in metres."""
@@ -38,7 +38,7 @@ def dots(
     light = torch.tensor(weights, dtype=torch.float64)
 
     def brightness(plane: Plane) -> torch.Tensor:
-        y, x = (_profiles(plane, axis, place[:, axis], width) for axis in (0, 1))
+        y, x = (_gaussian_profiles(plane, axis, place[:, axis], width) for axis in (0, 1))
         return (y * light) @ x.T
 
     (low_y, low_x), (high_y, high_x) = place.min(0).values.tolist(), place.max(0).values.tolist()
@@ -46,13 +46,13 @@ def dots(
         (low_y, high_y, low_x, high_x),
         width,
         brightness,
-        f"a dot {micrometres(float(place.abs().max()))} from the axis with width "
-        f"{micrometres(width)}",
+        f"a dot {format_micrometres(float(place.abs().max()))} from the axis with width "
+        f"{format_micrometres(width)}",
         "move it inwards",
     )
 
 
-def on_ring(count: int, radius: float, start: float = 0.0) -> list[Position]:
+def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Position]:
     """Positions equally spaced on a circle; start: angle of the first, radians."""
     if count < 1:
         raise ValueError(f"count is {count}; give one dot at least")
@@ -61,7 +61,7 @@ def on_ring(count: int, radius: float, start: float = 0.0) -> list[Position]:
     return [(radius * math.sin(angle), radius * math.cos(angle)) for angle in angles]
 
 
-def on_grid(shape: tuple[int, int], spacing: float) -> list[Position]:
+def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
     """Positions in (rows, columns) around the axis, `spacing` metres apart."""
     if min(shape) < 1:
         raise ValueError(f"shape is {shape}; give one row and one column at least")
@@ -70,7 +70,7 @@ def on_grid(shape: tuple[int, int], spacing: float) -> list[Position]:
     return [(row, column) for row in y for column in x]
 
 
-def _profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
+def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
     """Gaussians along an axis, (samples, dots)."""
     away = plane.coordinates(axis)[:, None] - place
     return torch.exp(-(away**2) / (2 * width**2))

@@ -72,7 +72,7 @@ _GAP = 1.6
 _BLANK = 2.4
 """Width of a blank, in units."""
 
-KNOWN = "".join([*_LETTERS, "9"])
+AVAILABLE_SIGNS = "".join([*_LETTERS, "9"])
 """The signs that there are, besides the blank."""
 
 
@@ -99,7 +99,7 @@ def _sign(sign: str) -> list[Points]:
     if sign == "9":
         return [[HEIGHT, 4.0] - stroke for stroke in _sign("6")]
     if sign not in _LETTERS:
-        raise ValueError(f"text has {sign!r}; there are {KNOWN} and blanks")
+        raise ValueError(f"text has {sign!r}; there are {AVAILABLE_SIGNS} and blanks")
     return [_path(pens) for pens in _LETTERS[sign]]
 
 

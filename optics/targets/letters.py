@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.edge import require_positive
-from optics.targets.drawing import Drawing, Target, micrometres
 from optics.targets.font import HEIGHT, strokes_of
-from optics.targets.stroke import drawn
+from optics.targets.stroke import draw_strokes
+from optics.targets.target import Drawing, Target, format_micrometres
+from optics.validation import require_positive
 
 
 @Target
@@ -22,10 +22,10 @@ def letters(text: str, height: float, width: float) -> Drawing:
     points = np.concatenate(strokes)
     middle = (points.min(0) + points.max(0)) / 2
     long = float(np.ptp(points[:, 1]))
-    return drawn(
+    return draw_strokes(
         [stroke - middle for stroke in strokes],
         width,
-        f"text of {micrometres(long)} with height {micrometres(height)} and width "
-        f"{micrometres(width)}",
+        f"text of {format_micrometres(long)} with height {format_micrometres(height)} and width "
+        f"{format_micrometres(width)}",
         "choose a smaller height",
     )

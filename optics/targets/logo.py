@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from optics.edge import floating, require_finite, require_positive, tensors_inside
 from optics.plane import Plane
-from optics.targets.drawing import Drawing, Target, micrometres
+from optics.targets.target import Drawing, Target, format_micrometres
+from optics.validation import accepts_numpy, as_floating_point, require_finite, require_positive
 
 
 @Target
-@tensors_inside
+@accepts_numpy
 def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
     """A picture whose longer side is `size` metres, around the axis.
 
@@ -21,7 +21,7 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
     require_positive("size", size, "m")
     if picture.ndim != 2 or not picture.numel():
         raise ValueError(f"picture has shape {tuple(picture.shape)}; give rows and columns")
-    light = floating(picture).to(torch.float64)
+    light = as_floating_point(picture).to(torch.float64)
     require_finite("picture", light)
     if light.min() < 0:
         raise ValueError(f"picture is {float(light.min()):g} somewhere; light can't be negative")
@@ -34,22 +34,22 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
     def brightness(plane: Plane) -> torch.Tensor:
         if size < max(plane.pitch):
             raise ValueError(
-                f"size {micrometres(size)} falls between samples of "
-                f"{micrometres(max(plane.pitch))}; choose a larger one"
+                f"size {format_micrometres(size)} falls between samples of "
+                f"{format_micrometres(max(plane.pitch))}; choose a larger one"
             )
-        y, x = (_shares(plane, axis, n, pixel) for axis, n in enumerate(light.shape))
+        y, x = (_pixel_coverage(plane, axis, n, pixel) for axis, n in enumerate(light.shape))
         return y @ light @ x.T
 
     return Drawing(
         (-half_y, half_y, -half_x, half_x),
         0.0,
         brightness,
-        f"a picture of {micrometres(size)}",
+        f"a picture of {format_micrometres(size)}",
         "choose a smaller size",
     )
 
 
-def _shares(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
+def _pixel_coverage(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
     """How much of each pixel along an axis falls on each sample, (samples, pixels)."""
     pitch = plane.pitch[axis]
     sample = plane.coordinates(axis)[:, None]

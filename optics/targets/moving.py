@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from optics.targets.curves import spiral
-from optics.targets.drawing import Drawing, Drawings, Target
+from optics.targets.target import Drawing, Drawings, Target
 
 
 @Target

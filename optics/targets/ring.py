@@ -7,7 +7,7 @@ import math
 import torch
 
 from optics.plane import Plane
-from optics.targets.drawing import Drawing, Target, micrometres
+from optics.targets.target import Drawing, Target, format_micrometres
 
 
 @Target
@@ -27,6 +27,6 @@ def ring(radius: float, width: float) -> Drawing:
         (-radius, radius, -radius, radius),
         width,
         brightness,
-        f"radius {micrometres(radius)} with width {micrometres(width)}",
+        f"radius {format_micrometres(radius)} with width {format_micrometres(width)}",
         "choose a smaller radius",
     )

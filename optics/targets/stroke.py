@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from optics.edge import require_positive
 from optics.plane import Plane
-from optics.targets.drawing import Drawing
+from optics.targets.target import Drawing
+from optics.validation import require_positive
 
 Points = NDArray[np.float64]
 """(n, 2): y and x of points along a curve, metres. One point is a dot; a curve whose last point
@@ -25,7 +25,7 @@ _FAR = 6.0
 """Widths from a stroke where 2e-8 of its peak are left, and nothing is drawn."""
 
 
-def drawn(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> Drawing:
+def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> Drawing:
     """Strokes as a drawing; sizes, remedy: see Drawing."""
     require_positive("width", width, "m")
     points = np.concatenate(strokes)
@@ -33,25 +33,27 @@ def drawn(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> D
     return Drawing(
         (float(low_y), float(high_y), float(low_x), float(high_x)),
         width,
-        lambda plane: brightness(strokes, width, plane),
+        lambda plane: stroke_brightness(strokes, width, plane),
         sizes,
         remedy,
     )
 
 
-def brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
+def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
     """exp(-d² / 2 width²) of the distance d to the nearest stroke, (rows, columns)."""
-    points, before, after = _joined(strokes, _SPACING * width)
+    points, before, after = _join_strokes(strokes, _SPACING * width)
     y, x = (plane.coordinates(axis).numpy() for axis in (0, 1))
-    rows, columns = (_near(axis, points[:, i], _FAR * width) for i, axis in enumerate((y, x)))
+    rows, columns = (
+        _samples_near(axis, points[:, i], _FAR * width) for i, axis in enumerate((y, x))
+    )
     places = np.stack(np.meshgrid(y[rows], x[columns], indexing="ij"), axis=-1).reshape(-1, 2)
     # Far from all strokes nothing is looked for.
     far, nearest = KDTree(points).query(places, distance_upper_bound=_FAR * width)
     seen = np.isfinite(far)
     places, nearest = places[seen], np.asarray(nearest)[seen]
     squared = np.minimum(
-        _to_segment(places, points[nearest], points[before[nearest]]),
-        _to_segment(places, points[nearest], points[after[nearest]]),
+        _squared_distances(places, points[nearest], points[before[nearest]]),
+        _squared_distances(places, points[nearest], points[after[nearest]]),
     )
     light = np.zeros(seen.size)
     light[seen] = np.exp(-squared / (2 * width**2))
@@ -60,20 +62,20 @@ def brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.T
     return torch.from_numpy(picture)
 
 
-def _near(axis: Points, points: Points, far: float) -> slice:
+def _samples_near(axis: Points, points: Points, far: float) -> slice:
     """The samples of an axis that are near any point."""
     low, high = points.min() - far, points.max() + far
     return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)))
 
 
-def _joined(
+def _join_strokes(
     strokes: Sequence[Points], spacing: float
 ) -> tuple[Points, NDArray[np.intp], NDArray[np.intp]]:
     """All points, close together, with the indices of each one's neighbours along its stroke."""
     parts = list[Points]()
     before, after, count = list[NDArray[np.intp]](), list[NDArray[np.intp]](), 0
     for stroke in strokes:
-        points = _closer(stroke, spacing)
+        points = _densify_points(stroke, spacing)
         closed = len(points) > 1 and bool((points[0] == points[-1]).all())
         points = points[:-1] if closed else points
         n = len(points)
@@ -85,7 +87,7 @@ def _joined(
     return np.concatenate(parts), np.concatenate(before), np.concatenate(after)
 
 
-def _closer(points: Points, spacing: float) -> Points:
+def _densify_points(points: Points, spacing: float) -> Points:
     """The same curve with points at most `spacing` apart, its corners among them."""
     if len(points) == 1:
         return points
@@ -96,7 +98,7 @@ def _closer(points: Points, spacing: float) -> Points:
     return np.vstack([between, points[-1:]])
 
 
-def _to_segment(places: Points, start: Points, end: Points) -> Points:
+def _squared_distances(places: Points, start: Points, end: Points) -> Points:
     """Squared distances of points to segments, which may be points themselves."""
     along = end - start
     length = (along**2).sum(1)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Literal, Self, get_args
 
 from drivers.interfaces import Setting, Surroundings
-from drivers.wheel import Slotted, slots_from
-from optics.edge import require_positive
+from drivers.wheel import SlottedFilter, parse_slots
 from optics.light.bands import Band
-from simulator.devices.simulated import Simulated, require_duration
+from optics.validation import require_positive
+from simulator.devices.base import SimulatedDevice, require_duration
 
 Range = tuple[float, float]
 
@@ -31,7 +31,7 @@ def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: 
     return Band(centre, fwhm, shape, leak, (low * 1e-9, high * 1e-9))
 
 
-class SimulatedFilter(Simulated):
+class SimulatedFilter(SimulatedDevice):
     """A liquid-crystal tunable filter.
 
     range_nm: lowest and highest wavelength. bandwidth_nm: full width at half maximum.
@@ -74,7 +74,7 @@ class SimulatedFilter(Simulated):
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
         low, high = self.wavelength_range
-        self._luck.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
+        self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
             raise self._refuse(
                 f"tune to {wavelength * 1e9:.1f} nm",
@@ -90,7 +90,7 @@ class SimulatedFilter(Simulated):
         self.set_wavelength(self.wavelength_range[0])
 
 
-class SimulatedWheel(Slotted, Simulated):
+class SimulatedWheel(SlottedFilter, SimulatedDevice):
     """A wheel of filters.
 
     slots_nm: centre and full width at half maximum of each slot. step_ms: time that the
@@ -112,7 +112,7 @@ class SimulatedWheel(Slotted, Simulated):
     ) -> None:
         super().__init__(surroundings)
         require_duration("step_ms", step_ms)
-        self._slots = slots_from(slots_nm)
+        self._slots = parse_slots(slots_nm)
         self._bands = [
             _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm)
             for slot in self._slots
@@ -132,7 +132,7 @@ class SimulatedWheel(Slotted, Simulated):
 
     def set_slot(self, number: int) -> Setting[int]:
         command = f"turn to slot {number}"
-        self._luck.begin(command, self.reply_time)
+        self._faults.begin(command, self.reply_time)
         self._require_slot(number, command)
         around = abs(number - self._slot)
         steps = min(around, len(self._slots) - around)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Setting, Surroundings
-from optics.edge import require_positive
 from optics.slm import require_grey
-from simulator.devices.simulated import Simulated
+from optics.validation import require_positive
+from simulator.devices.base import SimulatedDevice
 
 
-class SimulatedSLM(Simulated):
+class SimulatedSLM(SimulatedDevice):
     """A liquid-crystal panel whose pixels are the world's.
 
     frame_rate_hz: frames of a video in a second; the panel's own if None.
@@ -27,7 +27,7 @@ class SimulatedSLM(Simulated):
         rate = self._world.camera.panel.frame_rate if frame_rate_hz is None else frame_rate_hz
         require_positive("frame_rate_hz", rate, "Hz")
         self.frame_time = 1 / rate
-        self.shown = "neutral"
+        self.displayed_pattern = "neutral"
 
     def __enter__(self) -> Self:
         super().__enter__()
@@ -56,12 +56,12 @@ class SimulatedSLM(Simulated):
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
-        self._luck.begin(command, self.reply_time)
+        self._faults.begin(command, self.reply_time)
         try:
             for grey in frames:
                 require_grey(self._world.camera.panel, grey)
         except (TypeError, ValueError) as error:
             raise self._refuse(command, str(error), "Compute it again") from error
         self._world.play(frames, self.frame_time)
-        self.shown = identifier
+        self.displayed_pattern = identifier
         return Setting(identifier, identifier, self._clock.now() + self.settling)

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Spectrum, Surroundings
-from simulator.devices.simulated import Simulated
-from simulator.machines.cs2000_optics import WAVELENGTHS, Optics
+from simulator.devices.base import SimulatedDevice
+from simulator.machines.cs2000_optics import WAVELENGTHS, CS2000Optics
 
 _ANGLE = math.radians(1)
 
 
-class SimulatedSpectroradiometer(Simulated):
+class SimulatedSpectroradiometer(SimulatedDevice):
     """A CS-2000 without its wire: what is white in the target, from 380 to 780 nm.
 
     slit_nm: full width at half maximum of its triangular slit, in whole nanometres, 0 for none.
@@ -28,7 +28,7 @@ class SimulatedSpectroradiometer(Simulated):
         super().__init__(surroundings)
         if not (isinstance(slit_nm, int) and 0 <= slit_nm <= 20):
             raise ValueError(f"slit_nm is {slit_nm}; it must be a whole number from 0 to 20")
-        self._optics = Optics(self._world.radiance, slit_nm, 0)
+        self._optics = CS2000Optics(self._world.radiance, slit_nm, 0)
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
@@ -39,15 +39,20 @@ class SimulatedSpectroradiometer(Simulated):
 
         DeviceError if the light is too bright, or if it was cancelled.
         """
-        self._luck.begin("measure", self.reply_time)
+        self._faults.begin("measure", self.reply_time)
         began = self._clock.now()
-        integration, nd = self._optics.needed(0, 0, 2)
+        integration, nd = self._optics.required_exposure(0, 0, 2)
         if self._optics.is_too_bright(integration, nd):
             raise self._refuse("measure", "the light is too bright", "Dim the lamp")
-        self._clock.wait_until(began + integration, lambda: cancelled() or self._luck.killed)
-        self._luck.require_alive("measure")
+        self._clock.wait_until(began + integration, lambda: cancelled() or self._faults.is_killed)
+        self._faults.require_alive("measure")
         if cancelled():
             raise self._refuse("measure", "it was cancelled", "Measure again")
         return Spectrum(
-            self.wavelengths, self._optics.seen() * 1e9, integration, bool(nd), _ANGLE, began
+            self.wavelengths,
+            self._optics.measured_spectrum() * 1e9,
+            integration,
+            bool(nd),
+            _ANGLE,
+            began,
         )

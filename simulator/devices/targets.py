@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from drivers.interfaces import Setting
-from simulator.devices.simulated import Simulated
+from simulator.devices.base import SimulatedDevice
 
 
-class SimulatedTargets(Simulated):
+class SimulatedTargets(SimulatedDevice):
     """A changer that puts the scene's targets before the camera, one at a time."""
 
     model = "simulated target changer"
@@ -18,11 +18,11 @@ class SimulatedTargets(Simulated):
         return tuple(self._world.scene.targets)
 
     @property
-    def placed(self) -> str:
+    def current_target(self) -> str:
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
-        self._luck.begin(f"place {name}", self.reply_time)
+        self._faults.begin(f"place {name}", self.reply_time)
         if name not in self.names:
             raise self._refuse(
                 f"place {name}", "no such target", f"Choose one of {', '.join(self.names)}"

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from simulator.effects.blurs import BlurStage, spread_otherwise
-from simulator.effects.costs import BEATS
-from simulator.effects.wavefronts import sampled
+from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
+from simulator.effects.field_distance import sample_pixels
+from simulator.effects.rendering_work import POLARISATION_INTERFERENCE
 from simulator.planning import Bound
 from simulator.situation import Situation
 
 
-class Interference(BlurStage):
-    name = BEATS
-    entry = "interference"
-    likely = 0.3
+class Interference(OnOffBlurEffect):
+    name = POLARISATION_INTERFERENCE
+    recipe_field = "interference"
+    typical_bound_share = 0.3
     physics = "behind an analyser, light that the panel turns and light that it doesn't interfere"
     source = "Saleh and Teich, Fundamentals of Photonics 6.1; optics.polarisation"
     requires = ("unmodulated light", "diffraction")
 
-    def caused(self, s: Situation) -> bool:
-        return s.path is not None and _strength(s) > 0 and not s.picture.dark
+    def is_present(self, s: Situation) -> bool:
+        return s.path is not None and _strength(s) > 0 and not s.picture_probe.is_dark
 
-    def left_out(self, s: Situation) -> Bound:
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
         # Gap light and an uneven beam may make either of the two brighter than 1.
         how = "proved: Cauchy-Schwarz on two waves, each of all the light"
-        return spread_otherwise(s, _strength(s) * _brightest(s), how)
+        return psf_error_bound(s, _strength(s) * _brightest(s), how)
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return f"the two beat by {_strength(s):.2g} of the light at most"
 
 
@@ -35,6 +35,8 @@ def _strength(s: Situation) -> float:
 
 def _brightest(s: Situation) -> float:
     """Power of the modulated field over that of an even one, and of the unmodulated."""
-    pixels = sampled(s)
-    powers = [pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern.fields]
+    pixels = sample_pixels(s)
+    powers = [
+        pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields
+    ]
     return max(1.0, *powers) * 1.2

@@ -9,8 +9,12 @@ import numpy as np
 
 from optics.light.spectrum import Spectrum
 from optics.sensor import Mosaic
-from simulator.effects.on_pixels import in_proportion, light, pixels
-from simulator.planning import Bound, Stage
+from simulator.effects.electron_bounds import (
+    light_norm_bound,
+    pixel_count,
+    proportional_error_bound,
+)
+from simulator.planning import Bound, OnOffEffect
 from simulator.probing.rates import electron_rates
 from simulator.situation import Situation
 
@@ -18,29 +22,29 @@ _BENT = 1.001
 """Above what |a - b| of two broken lines is, drawn between the nodes of both."""
 
 
-class ColourFilters(Stage):
+class ColourFilters(OnOffEffect):
     name = "colour filter array"
-    entry = "mosaic"
+    recipe_field = "mosaic"
     physics = "each pixel has one of a few colour filters, and counts the photons that it passes"
     source = "Bayer, US patent 3,971,065"
 
-    def caused(self, s: Situation) -> bool:
-        return s.camera.sensor.colour is not None and not s.picture.dark
+    def is_present(self, s: Situation) -> bool:
+        return s.camera.sensor.colour is not None and not s.picture_probe.is_dark
 
-    def missed(self, s: Situation) -> float:
+    def estimated_error_if_omitted(self, s: Situation) -> float:
         return self._largest(s)
 
-    def left_out(self, s: Situation) -> Bound:
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
-        return in_proportion(s, self._largest(s) * light(s), how)
+        return proportional_error_bound(s, self._largest(s) * light_norm_bound(s), how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour
         if colour is None or not levels[self.name]:
             return 0.0
-        return float(pixels(s) * len(colour.channels))
+        return float(pixel_count(s) * len(colour.channels))
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
 
     def _largest(self, s: Situation) -> float:

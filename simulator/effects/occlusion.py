@@ -8,38 +8,45 @@ from collections.abc import Mapping
 import torch
 from scipy.ndimage import maximum_filter1d
 
-from simulator.effects.costs import BAND, BESIDE, LEAK, PLACE, PLACES, WAVELENGTHS
+from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
 from simulator.effects.moving import transform
-from simulator.effects.on_pixels import seconds, through_sensor
-from simulator.planning import Bound, Stage
+from simulator.effects.rendering_work import (
+    FIELD_COUNTS,
+    FIELD_POSITION,
+    FILTER_BANDWIDTH,
+    LEAK_COUNTS,
+    OUT_OF_BAND_LEAK,
+    WAVELENGTH_COUNTS,
+)
+from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 _SHARES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Of a PSF's light, that may fall beyond the reach within which it is looked at."""
 
 
-class Occlusion(Stage):
+class Occlusion(OnOffEffect):
     name = "occlusion"
-    entry = "occlusion"
+    recipe_field = "occlusion"
     physics = "what is near hides what is behind it, and more of it where it is blurred"
     source = "Hasinoff and Kutulakos 2007, doi 10.1109/ICCV.2007.4408910"
 
-    def caused(self, s: Situation) -> bool:
-        return any(one is not None and bool(one.any()) for one in s.picture.covers) and any(
-            bool(light.any()) for light in s.picture.lights[1:]
+    def is_present(self, s: Situation) -> bool:
+        return any(one is not None and bool(one.any()) for one in s.picture_probe.covers) and any(
+            bool(light.any()) for light in s.picture_probe.lights[1:]
         )
 
-    def missed(self, s: Situation) -> float:
+    def estimated_error_if_omitted(self, s: Situation) -> float:
         """Sharp: what would shine through."""
-        whole = s.picture.l2
+        whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0
-        transparent = torch.stack(s.picture.lights).sum(0)
-        return float((transparent - s.picture.picture).double().norm()) / whole
+        transparent = torch.stack(s.picture_probe.lights).sum(0)
+        return float((transparent - s.picture_probe.sharp_picture).double().norm()) / whole
 
-    def left_out(self, s: Situation) -> Bound:
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: light behind, as far as a PSF reaches from what hides, and what falls beyond"
-        return through_sensor(s, seconds(s) * self._through(s), how)
+        return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Of transforms beyond those of layers that are added: for every wavelength each layer's
@@ -48,50 +55,56 @@ class Occlusion(Stage):
             return 0.0
         colour = s.camera.sensor.colour
         channels = len(colour.channels) if colour and levels.get("colour filter array", 0) else 1
-        nodes = WAVELENGTHS[levels.get(BAND, 0)] + LEAK[levels.get(BESIDE, 0)]
-        places = PLACES[levels.get(PLACE, 0)] ** 2
+        nodes = (
+            WAVELENGTH_COUNTS[levels.get(FILTER_BANDWIDTH, 0)]
+            + LEAK_COUNTS[levels.get(OUT_OF_BAND_LEAK, 0)]
+        )
+        places = FIELD_COUNTS[levels.get(FIELD_POSITION, 0)] ** 2
         layers = s.target.layers
-        covers = sum(one is not None for one in s.picture.covers)
+        covers = sum(one is not None for one in s.picture_probe.covers)
         pictures = covers + len(layers) * channels
         each = places * (covers + len(layers)) + pictures
         added = places * sum(min(nodes, len(one.parts) * channels) for one in layers)
         return (nodes * each + covers + channels - added) * transform(s, levels)
 
-    def why(self, s: Situation) -> str:
-        edges = s.picture.edge_length / s.camera.sensor.pitch
+    def explain(self, s: Situation) -> str:
+        edges = s.picture_probe.edge_length / s.camera.sensor.pitch
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
-    def _through(self, s: Situation) -> float:
+    def _hidden_light_bound(self, s: Situation) -> float:
         """L2 of electrons per second that come through what should hide them, at most.
 
         A layer's blurred light times the blurred covers before it: light that starts within
         twice a PSF's reach of a cover; and what falls farther away, which is a share of the
         light for the layer, and of the covers.
         """
-        return min(self._reaching(s, share) for share in _SHARES)
+        return min(self._hidden_light_within(s, share) for share in _SHARES)
 
-    def _reaching(self, s: Situation, share: float) -> float:
-        reach = s.pattern.reach(share)
+    def _hidden_light_within(self, s: Situation, share: float) -> float:
+        reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
-        beyond = min(share + self._aside(s), 1.0)
-        hidden = torch.zeros(s.picture.plane.shape, dtype=torch.uint8)
+        beyond = min(share + self._side_order_share(s), 1.0)
+        hidden = torch.zeros(s.picture_probe.plane.shape, dtype=torch.uint8)
         total = 0.0
-        for light, cover in zip(s.picture.lights, s.picture.covers, strict=True):
+        for light, cover in zip(s.picture_probe.lights, s.picture_probe.covers, strict=True):
             all_of_it = float(light.double().norm())
             if hidden.any() and all_of_it:
-                near = float((light * _widened(hidden, 2 * pixels)).double().norm())
+                near = float((light * _dilate_mask(hidden, 2 * pixels)).double().norm())
                 total += min(near + 2 * beyond * all_of_it, all_of_it)
             if cover is not None:
                 hidden |= (cover > 0).to(torch.uint8)
         return total
 
-    def _aside(self, s: Situation) -> float:
+    def _side_order_share(self, s: Situation) -> float:
         """Share of a PSF's light in orders of the panel's pixels that may land in the frame."""
-        far = max(n * p for n, p in zip(s.picture.plane.shape, s.picture.plane.pitch, strict=True))
-        return s.pattern.order_light if s.pattern.period / 2 < far else 0.0
+        far = max(
+            n * p
+            for n, p in zip(s.picture_probe.plane.shape, s.picture_probe.plane.pitch, strict=True)
+        )
+        return s.pattern_probe.side_order_share if s.pattern_probe.period / 2 < far else 0.0
 
 
-def _widened(mask: torch.Tensor, pixels: int) -> torch.Tensor:
+def _dilate_mask(mask: torch.Tensor, pixels: int) -> torch.Tensor:
     """A mask, and all within a square of so many pixels to each side."""
     values = mask.numpy()
     for axis, n in enumerate(values.shape):

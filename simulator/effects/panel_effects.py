@@ -12,12 +12,19 @@ import scipy.special
 import torch
 
 from optics.camera import Panel
-from optics.slm.coupling import coupled
-from optics.slm.gap import gap_light
+from optics.slm.coupling import fringing_field_mean
+from optics.slm.gap import gap_amplitude
 from optics.slm.jitter import scattered_share
-from optics.slm.reflection import front_share, unturned_share
-from simulator.effects.blurs import BlurStage, spread_otherwise
-from simulator.effects.wavefronts import apart, margin, of_phase, sampled, steady, told
+from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
+from simulator.effects.field_distance import (
+    describe_proof,
+    has_coherent_background,
+    margin,
+    phase_error_psf_bound,
+    psf_distance_bound,
+    sample_pixels,
+)
 from simulator.planning import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -27,233 +34,246 @@ _BLOCKS = 4
 """Along each axis: neighbours' coupling is looked at on so many squares of pixels."""
 
 
-class PanelEffect(BlurStage):
+class PanelEffect(OnOffBlurEffect):
     """One whose datum is in the panel.
 
-    field: of Panel, which holds it; nothing: what is there without it.
+    panel_field: of Panel, which holds it; neutral_value: what is there without it.
     """
 
-    field: ClassVar[str]
-    nothing: ClassVar[Any] = 0.0
+    panel_field: ClassVar[str]
+    neutral_value: ClassVar[Any] = 0.0
 
     @abstractmethod
-    def change(self, s: Situation) -> tuple[float, str]:
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         """‖Δh‖₁ at most with it against without, whatever else is on; and why."""
 
-    def caused(self, s: Situation) -> bool:
-        return bool(getattr(s.camera.panel, self.field) != self.nothing) and not s.picture.dark
+    def is_present(self, s: Situation) -> bool:
+        return (
+            bool(getattr(s.camera.panel, self.panel_field) != self.neutral_value)
+            and not s.picture_probe.is_dark
+        )
 
-    def left_out(self, s: Situation) -> Bound:
-        change, how = self.change(s)
-        return spread_otherwise(s, change, how, s.pattern.peak)
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
+        change, how = self.psf_change_bound(s)
+        return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 20.0 * rows * columns if levels[self.name] else 0.0
 
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        datum = getattr(s.camera.panel, self.field)
-        return recipe.having(panel=replace(recipe.panel, **{self.field: datum}))
+    def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        datum = getattr(s.camera.panel, self.panel_field)
+        return recipe.with_changes(panel=replace(recipe.panel, **{self.panel_field: datum}))
 
 
-class MovedLight(PanelEffect):
+class RedirectedLight(PanelEffect):
     """One that takes a share of the light from where the pattern sends it."""
 
     @abstractmethod
-    def share(self, s: Situation) -> float:
+    def redirected_share(self, s: Situation) -> float:
         """Of the light, at most."""
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        return 2 * self.share(s), "proved: light that moves counts twice"
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
+        return 2 * self.redirected_share(s), "proved: light that moves counts twice"
 
 
 class Illumination(PanelEffect):
     name = "illumination"
-    field, nothing = "illumination", None
+    panel_field, neutral_value = "illumination", None
     physics = "the light on the panel isn't even, and a PSF's fringes follow it"
     source = "Goodman, Introduction to Fourier Optics, apodisation"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        panel, pixels = s.camera.panel, sampled(s)
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
+        panel, pixels = s.camera.panel, sample_pixels(s)
         assert panel.illumination is not None
-        light = panel.illumination.on(panel)
+        light = panel.illumination.at_pixels(panel)
         field = pixels(torch.sqrt(light / light.mean())).to(torch.complex128)
         # The gap's light is lit as unevenly as the pixels'.
-        found = apart(pixels, field, torch.ones_like(field)) * _gap_power(panel)
-        return margin(s) * found, told(s, "Cauchy-Schwarz; amplitude that isn't the mean's")
+        found = psf_distance_bound(pixels, field, torch.ones_like(field)) * _gap_power(panel)
+        return margin(s) * found, describe_proof(
+            s, "Cauchy-Schwarz; amplitude that isn't the mean's"
+        )
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return "the light on the panel isn't even"
 
 
-class FrontReflection(MovedLight):
+class FrontReflection(RedirectedLight):
     name = "front reflection"
-    field = "front_reflection"
+    panel_field = "front_reflection"
     physics = "the cover glass reflects light that never meets the pattern"
     source = "thesis §5.6"
 
-    def share(self, s: Situation) -> float:
-        return front_share(s.camera.panel)
+    def redirected_share(self, s: Situation) -> float:
+        return front_reflection_share(s.camera.panel)
 
-    def why(self, s: Situation) -> str:
-        return f"{self.share(s):.1%} of the light never enters the panel"
+    def explain(self, s: Situation) -> str:
+        return f"{self.redirected_share(s):.1%} of the light never enters the panel"
 
 
 class PanelResponse(PanelEffect):
     name = "panel response"
-    field, nothing = "response", None
+    panel_field, neutral_value = "response", None
     physics = "the phase isn't proportional to the grey level"
     source = "thesis §2.3"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        panel, pixels = s.camera.panel, sampled(s)
-        reach = s.pattern.straight_reach
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
+        panel, pixels = s.camera.panel, sample_pixels(s)
+        reach = s.pattern_probe.linear_phase_range
         worst = 0.0
-        for grey, phase in zip(s.pattern.greys, s.pattern.phases, strict=True):
+        for grey, phase in zip(s.pattern_probe.greys, s.pattern_probe.phases, strict=True):
             straight = grey.to(torch.float64) * (reach / (panel.levels - 1))
             error = pixels(phase - straight)
-            worst = max(worst, of_phase(s, pixels, error))
-        spread = (1 + gap_light(panel)) * blurred(panel)
-        return margin(s) * worst * spread, told(s, "Cauchy-Schwarz; the rms phase error")
+            worst = max(worst, phase_error_psf_bound(s, pixels, error))
+        spread = (1 + gap_amplitude(panel)) * phase_error_gain(panel)
+        return margin(s) * worst * spread, describe_proof(s, "Cauchy-Schwarz; the rms phase error")
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return "the phase isn't proportional to the grey level"
 
 
-def blurred(panel: Panel) -> float:
+def phase_error_gain(panel: Panel) -> float:
     """What coupling, illumination and the like may make of a phase error's size."""
     lit = 1.0
     if panel.illumination is not None:
-        light = panel.illumination.on(panel)
+        light = panel.illumination.at_pixels(panel)
         lit = math.sqrt(float(light.max() / light.mean()))
     return lit * (1.5 if panel.coupling else 1.0)
 
 
 class Coupling(PanelEffect):
     name = "neighbour coupling"
-    field = "coupling"
+    panel_field = "coupling"
     physics = "fringing fields blur the phase across the edges of pixels"
     source = "Persson, Engström and Goksör 2012, doi 10.1364/OE.20.022334"
 
-    def change(self, s: Situation) -> tuple[float, str]:
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         panel, worst = s.camera.panel, 0.0
         sigma, side = panel.coupling / panel.pitch, math.sqrt(panel.fill_factor)
-        for phase in s.pattern.phases:
-            for block, opened in _blocks(phase, s.pattern.opened):
-                field = coupled(block, sigma, side)
+        for phase in s.pattern_probe.phases:
+            for block, opened in _blocks(phase, s.pattern_probe.aperture_share):
+                field = fringing_field_mean(block, sigma, side)
                 sharp = torch.polar(torch.ones_like(block), block)
                 weight = opened**2
                 if not bool(weight.any()):
                     continue
                 away = ((field - sharp).abs() ** 2 * weight).sum() / weight.sum()
                 worst = max(worst, float(away))
-        change = 2 * math.sqrt(worst) * (1 + gap_light(panel)) * blurred(panel)
+        change = 2 * math.sqrt(worst) * (1 + gap_amplitude(panel)) * phase_error_gain(panel)
         return change, "audited ×1.5: Cauchy-Schwarz; what the blur changes of the field"
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return f"fringing fields blur the phase by {s.camera.panel.coupling * 1e6:.2g} µm"
 
 
-def _blocks(phase: torch.Tensor, opened: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
+def _blocks(
+    phase: torch.Tensor, aperture_share: torch.Tensor
+) -> list[tuple[torch.Tensor, torch.Tensor]]:
     """Squares of neighbours all over the panel; the whole of a small one."""
     rows, columns = phase.shape
     if rows * columns <= (_BLOCKS * _BLOCK) ** 2:
-        return [(phase, opened)]
+        return [(phase, aperture_share)]
     found = []
     for j in range(_BLOCKS):
         for i in range(_BLOCKS):
             y = (rows - _BLOCK) * j // (_BLOCKS - 1)
             x = (columns - _BLOCK) * i // (_BLOCKS - 1)
             part = slice(y, y + _BLOCK), slice(x, x + _BLOCK)
-            found.append((phase[part].contiguous(), opened[part]))
+            found.append((phase[part].contiguous(), aperture_share[part]))
     return found
 
 
 class Flicker(PanelEffect):
     name = "flicker"
-    field = "flicker"
+    panel_field = "flicker"
     physics = "the drive makes the phase ripple within a frame"
     source = "thesis §3.4"
 
-    def change(self, s: Situation) -> tuple[float, str]:
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         """A ripple's first order averages out: left are the mean field's loss, 1 - J₀, which
         interferes, and the power that ripples, 2 (1 - J₀)."""
-        pixels, worst = sampled(s), 0.0
+        pixels, worst = sample_pixels(s), 0.0
         panel = s.camera.panel
-        for phase in s.pattern.phases:
+        for phase in s.pattern_probe.phases:
             some = pixels(phase)
-            if not steady(s):
+            if not has_coherent_background(s):
                 some = some - pixels.mean(some).real
             lost = torch.from_numpy(1 - scipy.special.j0((panel.flicker * some).numpy()))
             rms = math.sqrt(pixels.mean(lost**2).real)
             worst = max(worst, 2 * pixels.mean(lost).real + 2 * rms)
-        spread = _gap_power(panel) * blurred(panel) ** 2
+        spread = _gap_power(panel) * phase_error_gain(panel) ** 2
         # A response may let phases reach farther than the pattern's own.
         return margin(s) * 1.5 * worst * spread, "audited ×1.5: mean and power of the ripple"
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return f"the drive makes the phase ripple by {s.camera.panel.flicker:.1%}"
 
 
-class Jitter(MovedLight):
+class Jitter(RedirectedLight):
     name = "jitter"
-    field = "jitter"
+    panel_field = "jitter"
     physics = "each pixel errs on its own, and scatters light evenly"
     source = "Ruze, Proc. IEEE 54, 633 (1966)"
 
-    def share(self, s: Situation) -> float:
+    def redirected_share(self, s: Situation) -> float:
         return scattered_share(s.camera.panel.jitter) * _gap_power(s.camera.panel)
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return f"pixels err on their own by {s.camera.panel.jitter:.2g} rad and scatter light"
 
 
 def _gap_power(panel: Panel) -> float:
-    return (1 + gap_light(panel)) ** 2
+    return (1 + gap_amplitude(panel)) ** 2
 
 
 class GapLight(PanelEffect):
     name = "gap light"
-    field = "gap_reflection"
+    panel_field = "gap_reflection"
     physics = "the frame between pixels sends light that no pattern turns"
     source = "thesis §2.3"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        g = gap_light(s.camera.panel)
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
+        g = gap_amplitude(s.camera.panel)
         return (2 + g) * g, "proved: Cauchy-Schwarz; the frame's amplitude"
 
-    def why(self, s: Situation) -> str:
-        return f"the frame between pixels sends {gap_light(s.camera.panel):.1%} of their amplitude"
+    def explain(self, s: Situation) -> str:
+        return (
+            f"the frame between pixels sends {gap_amplitude(s.camera.panel):.1%} of their amplitude"
+        )
 
 
 class Flatness(PanelEffect):
     name = "flatness"
-    field, nothing = "flatness", None
+    panel_field, neutral_value = "flatness", None
     physics = "the panel isn't flat, and its figure is a wavefront of its own"
     source = "Maréchal; Born and Wolf 9.1"
 
-    def change(self, s: Situation) -> tuple[float, str]:
-        panel, pixels = s.camera.panel, sampled(s)
+    def psf_change_bound(self, s: Situation) -> tuple[float, str]:
+        panel, pixels = s.camera.panel, sample_pixels(s)
         assert panel.flatness is not None
         # Short waves of the band see more of it.
-        path = panel.flatness.on(panel) * (2 * math.pi / s.band.support[0])
-        change = of_phase(s, pixels, pixels(path)) * _gap_power(panel) * blurred(panel)
-        return margin(s) * change, told(s, "Cauchy-Schwarz; the figure's rms phase")
+        path = panel.flatness.at_pixels(panel) * (2 * math.pi / s.band.support[0])
+        change = (
+            phase_error_psf_bound(s, pixels, pixels(path))
+            * _gap_power(panel)
+            * phase_error_gain(panel)
+        )
+        return margin(s) * change, describe_proof(s, "Cauchy-Schwarz; the figure's rms phase")
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         return "the panel isn't flat"
 
 
-class UnmodulatedLight(MovedLight):
+class UnmodulatedLight(RedirectedLight):
     name = "unmodulated light"
-    field = "unmodulated"
+    panel_field = "unmodulated"
     physics = "light of the polarisation that the crystal doesn't turn ignores the pattern"
     source = "thesis §5.6"
 
-    def share(self, s: Situation) -> float:
+    def redirected_share(self, s: Situation) -> float:
         # All of it, if the cover glass reflected none.
-        return max(unturned_share(s.camera.panel), s.camera.panel.unmodulated)
+        return max(transmitted_unmodulated_share(s.camera.panel), s.camera.panel.unmodulated)
 
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         share = s.camera.panel.unmodulated
         return f"{share:.1%} of the light ignores the pattern and stays in the centre"

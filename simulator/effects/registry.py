@@ -6,14 +6,13 @@ from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
-from simulator.effects.dispersion import PanelDispersion
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
-from simulator.effects.orders import PanelOrders
+from simulator.effects.panel_dispersion import PanelDispersion
 from simulator.effects.panel_effects import (
     Coupling,
     Flatness,
@@ -25,9 +24,10 @@ from simulator.effects.panel_effects import (
     PanelResponse,
     UnmodulatedLight,
 )
+from simulator.effects.panel_orders import PanelOrders
 from simulator.effects.pixel_aperture import PixelAperture
-from simulator.effects.reach import Reach
-from simulator.effects.sampling import Sampling
+from simulator.effects.reach import PSFReach
+from simulator.effects.sampling import LightSampling
 from simulator.effects.sensor_effects import (
     Clipping,
     DarkCurrent,
@@ -62,8 +62,8 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     Diffraction(),
-    Reach(),
-    Sampling(),
+    PSFReach(),
+    LightSampling(),
     PixelAperture(),
     VeilingGlare(),
     ColourFilters(),

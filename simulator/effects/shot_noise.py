@@ -6,17 +6,17 @@ import math
 from collections.abc import Mapping
 
 from optics.camera import Sensor
-from optics.sensor.chain import FEW
-from simulator.effects.on_pixels import (
-    FURTHEST,
-    brightest,
-    dark,
-    full,
-    held,
-    limit,
-    near_zero,
-    pixels,
-    root_pixels,
+from optics.sensor.stages import FEW_ELECTRONS
+from simulator.effects.electron_bounds import (
+    MAX_PIXEL_SIGMAS,
+    can_clip_at_zero,
+    clipping_onset,
+    dark_current_electrons,
+    electron_norm_bound,
+    full_well_bounds,
+    peak_electrons,
+    pixel_count,
+    sqrt_pixel_count,
 )
 from simulator.planning import Bound, Effect
 from simulator.situation import Situation
@@ -36,73 +36,79 @@ _BENT = 3e-4
 class ShotNoise(Effect):
     name = "shot noise"
     kind = "stage"
-    entry, values = "shot", ("none", "Gaussian", "skewed", "Poisson")
+    recipe_field, recipe_values = "shot", ("none", "Gaussian", "skewed", "Poisson")
     physics = "photons arrive by chance: their number's variance is its mean"
     source = "Poisson; EMVA 1288 release 4, section 2.2; Edgeworth's series for the normal one"
-    each_frame = True
+    is_per_frame = True
     levels = ("off", "Gaussian", "skewed Gaussian", "Poisson")
 
-    def caused(self, s: Situation) -> bool:
-        return held(s) > 0
+    def is_present(self, s: Situation) -> bool:
+        return electron_norm_bound(s) > 0
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return self.bound(s, level).shape
+    def estimated_error(self, s: Situation, level: int) -> float:
+        return self.error_bound(s, level).shape
 
-    def coarser(self, s: Situation, level: int) -> Bound:
-        if level and brightest(s) < FEW:
+    def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
+        if level and peak_electrons(s) < FEW_ELECTRONS:
             return Bound()
-        return (self._none, self._normal, self._skewed)[level](s)
+        return (self._bound_without_noise, self._gaussian_bound, self._skewed_gaussian_bound)[
+            level
+        ](s)
 
     def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return _DRAWING[levels[self.name]] * pixels(s)
+        return _DRAWING[levels[self.name]] * pixel_count(s)
 
-    def why(self, s: Situation) -> str:
-        most, least = brightest(s), dark(s)
-        few = "too few for a normal distribution" if least < FEW else "enough for a normal one"
+    def explain(self, s: Situation) -> str:
+        most, least = peak_electrons(s), dark_current_electrons(s)
+        few = (
+            "too few for a normal distribution"
+            if least < FEW_ELECTRONS
+            else "enough for a normal one"
+        )
         return (
             f"the brightest pixel holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}; "
             f"the darkest may hold {least:.2g}, {few}"
         )
 
-    def _none(self, s: Situation) -> Bound:
+    def _bound_without_noise(self, s: Situation) -> Bound:
         """A variance of the electrons' number, up to a rounding step, and as a knee bends it."""
-        sensor, root = s.camera.sensor, root_pixels(s)
+        sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
-        kinked = 0.5 * math.sqrt(brightest(s) * full(s).count)
-        if near_zero(sensor):
-            kinked += 0.5 * (sensor.read_noise + FURTHEST * sensor.dsnu) * root
+        kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_bounds(s).count)
+        if can_clip_at_zero(sensor):
+            kinked += 0.5 * (sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
         # Of all pixels' electrons at most (Cauchy-Schwarz).
-        spread = math.sqrt(held(s) * root)
-        normal = self._normal(s)
+        spread = math.sqrt(electron_norm_bound(s) * root)
+        normal = self._gaussian_bound(s)
         return Bound(
             max(step * root + kinked, normal.mean),
-            max(held(s) + step * spread + floor * root, normal.variance),
+            max(electron_norm_bound(s) + step * spread + floor * root, normal.variance),
             max(spread + (step + sensor.read_noise) * root, normal.sigma),
             1.0,
             "proved: the number's variance is its mean",
         )
 
-    def _normal(self, s: Situation) -> Bound:
+    def _gaussian_bound(self, s: Situation) -> Bound:
         """Means and variances agree but where wells and roundings cut the distributions."""
-        sensor, count = s.camera.sensor, root_pixels(s)
-        step = sensor.gain / math.sqrt(FEW)
-        most = math.sqrt(brightest(s))
+        sensor, count = s.camera.sensor, sqrt_pixel_count(s)
+        step = sensor.gain / math.sqrt(FEW_ELECTRONS)
+        most = math.sqrt(peak_electrons(s))
         mean = 0.15 * step + 1e-3
         variance = sensor.gain + 0.2 * sensor.gain * step + 0.05
-        wells = math.sqrt(full(s).count)
-        knee = min(most, math.sqrt(limit(sensor) + 50 * most)) if wells else 0.0
+        wells = math.sqrt(full_well_bounds(s).count)
+        knee = min(most, math.sqrt(clipping_onset(sensor) + 50 * most)) if wells else 0.0
         return Bound(
             mean * count + 0.2 * wells,
             variance * count + 0.6 * knee * wells,
             _sigma(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
-            _DISTANCE / math.sqrt(FEW),
+            _DISTANCE / math.sqrt(FEW_ELECTRONS),
             "audited ×1.5: first term of Edgeworth's series",
         )
 
-    def _skewed(self, s: Situation) -> Bound:
+    def _skewed_gaussian_bound(self, s: Situation) -> Bound:
         """What is left, at ten electrons; of more it's less."""
-        sensor, count = s.camera.sensor, root_pixels(s)
+        sensor, count = s.camera.sensor, sqrt_pixel_count(s)
         mean = _BENT * (4 + sensor.gain)
         variance = _BENT * (8 + 3 * sensor.gain**2)
         return Bound(
@@ -117,4 +123,8 @@ class ShotNoise(Effect):
 def _sigma(variance: float, sensor: Sensor) -> float:
     """What a change of a variance is of the standard deviation, where it is least: a step of the
     converter may hide all of it."""
-    return math.sqrt(variance) if sensor.gain**2 > FEW else variance / math.sqrt(FEW)
+    return (
+        math.sqrt(variance)
+        if sensor.gain**2 > FEW_ELECTRONS
+        else variance / math.sqrt(FEW_ELECTRONS)
+    )

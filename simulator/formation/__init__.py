@@ -1,7 +1,8 @@
 """The picture of a situation, as a recipe says.
 
-`time`, `nodes` and `kernels` say which points spread how, `gathering` and `layered` put
-pictures and kernels together, `picture` does what a recipe says in the order of the light.
+`exposure_cells`, `nodes` and `kernels` say which points spread how, `sample_grid` and
+`compositing` put pictures and kernels together, `mean_picture` does what a recipe says in the
+order of the light.
 """
 
-from simulator.formation.picture import expected as expected
+from simulator.formation.mean_picture import expected_electrons as expected_electrons

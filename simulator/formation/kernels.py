@@ -11,20 +11,20 @@ import torch
 from optics.accuracy import ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera
-from optics.edge import as_number
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
-from optics.shadow import share_through
 from optics.slm import Modulator
-from optics.slm.reflection import front_share
+from optics.slm.reflection import front_reflection_share
+from optics.stop_shadow import share_through_stop
+from optics.validation import as_number
+from simulator.exposure_fields import WeightedFields, exposure_fields
 from simulator.formation.rays import RayOperator
 from simulator.formation.windows import psf_window
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
-from simulator.motion import Exposures, exposures
-from simulator.panel import modulator_at
+from simulator.panel_at_wavelength import modulator_at
+from simulator.panel_content import FrameSequence, PictureShares
 from simulator.recipe import Recipe
-from simulator.shown import Mixture, Procession
 from simulator.situation import Situation
 
 _FADING = 4.0
@@ -38,7 +38,7 @@ Order = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Point:
+class PointSource:
     """Whose light spreads: metres of wavelength, of distance from the panel, and (y, x) metres on
     the sensor from the axis to its geometric image."""
 
@@ -66,38 +66,40 @@ class Kernels:
         self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
         self._check = check
         camera = replace(s.camera, panel=recipe.panel)
-        if not s.mount.aligned:
-            camera = replace(camera, lens=s.mount.lens(camera.lens))
+        if not s.mount.is_aligned:
+            camera = replace(camera, lens=s.mount.lens_in_panel_axes(camera.lens))
         self.camera: Camera = camera
-        sensor, finer = camera.sensor, recipe.finer
-        self.plane = sensor.window(psf_window(s, recipe.window)).finer(finer)
-        self._around_orders = sensor.window((recipe.window, recipe.window)).finer(finer)
+        sensor, finer = camera.sensor, recipe.samples_per_pixel
+        self.plane = sensor.window_plane(psf_window(s, recipe.window)).with_finer_pitch(finer)
+        self._around_orders = sensor.window_plane((recipe.window, recipe.window)).with_finer_pitch(
+            finer
+        )
 
     @property
-    def causes(self) -> tuple[object, ...]:
+    def key(self) -> tuple[object, ...]:
         """What all PSFs follow from besides the point, and what is on the panel."""
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
-        axes = (self.plane.shape, r.window, r.finer, r.dispersion, beats, r.wave)
+        axes = (self.plane.shape, r.window, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
         self,
-        seen: Mixture | Procession,
-        point: Point,
+        panel_state: PictureShares | FrameSequence,
+        point: PointSource,
         effect: str,
         order: Order | None = None,
     ) -> torch.Tensor:
         """effect: that it is computed for, in the ledger. order: whose cell alone is wanted; all
         that the window holds if None."""
-        causes = ("psf", self.causes, seen, point, order)
-        return self._cache.get(causes, lambda: self._computed(seen, point, effect, order))
+        causes = ("psf", self.key, panel_state, point, order)
+        return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def central(self, wavelength: float) -> Order | None:
         """The order that stays in the middle, where the window holds more than that."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
-        return (0, 0) if wide and self._recipe.wave else None
+        return (0, 0) if wide and self._recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
         """Metres over which one order fades into the next."""
@@ -105,17 +107,17 @@ class Kernels:
 
     def period(self, wavelength: float) -> float:
         """Metres on the sensor from one order of the panel's pixels to the next."""
-        return wavelength * as_number(self.camera.lever) / self.camera.panel.pitch
+        return wavelength * as_number(self.camera.ray_matrix_b) / self.camera.panel.pitch
 
-    def centre(self, wavelength: float, order: Order) -> tuple[float, float]:
+    def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
         """(y, x) metres on the sensor from a point's image to where an order's PSF is centred."""
-        y, x = self._aside(wavelength, order)
+        y, x = self._order_offset(wavelength, order)
         mount = self._s.mount
         y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
         cos, sin = math.cos(mount.rotation), math.sin(mount.rotation)
         return y * cos + x * sin, x * cos - y * sin
 
-    def _aside(self, wavelength: float, order: Order) -> tuple[float, float]:
+    def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
         """In the panel's axes, by whole samples: where two orders meet, one goes on as the other
         ends."""
         y, x = (
@@ -124,34 +126,38 @@ class Kernels:
         )
         return y, x
 
-    def _computed(
-        self, seen: Mixture | Procession, point: Point, effect: str, order: Order | None
+    def _compute_psf(
+        self,
+        seen: PictureShares | FrameSequence,
+        point: PointSource,
+        effect: str,
+        order: Order | None,
     ) -> torch.Tensor:
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
-        parts = self._counted(seen, modulator, effect, self._window(order).shape)
+        parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):
-            light = self._beside(point, order, modulator, parts)
+            light = self._side_order_light(point, order, modulator, parts)
         else:
             light = self._light(self._operator(point, (0, 0)), modulator, parts)
         if order is not None:
             plane = self._around(point, order)
             light = light * self._cell(plane, point.wavelength, order).to(light)
-        light = light * self._evened(point)
-        if not mount.aligned:
-            light = mount.turned(light, self._window(order))
+        light = light * self._vignetting_correction(point)
+        if not mount.is_aligned:
+            light = mount.to_sensor_axes(light, self._window(order))
         return light
 
     def _light(
-        self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: Exposures
+        self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
         if isinstance(operator, RayOperator):
-            return _of_rays(operator, modulator, parts)
+            return _ray_psf(operator, modulator, parts)
         if not self._recipe.interference or self._s.path is None:
             return modulated_psf(operator, modulator, parts)
-        return _interfering(operator, modulator, parts, complex(self._s.path.interference))
+        return _interference_psf(operator, modulator, parts, complex(self._s.path.interference))
 
-    def _beside(
-        self, point: Point, order: Order, modulator: Modulator, parts: Exposures
+    def _side_order_light(
+        self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
         """Of an order beside the middle one. Where next to nothing of the light goes, errors are
         a share of next to nothing: it may be more of them than of the picture."""
@@ -164,33 +170,35 @@ class Kernels:
                 if tol > _LOOSEST:
                     raise
 
-    def _evened(self, point: Point) -> float:
+    def _vignetting_correction(self, point: PointSource) -> float:
         """What a place's light has to be multiplied with to be as much as on the axis."""
         if not (self.camera.separation and any(point.place)):
             return 1.0
-        here = share_through(self.camera, point.distance, self._s.mount.place(point.place))
-        axis = share_through(self.camera, point.distance, (0.0, 0.0))
+        here = share_through_stop(
+            self.camera, point.distance, self._s.mount.place_in_panel_axes(point.place)
+        )
+        axis = share_through_stop(self.camera, point.distance, (0.0, 0.0))
         return axis / here if here else 0.0
 
     def _window(self, order: Order | None) -> Plane:
         """Other orders than the middle one are far from any image: all of theirs counts."""
         return self._around_orders if order and any(order) else self.plane
 
-    def _around(self, point: Point, order: Order) -> Plane:
+    def _around(self, point: PointSource, order: Order) -> Plane:
         """Samples in the panel's axes."""
         plane = self._window(order)
-        if not self._s.mount.aligned:
-            plane = self._s.mount.plane(plane)
-        return replace(plane, centre=self._aside(point.wavelength, order))
+        if not self._s.mount.is_aligned:
+            plane = self._s.mount.plane_in_panel_axes(plane)
+        return replace(plane, centre=self._order_offset(point.wavelength, order))
 
     def _operator(
-        self, point: Point, order: Order, tol: float | None = None
+        self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
         """Unmodulated light is the modulator's."""
         plane, tol = self._around(point, order), tol or self._s.numerics
-        place = self._s.mount.place(point.place)
+        place = self._s.mount.place_in_panel_axes(point.place)
         camera, recipe = self.camera, self._recipe
-        if not recipe.wave:
+        if not recipe.diffraction:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)
         causes = ("operator", camera, tol, point, plane)
         return self._cache.get(
@@ -207,15 +215,15 @@ class Kernels:
             ),
         )
 
-    def _counted(
+    def _record_fields(
         self,
-        seen: Mixture | Procession,
+        seen: PictureShares | FrameSequence,
         modulator: Modulator,
         effect: str,
         shape: tuple[int, int],
-    ) -> Exposures:
+    ) -> WeightedFields:
         """The fields of a cell, with a check and an entry for each: they are made in between."""
-        count = psf_operations if self._recipe.wave else ray_operations
+        count = psf_operations if self._recipe.diffraction else ray_operations
         panel = self.camera.panel
         self._check()
         for part in self._fields(seen, modulator):
@@ -224,17 +232,19 @@ class Kernels:
             self._check()
 
     def _fields(
-        self, seen: Mixture | Procession, modulator: Modulator
+        self, seen: PictureShares | FrameSequence, modulator: Modulator
     ) -> Iterable[tuple[float, torch.Tensor]]:
         """Kept where they will be asked for again: at other depths, places or wavelengths."""
         r, s = self._recipe, self._s
-        panel, pictures, tol = self.camera.panel, s.shown.pictures, s.numerics
+        panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
         if not r.dispersion:
             modulator = modulator_at(panel, s.wavelength)
         elif r.depths == 1 and r.places == 1 and not r.orders:
-            return exposures(modulator, seen, pictures, tol)
+            return exposure_fields(modulator, seen, pictures, tol)
         causes = ("fields", panel, modulator.wavelength, seen, tol)
-        return self._cache.get(causes, lambda: list(exposures(modulator, seen, pictures, tol)))
+        return self._cache.get(
+            causes, lambda: list(exposure_fields(modulator, seen, pictures, tol))
+        )
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
         """How much of the light on each sample counts as an order's own, in the panel's axes.
@@ -251,20 +261,20 @@ class Kernels:
         return inside[0] * inside[1]
 
 
-def _of_rays(operator: RayOperator, modulator: Modulator, parts: Exposures) -> torch.Tensor:
+def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
     """As modulated_psf(): what jitter scatters goes evenly over all orders, beyond the picture."""
     light, time = torch.zeros(operator.pixels.shape, dtype=torch.float64), 0.0
     for share, field in parts:
-        light += share * (1 - modulator.scattered) * operator(None, field)
+        light += share * (1 - modulator.jitter_scatter_share) * operator(None, field)
         time += share
-    light = (1 - modulator.unmodulated) * light
-    for share, straight in modulator.straight:
+    light = (1 - modulator.unmodulated_share) * light
+    for share, straight in modulator.unmodulated_fields:
         light += time * share * operator.straight(straight)
     return light
 
 
-def _interfering(
-    operator: PSFOperator, modulator: Modulator, parts: Exposures, strength: complex
+def _interference_psf(
+    operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
     """modulated_psf(), and Re(strength conj(p) q) of the pattern's field p and that of light that
     the panel doesn't turn, q (see optics.polarisation.PathEffect).
@@ -275,15 +285,21 @@ def _interfering(
     """
     kept = list(parts)
     light = modulated_psf(operator, modulator, kept)
-    coherent = (1 - front_share(modulator.panel)) * math.sqrt(1 - modulator.scattered)
+    coherent = (1 - front_reflection_share(modulator.panel)) * math.sqrt(
+        1 - modulator.jitter_scatter_share
+    )
     amount = abs(strength) * coherent
     if not amount:
         return light
     turn = strength / abs(strength)
-    still = modulator.straight[-1][1] if modulator.straight else None
+    still = modulator.unmodulated_fields[-1][1] if modulator.unmodulated_fields else None
     for share, field in kept:
         other = torch.ones_like(field) if still is None else still.to(field)
         both = operator(None, field + turn * other)
-        term = both - operator(None, field) - operator.straight(still, keep=True).to(both)
+        term = (
+            both
+            - operator(None, field)
+            - operator.unmodulated_psf(still, cache_result=True).to(both)
+        )
         light = light + share * amount / 2 * term
     return light

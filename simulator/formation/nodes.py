@@ -15,7 +15,7 @@ from optics.gauss_legendre import gauss_legendre
 from optics.light import Spectrum
 from optics.light.bands import Band
 from optics.sensor import Mosaic
-from simulator.probing.rates import collected
+from simulator.probing.rates import irradiance_per_radiance
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
 from simulator.situation import Situation
@@ -39,8 +39,11 @@ class Wavelength:
 
 @dataclass(frozen=True, eq=False)
 class Wavelengths:
-    """Nodes and what each counts: electrons per second and pixel where a part's picture is 1 and
-    all light arrives, (channels, parts, nodes), from electrons() of each part's distance."""
+    """Nodes and what each counts.
+
+    weights: electrons per second and pixel where a part's picture is 1 and all light arrives,
+    (channels, parts, nodes), from electrons_per_radiance() of each part's distance.
+    """
 
     nodes: tuple[Wavelength, ...]
     weights: Array
@@ -52,13 +55,13 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
     A part's weights are those of the polynomial that goes through its nodes: they add up to all
     of its electrons, however few nodes there are. Without any light there are no nodes.
     """
-    curves = efficiencies(s, recipe)
+    curves = channel_efficiencies(s, recipe)
     spectra = [part.spectrum for part in parts]
     nodes: list[Wavelength] = []
     weights: list[Array] = [np.zeros((len(curves), len(parts), 0))]
     for leak, count in ((False, recipe.wavelengths), (True, recipe.leak)):
         if count:
-            found, each = interpolating(
+            found, each = gauss_quadrature(
                 *electrons_by_wavelength(spectra, curves, s.band, leak), count
             )
             nodes += [Wavelength(float(one), leak) for one in found]
@@ -81,14 +84,14 @@ def electrons_by_wavelength(
     return x, _density(spectra, curves, x) * (w * passed)
 
 
-def efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
+def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
     """Electrons per photon of each channel; of all pixels alike where filters don't count: a
     mosaic's is then the mean over its pixels."""
     sensor = s.camera.sensor
     if sensor.colour is not None:
         curves = tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
         return curves if recipe.mosaic else (mean_curve(sensor.colour),)
-    return (sensor.spectral_efficiency or Spectrum.even(sensor.quantum_efficiency),)
+    return (sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency),)
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
@@ -134,7 +137,7 @@ def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) 
     return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
-def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
+def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
     """Gauss' nodes for the sum of some measures of points x, and each measure's weights there.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
@@ -173,10 +176,10 @@ def interpolating(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
     return (x.max() + x.min()) / 2 + scale * nodes, each
 
 
-def electrons(camera: Camera, distance: float) -> float:
+def electrons_per_radiance(camera: Camera, distance: float) -> float:
     """What turns radiance times photons' electrons into electrons per second and pixel, m² sr:
     the camera equation of optics.throughput.electron_rate, without its light."""
-    return collected(camera, distance) * camera.sensor.pitch**2
+    return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
@@ -209,14 +212,14 @@ def _distance(vergence: float) -> float:
     return 1 / vergence if vergence > 0 else math.inf
 
 
-def places(count: int, half: float) -> list[float]:
+def field_nodes(count: int, half: float) -> list[float]:
     """Chebyshev points of the second kind along an axis, from -half to half; one is the middle."""
     if count == 1:
         return [0.0]
     return [-half * math.cos(math.pi * k / (count - 1)) for k in range(count)]
 
 
-def place_weights(nodes: Sequence[float], at: Array) -> Array:
+def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
     """Of the values at the nodes in the polynomial through them, (nodes, points); beyond the
     outermost it stays as it is there."""
     if len(nodes) == 1:

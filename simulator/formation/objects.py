@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import torch
 
 from optics.caching import ByteCache
-from simulator.formation.gathering import Gathering
+from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
-from simulator.formation.nodes import place_weights, places
-from simulator.formation.time import Cell
+from simulator.formation.nodes import field_nodes, interpolation_weights
+from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.vignetting import vignetting
 from simulator.recipe import Recipe
-from simulator.scene.drawable import Drawable, Even
+from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.target import Layer
 from simulator.situation import Situation
 
@@ -21,7 +21,7 @@ Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Where:
+class LayerPlacement:
     """A layer's picture during a cell: magnification, (y, x) metres on the object that it has
     moved, and (y, x) metres on the sensor on which it is on its way."""
 
@@ -30,7 +30,7 @@ class Where:
     path: tuple[float, float]
 
 
-class Objects:
+class ObjectSpectra:
     """Spectra of pictures, one for each place in the field, whose PSF it is to be convolved with.
 
     Vignetting and the weights of the places are of the points that shine, and so come before any
@@ -41,7 +41,7 @@ class Objects:
         self,
         s: Situation,
         recipe: Recipe,
-        gathering: Gathering,
+        gathering: SampleGrid,
         kernels: Kernels,
         cache: ByteCache,
     ) -> None:
@@ -49,10 +49,12 @@ class Objects:
         self._kernels, self._plane = kernels, gathering.plane
         halves = [n * s.camera.sensor.pitch / 2 for n in s.camera.sensor.shape]
         count = recipe.places if s.camera.separation else 1
-        self._grid = [places(count, half) for half in halves]
+        self._grid = [field_nodes(count, half) for half in halves]
         self.places: list[Place] = [(y, x) for y in self._grid[0] for x in self._grid[1]]
 
-    def where(self, layer: Layer, cell: Cell, off: Place = (0.0, 0.0)) -> Where | None:
+    def placement(
+        self, layer: Layer, cell: ExposureCell, off: Place = (0.0, 0.0)
+    ) -> LayerPlacement | None:
         """off: (y, x) metres on the sensor by which the picture is moved besides. None where
         a layer at infinity can't be moved."""
         scale = self._s.camera.magnification(layer.distance)
@@ -61,9 +63,9 @@ class Objects:
             if not scale:
                 return None
             shift = (shift[0] + off[0] / scale, shift[1] + off[1] / scale)
-        return Where(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
+        return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
-    def beside(self, picture: Drawable, layer: Layer, cell: Cell, off: Place) -> bool:
+    def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
         """Whether nothing of a picture that is moved so far is on the plane: then it needn't be
         drawn."""
         scale = self._s.camera.magnification(layer.distance)
@@ -75,61 +77,66 @@ class Objects:
             for away, end, path, half in zip(off, ends, cell.path, halves, strict=True)
         )
 
-    def bare(self, picture: Drawable, where: Where, effect: str) -> torch.Tensor:
+    def picture_spectrum(
+        self, picture: Drawable, where: LayerPlacement, effect: str
+    ) -> torch.Tensor:
         """The spectrum of a picture, and of the path that it takes."""
         return self._cache.get(
-            ("object", picture, where, self._plane, self._recipe.drawn),
-            lambda: self._bare(picture, where, effect),
+            ("object", picture, where, self._plane, self._recipe.picture_samples_per_pixel),
+            lambda: self._compute_picture_spectrum(picture, where, effect),
         )
 
-    def _bare(self, picture: Drawable, where: Where, effect: str) -> torch.Tensor:
+    def _compute_picture_spectrum(
+        self, picture: Drawable, where: LayerPlacement, effect: str
+    ) -> torch.Tensor:
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
-        smear = self._gathering.smear(where.path)
+        smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear
 
-    def shining(
-        self, picture: Drawable, layer: Layer, where: Where, off: Place = (0.0, 0.0)
+    def light_spectra(
+        self, picture: Drawable, layer: Layer, where: LayerPlacement, off: Place = (0.0, 0.0)
     ) -> list[torch.Tensor]:
         """Of what shines, vignetting in it, for each place; off: as it was moved besides.
 
         Of endless even light, by how much vignetting makes it less than even, if at all: see
-        even().
+        is_uniform().
         """
-        if self.even(picture) and not self._recipe.vignetting:
+        if self.is_uniform(picture) and not self._recipe.vignetting:
             return []
         if not self._recipe.vignetting and len(self.places) == 1:
-            return [self.bare(picture, where, "picture")]
+            return [self.picture_spectrum(picture, where, "picture")]
         causes = (
             "shining", self._kernels.camera, self._s.mount, picture, where, off, self._plane,
-            len(self.places), self._recipe.vignetting, layer.distance, self._recipe.drawn,
+            len(self.places), self._recipe.vignetting, layer.distance,
+            self._recipe.picture_samples_per_pixel,
         )  # fmt: skip
-        even = self.even(picture)
+        even = self.is_uniform(picture)
 
-        def weighed() -> list[torch.Tensor]:
+        def weighted_spectra() -> list[torch.Tensor]:
             # Nobody will ask for the bare one again: it isn't kept beside this.
-            bare = self._bare(picture, where, "picture")
-            return self._weighed(bare, self._attenuation(layer, off), even)
+            bare = self._compute_picture_spectrum(picture, where, "picture")
+            return self._weight_by_place(bare, self._attenuation(layer, off), even)
 
-        return self._cache.get(causes, weighed)
+        return self._cache.get(causes, weighted_spectra)
 
-    def even(self, picture: Drawable) -> bool:
+    def is_uniform(self, picture: Drawable) -> bool:
         """Whether a picture is endless and even, and nothing stands before it: then it is even
         however it is blurred, and whatever goes aside."""
-        return isinstance(picture, Even) and not self._recipe.occlusion
+        return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
-    def evenly(self, picture: Drawable) -> float:
+    def uniform_dc_term(self, picture: Drawable) -> float:
         """The spectrum's entry at frequency 0 of such a picture, blurred; 0 of any other."""
         rows, columns = self._plane.shape
-        if not isinstance(picture, Even) or not self.even(picture):
+        if not isinstance(picture, UniformLight) or not self.is_uniform(picture):
             return 0.0
         return picture.value * rows * columns
 
-    def hiding(self, cover: Drawable, where: Where) -> list[torch.Tensor]:
+    def cover_spectra(self, cover: Drawable, where: LayerPlacement) -> list[torch.Tensor]:
         """Of what covers, for each place."""
-        bare = self.bare(cover, where, "occlusion")
+        bare = self.picture_spectrum(cover, where, "occlusion")
         if len(self.places) == 1:
             return [bare]
-        return self._weighed(bare, None)
+        return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place) -> torch.Tensor | None:
         if not self._recipe.vignetting:
@@ -143,7 +150,7 @@ class Objects:
         away = type(plane)(plane.shape, plane.pitch, centre)
         return vignetting(camera, mount, away, layer.distance)
 
-    def _weighed(
+    def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
         effect = "vignetting" if len(self.places) == 1 else "field position"
@@ -151,12 +158,15 @@ class Objects:
         if attenuation is not None:
             light = light * (attenuation - 1 if even else attenuation)
         if len(self.places) == 1:
-            return [self._gathering.transformed(light, effect)]
+            return [self._gathering.transform_samples(light, effect)]
         down, along = (
-            torch.from_numpy(place_weights(self._grid[axis], self._plane.coordinates(axis).numpy()))
-            .to(torch.float32)
+            torch.from_numpy(
+                interpolation_weights(self._grid[axis], self._plane.coordinates(axis).numpy())
+            ).to(torch.float32)
             for axis in (0, 1)
-        )  # fmt: skip
+        )
         return [
-            self._gathering.transformed(light * v[:, None] * u, effect) for v in down for u in along
+            self._gathering.transform_samples(light * v[:, None] * u, effect)
+            for v in down
+            for u in along
         ]

@@ -8,10 +8,10 @@ from dataclasses import replace
 import torch
 
 from optics.camera import Camera
-from optics.edge import as_number
 from optics.plane import Plane
-from optics.pupil import defocus_path, lens_distance, pupil_amplitude
+from optics.pupil import defocus_path, object_to_lens_distance, pupil_amplitude
 from optics.stop.coverage import coverage
+from optics.validation import as_number
 from optics.zernike import zernike
 
 _MOST_RAYS = 16
@@ -44,16 +44,16 @@ class RayOperator:
         self._spread = 1 + z1 / distance
         self._offset = tuple(z1 * place / z2 for place in field)
         self._finer = self._rays()
-        self._open = self._opened()
+        self._open = self._stop_transmission()
 
     def _rays(self) -> int:
         """Along an axis of a pixel: so that neighbours land within half a sample."""
-        camera, away = self.camera, lens_distance(self.camera, self._distance)
+        camera, away = self.camera, object_to_lens_distance(self.camera, self._distance)
         vergence = abs(1 / away - 1 / camera.lens.focus_distance)
         step = camera.panel.pitch * self._spread * camera.lens.image_distance * vergence
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), _MOST_RAYS)
 
-    def _opened(self) -> torch.Tensor:
+    def _stop_transmission(self) -> torch.Tensor:
         """Share of each bundle that passes the stop, or its shadow on the panel."""
         panel, lens = self.camera.panel, self.camera.lens
         radius = as_number(lens.stop_diameter) / 2 / self._spread
@@ -64,7 +64,7 @@ class RayOperator:
             inner + k * panel.pitch / self._finer + o
             for k, o in zip(whole, self._offset, strict=True)
         )
-        plane = replace(panel.plane.finer(self._finer), centre=(y, x))
+        plane = replace(panel.plane.with_finer_pitch(self._finer), centre=(y, x))
         self._y, self._x = plane.mesh()
         return coverage(lens.stop, radius, plane)
 
@@ -72,11 +72,14 @@ class RayOperator:
         """Light on the samples, (rows, columns) float64, of a field (rows, columns)."""
         del phase
         light = (field.real**2 + field.imag**2).to(torch.float64)
-        k, lever = self._finer, as_number(self.camera.lever) * self.wavelength / (2 * math.pi)
+        k, lever = (
+            self._finer,
+            as_number(self.camera.ray_matrix_b) * self.wavelength / (2 * math.pi),
+        )
         landed = []
         for axis, at in ((0, self._y), (1, self._x)):
             slope = _between(_slope(field, axis) / self.camera.panel.pitch, k)
-            landed.append(slope * lever + self._bent(axis, at))
+            landed.append(slope * lever + self._ray_displacement(axis, at))
         whole = light.repeat_interleave(k, 0).repeat_interleave(k, 1)
         weight = whole * self._open / (k * k * float(self._straight))
         return self._splat(landed[0], landed[1], weight)
@@ -91,9 +94,9 @@ class RayOperator:
     def _straight(self) -> torch.Tensor:
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
-    def _bent(self, axis: int, at: torch.Tensor) -> torch.Tensor:
+    def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
         """Metres from the geometric image that defocus and aberrations send a ray, by its place."""
-        lens, away = self.camera.lens, lens_distance(self.camera, self._distance)
+        lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
         # Places already lie by the field's offset nearer to the middle of the lens.
         y, x = (place * self._spread for place in (self._y, self._x))

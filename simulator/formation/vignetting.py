@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.plane import Plane
-from optics.shadow import share_through
+from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
 
 _PLACES = 33
@@ -19,7 +19,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
     """Share of the light that a point on the axis would send, (rows, columns) of plane, float32.
 
     camera: in the panel's axes. cos⁴ of the angle at which the lens is seen from the sensor, and
-    by how much more the stop cuts of the panel's light than on the axis (see share_through),
+    by how much more the stop cuts of the panel's light than on the axis (share_through_stop()),
     linear between places; beyond the outermost, on the plane's edges, there is nothing.
     """
     y, x = plane.mesh()
@@ -31,7 +31,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 
 
 def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    axis = share_through(camera, distance, (0.0, 0.0))
+    axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(
             "the stop hides the panel from the middle of the field; no light passes: move the "
@@ -41,7 +41,12 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
     grid = [np.linspace(low, high, _PLACES) for low, high in ends]
     known = np.array(
         [
-            [share_through(camera, distance, mount.place((float(y), float(x)))) for x in grid[1]]
+            [
+                share_through_stop(
+                    camera, distance, mount.place_in_panel_axes((float(y), float(x)))
+                )
+                for x in grid[1]
+            ]
             for y in grid[0]
         ]
     )

@@ -16,19 +16,21 @@ _SPARE = 32
 ring beside it."""
 
 
-def shone(s: Situation) -> tuple[float, float]:
+def light_extent(s: Situation) -> tuple[float, float]:
     """Metres on the sensor, (y, x), from the axis to the outermost light, at any time of an
     exposure; infinite of what has no end."""
-    y, x = (side + s.moved for side in s.picture.extent)
+    y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x
 
 
-def span(s: Situation) -> tuple[float, float]:
+def max_blur_distance(s: Situation) -> tuple[float, float]:
     """Metres on the sensor, along each of the panel's axes, from any light's image to any pixel,
     at most."""
     sensor = s.camera.sensor
-    y, x = (side + n * sensor.pitch / 2 for side, n in zip(shone(s), sensor.shape, strict=True))
-    if s.mount.aligned:
+    y, x = (
+        side + n * sensor.pitch / 2 for side, n in zip(light_extent(s), sensor.shape, strict=True)
+    )
+    if s.mount.is_aligned:
         return y, x
     whole = math.hypot(y, x)
     return whole, whole
@@ -39,7 +41,7 @@ def psf_window(s: Situation, window: int) -> tuple[int, int]:
     all that can count lies within less."""
     pitch = s.camera.sensor.pitch
     # Infinity has no whole number.
-    sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in span(s))
+    sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in max_blur_distance(s))
     rows, columns = (min(window, side) for side in sides)
     return rows, columns
 
@@ -52,7 +54,7 @@ def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
     all of the window.
     """
     sides = (window, window) if orders else psf_window(s, window)
-    lit = [math.inf if orders else one / s.camera.sensor.pitch for one in shone(s)]
+    lit = [math.inf if orders else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
     for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
         around = (n + side) / 2

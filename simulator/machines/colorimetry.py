@@ -24,23 +24,23 @@ _C2 = 1.4388e-2
 _TEMPERATURES = np.geomspace(1000, 100_000, 2000)
 """Kelvins, at which the planckian locus is looked at."""
 
-_SEEN = (400e-9, 651e-9)
+_LOCUS_RANGE = (400e-9, 651e-9)
 """Metres, beyond which the fits are too dark to have a chromaticity of their own."""
 
 Array = NDArray[np.float64]
 
 
-def matching(wavelengths_m: Array, observer: int = 2) -> Array:
+def colour_matching_functions(wavelengths_m: Array, observer: int = 2) -> Array:
     """x, y and z (3, n) of the 2 or the 10 degrees observer."""
     nm = np.asarray(wavelengths_m) * 1e9
-    return np.stack(_of_two_degrees(nm) if observer == 2 else _of_ten_degrees(nm))
+    return np.stack(_matching_2_degrees(nm) if observer == 2 else _matching_10_degrees(nm))
 
 
 def _lobe(nm: Array, centre: float, below: float, above: float) -> Array:
     return np.exp(-0.5 * ((nm - centre) / np.where(nm < centre, below, above)) ** 2)
 
 
-def _of_two_degrees(nm: Array) -> tuple[Array, Array, Array]:
+def _matching_2_degrees(nm: Array) -> tuple[Array, Array, Array]:
     x = 1.056 * _lobe(nm, 599.8, 37.9, 31.0) + 0.362 * _lobe(nm, 442.0, 16.0, 26.7)
     return (
         x - 0.065 * _lobe(nm, 501.1, 20.4, 26.2),
@@ -49,7 +49,7 @@ def _of_two_degrees(nm: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _of_ten_degrees(nm: Array) -> tuple[Array, Array, Array]:
+def _matching_10_degrees(nm: Array) -> tuple[Array, Array, Array]:
     x = 0.398 * np.exp(-1250 * np.log((nm + 570.1) / 1014) ** 2)
     return (
         x + 1.132 * np.exp(-234 * np.log((1338 - nm) / 743.5) ** 2),
@@ -61,7 +61,7 @@ def _of_ten_degrees(nm: Array) -> tuple[Array, Array, Array]:
 def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Array:
     """X, Y, Z; Y in candelas per square metre where radiance is in W/(sr m² m)."""
     step = float(wavelengths_m[1] - wavelengths_m[0])
-    return KM * step * (matching(wavelengths_m, observer) @ radiance)
+    return KM * step * (colour_matching_functions(wavelengths_m, observer) @ radiance)
 
 
 def chromaticity(xyz: Array) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def chromaticity(xyz: Array) -> tuple[float, float]:
     return (float(xyz[0]) / total, float(xyz[1]) / total) if total > 0 else (math.nan, math.nan)
 
 
-def uniform(xyz: Array) -> tuple[float, float]:
+def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
     """u' and v' of 1976; not a number for a spectrum without light."""
     bottom = float(xyz[0] + 15 * xyz[1] + 3 * xyz[2])
     if bottom <= 0:
@@ -84,12 +84,12 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
     The distance is one of the 1960 diagram, positive above the locus. Both are not a number
     beyond 0.05 from the locus or outside 1000 to 100 000 K.
     """
-    u, v = uniform(xyz)
+    u, v = uniform_chromaticity(xyz)
     if math.isnan(u):
         return math.nan, math.nan
     temperatures = _TEMPERATURES
     first, step = float(wavelengths_m[0]), float(wavelengths_m[1] - wavelengths_m[0])
-    locus = _planckian(first, step, len(wavelengths_m), observer)
+    locus = _planckian_locus(first, step, len(wavelengths_m), observer)
     du, dv = u - locus[0], (v - locus[1]) * 2 / 3
     distance = np.hypot(du, dv)
     nearest = int(np.argmin(distance))
@@ -104,17 +104,17 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
 
 
 @functools.lru_cache(maxsize=8)
-def _planckian(first: float, step: float, count: int, observer: int) -> Array:
+def _planckian_locus(first: float, step: float, count: int, observer: int) -> Array:
     """u' and v' (2, n) of black bodies of all temperatures, by equally spaced wavelengths."""
     wavelengths = (first + step * np.arange(count)).astype(np.float64)
     light = wavelengths**-5 / np.expm1(_C2 / np.outer(_TEMPERATURES, wavelengths))
-    locus = light @ matching(wavelengths, observer).T
+    locus = light @ colour_matching_functions(wavelengths, observer).T
     bottom = locus @ np.array([1.0, 15.0, 3.0])
     both: Array = np.stack([4 * locus[:, 0], 9 * locus[:, 1]]) / bottom
     return both
 
 
-def dominant(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
+def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
     """Dominant wavelength in nanometres and excitation purity in percent, seen from white.
 
     White is that of equal energy. Purples have the complementary wavelength, negative. Not a
@@ -124,22 +124,22 @@ def dominant(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float
     dx, dy = x - 1 / 3, y - 1 / 3
     if not math.hypot(dx, dy) > 1e-9:
         return math.nan, math.nan
-    seen = wavelengths_m[(wavelengths_m > _SEEN[0]) & (wavelengths_m < _SEEN[1])]
-    functions = matching(seen, observer)
+    seen = wavelengths_m[(wavelengths_m > _LOCUS_RANGE[0]) & (wavelengths_m < _LOCUS_RANGE[1])]
+    functions = colour_matching_functions(seen, observer)
     locus = functions[:2] / functions.sum(axis=0) - 1 / 3
     for sign in (1, -1):
-        hit = _crossing(locus, functions[1], sign * dx, sign * dy)
+        hit = _locus_crossing(locus, functions[1], sign * dx, sign * dy)
         if hit is None:
             continue
         index, far = hit
         nm = float(np.interp(index, np.arange(len(seen)), seen)) * 1e9
         if sign > 0:
             return nm, 100 * math.hypot(dx, dy) / far
-        return -nm, 100 * math.hypot(dx, dy) / _to_purples(locus, dx, dy)
+        return -nm, 100 * math.hypot(dx, dy) / _distance_to_purple_line(locus, dx, dy)
     return math.nan, math.nan
 
 
-def _crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
+def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
     """Where the ray from white in a direction crosses the locus: index and distance.
 
     Where it does so more than once, as in the violet, the crossing that is `seen` best counts.
@@ -155,7 +155,7 @@ def _crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, f
     return i + share, float(np.hypot(*point))
 
 
-def _to_purples(locus: Array, dx: float, dy: float) -> float:
+def _distance_to_purple_line(locus: Array, dx: float, dy: float) -> float:
     """How far the line between the locus's ends is from white in a direction."""
     a, b = locus[:, 0], locus[:, -1]
     side = b - a

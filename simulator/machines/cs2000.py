@@ -11,15 +11,20 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from simulator.machines.cs2000_formats import BLOCKS, block, colorimetric, written
-from simulator.machines.cs2000_optics import WAVELENGTHS, Array, Optics
-from simulator.machines.cs2000_settings import Settings
-from simulator.machines.machine import Reply, Suffering
+from simulator.machines.cs2000_formats import (
+    BLOCKS,
+    colorimetric_values,
+    format_block,
+    format_value,
+)
+from simulator.machines.cs2000_optics import WAVELENGTHS, Array, CS2000Optics
+from simulator.machines.cs2000_settings import CS2000Settings
+from simulator.machines.machine import FaultyMachine, Reply
 
 _LATENCY = 0.02
 """Seconds from a command to its answer."""
 
-_FORGETS = 60.0
+_COMMAND_TIMEOUT = 60.0
 """Seconds of silence after which a command without an end is dropped."""
 
 _SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300, 401)}
@@ -33,18 +38,18 @@ class _Measurement:
     until: float
     integration: float = 0.0
     nd: int = 0
-    real: bool = False
+    in_main_phase: bool = False
     by_key: bool = False
 
 
 @dataclass
-class _Answer:
+class _PendingReply:
     at: float
     text: str
     delimiter: bytes
 
 
-class CS2000Machine(Suffering):
+class CS2000Machine(FaultyMachine):
     """What it is told over the wire, and the light that falls into it.
 
     spectrum: the radiance in W/(sr m² m) at wavelengths in metres, asked whenever it measures.
@@ -65,14 +70,14 @@ class CS2000Machine(Suffering):
         slit_nm: int = 5,
     ) -> None:
         super().__init__()
-        self.optics = Optics(spectrum, slit_nm, angle)
-        self.settings = Settings(model, serial, firmware, self.optics)
-        self._buffer, self._heard_at = bytearray(), -math.inf
+        self.optics = CS2000Optics(spectrum, slit_nm, angle)
+        self.settings = CS2000Settings(model, serial, firmware, self.optics)
+        self._buffer, self._last_byte_at = bytearray(), -math.inf
         self._after_cr = False
         self._delimiter = b"\r"
-        self._answers: list[_Answer] = []
+        self._answers: list[_PendingReply] = []
         self._measuring: _Measurement | None = None
-        self.measured: Array | None = None
+        self.measured_radiance: Array | None = None
         """Radiance in W/(sr m² nm) at WAVELENGTHS, as measured last; None if there is none."""
         self.conditions = ""
         """Of the last measurement, as MEDR tells them."""
@@ -91,22 +96,22 @@ class CS2000Machine(Suffering):
 
     def press_measure(self, t: float) -> list[Reply]:
         """The measuring key, if MSWE has enabled it: nothing is said of it on the wire."""
-        if not (self.settings.remote and self.settings.single["MSWE"]) or self._measuring:
+        if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        replies = self._go_on(t)
+        replies = self._advance(t)
         for byte in data:
-            if self._buffer and t - self._heard_at > _FORGETS:
+            if self._buffer and t - self._last_byte_at > _COMMAND_TIMEOUT:
                 self._buffer.clear()
-                if self.settings.old:
-                    replies += self._say("ER00", t)
-            self._heard_at = t
-            replies += self._hear(byte, t)
+                if self.settings.has_first_firmware:
+                    replies += self._queue_reply("ER00", t)
+            self._last_byte_at = t
+            replies += self._receive_byte(byte, t)
         return replies
 
-    def _hear(self, byte: int, t: float) -> list[Reply]:
+    def _receive_byte(self, byte: int, t: float) -> list[Reply]:
         after_cr, self._after_cr = self._after_cr, byte == 0x0D
         if byte == 0x0A and after_cr:
             # It answers with the end that was used; the answer is not on its way yet.
@@ -119,90 +124,96 @@ class CS2000Machine(Suffering):
             return []
         self._delimiter = bytes([byte])
         command, self._buffer = bytes(self._buffer), bytearray()
-        return self._obey(command.decode("latin-1"), t)
+        return self._execute(command.decode("latin-1"), t)
 
-    def _say(self, text: str, t: float) -> list[Reply]:
-        self._answers.append(_Answer(t + _LATENCY, text, self._delimiter))
+    def _queue_reply(self, text: str, t: float) -> list[Reply]:
+        self._answers.append(_PendingReply(t + _LATENCY, text, self._delimiter))
         return [Reply(t + _LATENCY, b"")]
 
-    def _go_on(self, t: float) -> list[Reply]:
+    def _advance(self, t: float) -> list[Reply]:
         """What has become due by t."""
-        replies = self._measure_on(t)
+        replies = self._advance_measurement(t)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
             replies.append(Reply(t, answer.text.encode() + answer.delimiter))
         return replies
 
-    def _obey(self, command: str, t: float) -> list[Reply]:
-        if self._measuring and not self._measuring.real:
+    def _execute(self, command: str, t: float) -> list[Reply]:
+        if self._measuring and not self._measuring.in_main_phase:
             # No command is taken while it looks how long it has to measure.
             return []
         name, *parameters = command.split(",")
         if "error code" in self._faults:
-            return self._say("ER99", t)
+            return self._queue_reply("ER99", t)
         if name != "RMTS" and not self.settings.remote:
-            return self._say("ER00", t)
+            return self._queue_reply("ER00", t)
         if self._measuring and name == "MEDR":
-            return self._say("ER02", t)
+            return self._queue_reply("ER02", t)
         if self._measuring and name != "MEAS":
-            return self._say("ER00", t)
-        work = self._medr if name == "MEDR" else self.settings.command(name)
+            return self._queue_reply("ER00", t)
+        work = self._medr if name == "MEDR" else self.settings.command_handler(name)
         if work is None and name != "MEAS":
-            return self._say("ER00", t)
+            return self._queue_reply("ER00", t)
         if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
-            return self._say("ER17", t)
+            return self._queue_reply("ER17", t)
         numbers = [int(p) for p in parameters]
         if work is None:
             return self._meas(numbers, t)
-        return self._say(work(numbers), t)
+        return self._queue_reply(work(numbers), t)
 
     def _meas(self, given: list[int], t: float) -> list[Reply]:
         if len(given) != 1:
-            return self._say("ER00", t)
+            return self._queue_reply("ER00", t)
         if given[0] > 1 or bool(given[0]) == (self._measuring is not None):
-            return self._say("ER17", t)
+            return self._queue_reply("ER17", t)
         if given[0]:
             return self._start(t)
         self._measuring = None
-        return self._say("OK00", t)
+        return self._queue_reply("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
-        self.measured = None
-        until = t + min(10.0, max(1.0, self.optics.needed(*self.settings.speed)[0] / 10))
+        self.measured_radiance = None
+        until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
-    def _measure_on(self, t: float) -> list[Reply]:
+    def _advance_measurement(self, t: float) -> list[Reply]:
         """The phases of a measurement that are over by t, whoever looks."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
-            if going.real and "busy forever" in self._faults:
+            if going.in_main_phase and "busy forever" in self._faults:
                 break
-            replies += self._end(going) if going.real else self._begin(going)
+            replies += (
+                self._finish_measurement(going)
+                if going.in_main_phase
+                else self._begin_main_phase(going)
+            )
         return replies
 
-    def _begin(self, going: _Measurement) -> list[Reply]:
+    def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
         """The pre-measurement is over: tell how long the measurement will take."""
         self._measuring = None
         if "stuck" in self._faults:
-            return self._tell("ER81", going)
-        integration, nd = self.optics.needed(*self.settings.speed)
+            return self._report_measurement("ER81", going)
+        integration, nd = self.optics.required_exposure(*self.settings.speed)
         if self.optics.is_too_bright(integration, nd):
-            return self._tell("ER10", going)
+            return self._report_measurement("ER10", going)
         seconds = min(242, math.ceil(2 * integration + 2 - 1e-6))
         until = going.until + seconds
         self._measuring = _Measurement(until, integration, nd, True, going.by_key)
-        return [*self._tell(f"OK00,{seconds:03d}", going), Reply(until, b"")]
+        return [*self._report_measurement(f"OK00,{seconds:03d}", going), Reply(until, b"")]
 
-    def _end(self, going: _Measurement) -> list[Reply]:
+    def _finish_measurement(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # It makes up for the external filter that it was told of, there or not.
-        self.measured = self.optics.seen() * 10.0 ** self.settings.single["NDFS"]
+        self.measured_radiance = (
+            self.optics.measured_spectrum() * 10.0 ** self.settings.single_values["NDFS"]
+        )
         self._unread = set(_SPANS)
         self.conditions = self.settings.conditions(going.integration, going.nd)
-        return self._tell("OK00", going)
+        return self._report_measurement("OK00", going)
 
-    def _tell(self, text: str, of: _Measurement) -> list[Reply]:
+    def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
         """Say how a measurement gets on, if it was asked for on the wire."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
@@ -213,20 +224,25 @@ class CS2000Machine(Suffering):
         known: dict[int, set[int]] = {0: {1}, 1: set(_SPANS), 2: set(BLOCKS)}
         if mode > 2 or form > 1 or number not in known[mode]:
             return "ER17"
-        if self.measured is None:
+        if self.measured_radiance is None:
             return "ER20"
         if mode == 0:
             return f"OK00,{self.conditions}"
-        how = (form == 1, self.settings.old)
+        how = (form == 1, self.settings.has_first_firmware)
         if mode == 1:
-            texts = [written("spectral", float(v), *how) for v in self.measured[_SPANS[number]]]
+            texts = [
+                format_value("spectral", float(v), *how)
+                for v in self.measured_radiance[_SPANS[number]]
+            ]
         else:
-            texts = block(BLOCKS[number], colorimetric(WAVELENGTHS, self.measured), *how)
-        self._forget(mode, number)
+            texts = format_block(
+                BLOCKS[number], colorimetric_values(WAVELENGTHS, self.measured_radiance), *how
+            )
+        self._discard_read_block(mode, number)
         return ",".join(["OK00", *texts])
 
-    def _forget(self, mode: int, number: int) -> None:
+    def _discard_read_block(self, mode: int, number: int) -> None:
         """With its key enabled, what was read is gone."""
         self._unread -= {number} if mode == 1 else set()
-        if self.settings.single["MSWE"] and (mode == 2 or not self._unread):
-            self.measured = None
+        if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
+            self.measured_radiance = None

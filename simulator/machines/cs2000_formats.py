@@ -12,19 +12,31 @@ from numpy.typing import NDArray
 from simulator.machines.colorimetry import (
     chromaticity,
     colour_temperature,
-    dominant,
+    dominant_wavelength,
     tristimulus,
-    uniform,
+    uniform_chromaticity,
 )
 
-_FAILED = "D1BA43B6"
+_FAILED_VALUE = "D1BA43B6"
 """What a calculation that fails gives in hexadecimal."""
 
-_OF_TWO = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
-_OF_TEN = ("X10", "Y10", "Z10", "x10", "y10", "u10'", "v10'", "T10", "duv10", "ld10", "Pe10")
+_NAMES_2_DEGREES = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
+_NAMES_10_DEGREES = (
+    "X10",
+    "Y10",
+    "Z10",
+    "x10",
+    "y10",
+    "u10'",
+    "v10'",
+    "T10",
+    "duv10",
+    "ld10",
+    "Pe10",
+)
 
 BLOCKS: dict[int, tuple[str, ...]] = {
-    0: ("Le", "Lv", *_OF_TWO, *_OF_TEN),
+    0: ("Le", "Lv", *_NAMES_2_DEGREES, *_NAMES_10_DEGREES),
     1: ("X", "Y", "Z"),
     2: ("x", "y", "Lv"),
     3: ("u'", "v'", "Lv"),
@@ -41,7 +53,7 @@ BLOCKS: dict[int, tuple[str, ...]] = {
 """Which colorimetric values each block of data has."""
 
 
-def colorimetric(
+def colorimetric_values(
     wavelengths_m: NDArray[np.float64], per_nm: NDArray[np.float64]
 ) -> dict[str, float]:
     """All values by name; not a number where one can't be computed.
@@ -50,21 +62,21 @@ def colorimetric(
     """
     step = float(wavelengths_m[1] - wavelengths_m[0])
     values = {"Le": float(per_nm.sum()) * step * 1e9}
-    for observer, names in ((2, _OF_TWO), (10, _OF_TEN)):
+    for observer, names in ((2, _NAMES_2_DEGREES), (10, _NAMES_10_DEGREES)):
         xyz = tristimulus(wavelengths_m, per_nm * 1e9, observer)
         numbers = (
             *xyz,
             *chromaticity(xyz),
-            *uniform(xyz),
+            *uniform_chromaticity(xyz),
             *colour_temperature(wavelengths_m, xyz, observer),
-            *dominant(wavelengths_m, xyz, observer),
+            *dominant_wavelength(wavelengths_m, xyz, observer),
         )
         values |= dict(zip(names, map(float, numbers), strict=True))
     values["Lv"] = values["Y"]
     return values
 
 
-def written(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
+def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
     """One value. name: of a colorimetric value, or "spectral".
 
     failed_is_zero: as old firmware writes what it can't compute.
@@ -72,7 +84,7 @@ def written(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = F
     if math.isnan(value) and failed_is_zero:
         value = 0.0
     if hexadecimal:
-        return _FAILED if math.isnan(value) else struct.pack(">f", value).hex().upper()
+        return _FAILED_VALUE if math.isnan(value) else struct.pack(">f", value).hex().upper()
     kind = name.removesuffix("'").removesuffix("10")
     if kind in ("x", "y", "u", "v"):
         return "-9.999" if math.isnan(value) else f"{value:.4f}"
@@ -81,15 +93,15 @@ def written(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = F
     if kind == "duv":
         return "-9.9999" if math.isnan(value) else f"{value:+.4f}"
     if kind in ("Lv", "ld", "Pe"):
-        return "-9.9e9" if math.isnan(value) else _six(value)
-    return "-9.9999e9" if math.isnan(value) else _exponential(value)
+        return "-9.9e9" if math.isnan(value) else _format_six_characters(value)
+    return "-9.9999e9" if math.isnan(value) else _format_exponential(value)
 
 
-def block(names: Sequence[str], values: dict[str, float], *how: bool) -> list[str]:
-    return [written(name, values[name], *how) for name in names]
+def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> list[str]:
+    return [format_value(name, values[name], *how) for name in names]
 
 
-def _exponential(value: float) -> str:
+def _format_exponential(value: float) -> str:
     """Four decimals and one digit of an exponent."""
     exponent = math.floor(math.log10(abs(value))) if value else -9
     exponent = max(-9, min(9, exponent))
@@ -100,7 +112,7 @@ def _exponential(value: float) -> str:
     return f"{mantissa}e{exponent:+d}"
 
 
-def _six(value: float) -> str:
+def _format_six_characters(value: float) -> str:
     """Six characters, with as many decimals as there is room for."""
     if value > 999_999.5:
         mantissa, _, exponent = f"{value:.2e}".partition("e")

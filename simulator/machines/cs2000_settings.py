@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from simulator.machines.cs2000_optics import Optics
+from simulator.machines.cs2000_optics import CS2000Optics
 
 Command = Callable[[list[int]], str]
 """From the parameters to the answer."""
@@ -20,58 +20,62 @@ _COMMANDS = ("RMTS", "IDDR", "STSR", "DTCR", "SCMS", "SCMR", "SPMS", "SPMR")
 _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 
 
-class Settings:
+class CS2000Settings:
     """model, serial, firmware: as of CS2000Machine. optics: whose dial it tells.
 
     remote: the mode that RMTS has set, 0 while its keys work, 1 and 2 while it obeys the wire.
-    written_to_flash: settings that have gone into its flash memory, which wears. old: whether it
-    has the first firmware, which knows less. speed: SPMS's mode, integration and filter. sync:
-    SCMS's mode and frequency.
+    flash_write_count: settings that have gone into its flash memory, which wears.
+    has_first_firmware: whether it has the first firmware, which knows less. speed: SPMS's mode,
+    integration and filter. sync: SCMS's mode and frequency.
     """
 
-    def __init__(self, model: str, serial: str, firmware: str, optics: Optics) -> None:
+    def __init__(self, model: str, serial: str, firmware: str, optics: CS2000Optics) -> None:
         if model not in ("CS-2000", "CS-2000A"):
             raise ValueError(f"model is {model!r}; choose CS-2000 or CS-2000A")
         if not re.fullmatch(r"[0-9]{7}", serial):
             raise ValueError(f"serial is {serial!r}; it has seven digits")
         self._model, self._serial, self._optics = model, serial, optics
         self._version = tuple(int(part) for part in firmware.split("."))
-        self.old = self._version < (1, 10) and model == "CS-2000"
+        self.has_first_firmware = self._version < (1, 10) and model == "CS-2000"
         self.remote = 0
-        self.single = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
+        self.single_values = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
         """The settings of one number each, by the command that sets it."""
         self.speed: tuple[int, int, int] = (0, 0, 2)
         self.sync: tuple[int, int] = (0, 0)
-        self.written_to_flash = 0
+        self.flash_write_count = 0
 
-    def command(self, name: str) -> Command | None:
+    def command_handler(self, name: str) -> Command | None:
         """What carries it out, if it is one of those that ask or set."""
         work: Command | None
-        work = getattr(self, f"_{name.lower()}") if name in _COMMANDS else self._simple(name)
+        work = (
+            getattr(self, f"_{name.lower()}")
+            if name in _COMMANDS
+            else self._single_value_handler(name)
+        )
         if work is None or name not in _INTO_FLASH:
             return work
 
         def put(given: list[int]) -> str:
             answer = work(given)
-            self.written_to_flash += answer == "OK00" and self.remote == 1
+            self.flash_write_count += answer == "OK00" and self.remote == 1
             return answer
 
         return put
 
     def conditions(self, integration: float, nd: int) -> str:
         """Of a measurement, as MEDR tells them."""
-        given = self.single
+        given = self.single_values
         return (
             f"{self.speed[0]},{self.sync[0]},{round(integration * 1e6):09d},{nd},"
             f"{given['LNSS']},{given['NDFS']},{self._optics.angle},00"
         )
 
-    def _simple(self, name: str) -> Callable[[list[int]], str] | None:
+    def _single_value_handler(self, name: str) -> Callable[[list[int]], str] | None:
         """Settings of one number each, and the questions for them."""
         asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
         if asked:
-            return lambda given: "ER00" if given else f"OK00,{self.single[asked]}"
-        if name not in self.single:
+            return lambda given: "ER00" if given else f"OK00,{self.single_values[asked]}"
+        if name not in self.single_values:
             return None
 
         def put(given: list[int]) -> str:
@@ -79,7 +83,7 @@ class Settings:
                 return "ER00"
             if given[0] > (2 if name == "NDFS" else 1):
                 return "ER17"
-            self.single[name] = given[0]
+            self.single_values[name] = given[0]
             return "OK00"
 
         return put
@@ -119,10 +123,10 @@ class Settings:
         if not given:
             return "ER00"
         mode, rest = given[0], given[1:]
-        if mode > (3 if self.old else 4):
+        if mode > (3 if self.has_first_firmware else 4):
             return "ER17"
         timed = mode >= 2
-        has_nd = mode == 3 or not self.old
+        has_nd = mode == 3 or not self.has_first_firmware
         least = timed + (mode == 3)
         if not least <= len(rest) <= timed + has_nd:
             return "ER00"
@@ -139,6 +143,6 @@ class Settings:
         texts = [f"OK00,{mode}"]
         if mode >= 2:
             texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
-        if mode == 3 or not self.old:
+        if mode == 3 or not self.has_first_firmware:
             texts.append(str(nd))
         return "ER00" if given else ",".join(texts)

@@ -16,13 +16,13 @@ class Reply(NamedTuple):
     data: bytes
 
 
-class Suffering:
+class FaultyMachine:
     """A machine that may have several of its own faults at once."""
 
     def __init__(self) -> None:
         self._faults: set[str] = set()
 
-    def suffer(self, kind: str | None) -> None:
+    def set_fault(self, kind: str | None) -> None:
         """One of its own faults begins, or (None) all of them end."""
         if kind is None:
             self._faults.clear()
@@ -30,7 +30,7 @@ class Suffering:
             self._faults.add(kind)
 
 
-class Machine(Protocol):
+class SerialMachine(Protocol):
     """An instrument that knows neither ports nor worlds.
 
     own_faults: what can go wrong within it, in words.
@@ -42,6 +42,6 @@ class Machine(Protocol):
         """Bytes that arrive at t, which never goes back; what leaves from then on."""
         ...
 
-    def suffer(self, kind: str | None) -> None:
+    def set_fault(self, kind: str | None) -> None:
         """One of `own_faults` begins, or (None) all of them end."""
         ...

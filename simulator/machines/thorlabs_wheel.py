@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from simulator.machines.machine import Reply, Suffering
-from simulator.machines.turning import shorter_way
+from simulator.machines.machine import FaultyMachine, Reply
+from simulator.machines.turning_wheel import shorter_path
 
 _PROMPT = b"> "
 _NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"
@@ -21,16 +21,16 @@ _COMMAND = re.compile(rb"([a-z]+)(?:(\?)|=([0-9]+))")
 _LATENCY = 0.002
 """Seconds from a command's end to its answer."""
 
-_HELD = 256
+_BUFFER_SIZE = 256
 """Bytes that wait while it turns; what comes besides is lost."""
 
 
-class ThorlabsWheelMachine(Suffering):
+class ThorlabsWheelMachine(FaultyMachine):
     """What it is told over the wire, and where it stands.
 
     slots: 6 or 12. firmware: "1.0", which knows less and wants a line ">" before each command,
     or a later one such as "1.07". position: where it stands at first. step: seconds from a slot
-    to the next, slow and fast. turned: told the slot that is in the light, one after the other
+    to the next, slow and fast. on_slot: told the slot that is in the light, one after the other
     as they cross it.
     """
 
@@ -42,7 +42,7 @@ class ThorlabsWheelMachine(Suffering):
         firmware: str = "1.07",
         position: int = 1,
         step: tuple[float, float] = (2.0, 1.0),
-        turned: Callable[[int], None] | None = None,
+        on_slot: Callable[[int], None] | None = None,
     ) -> None:
         if slots not in (6, 12):
             raise ValueError(f"slots is {slots}; a wheel has 6 or 12")
@@ -54,14 +54,14 @@ class ThorlabsWheelMachine(Suffering):
         self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
         self._state |= {"sensors": 1, "baud": 1}
         self._saved = dict(self._state)
-        self._step, self._turned = step, turned
+        self._step, self._turned = step, on_slot
         self._switched_on = True
-        self._primed = False
+        self._lead_line_received = False
         self._line = bytearray()
-        self._held = bytearray()
+        self._input_buffer = bytearray()
         self._answer: tuple[float, bytes] | None = None
         self._hangs = False
-        self._way: list[tuple[float, int]] = []
+        self._path: list[tuple[float, int]] = []
 
     @property
     def position(self) -> int:
@@ -74,16 +74,16 @@ class ThorlabsWheelMachine(Suffering):
         return dict(self._state)
 
     @property
-    def saved(self) -> dict[str, int]:
+    def saved_settings(self) -> dict[str, int]:
         """The settings that it will have when it is switched on again."""
         return dict(self._saved)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        self._held += data[: _HELD - len(self._held)]
-        replies = self._go_on(t)
-        while self._held and self._answer is None:
-            byte = bytes(self._held[:1])
-            del self._held[:1]
+        self._input_buffer += data[: _BUFFER_SIZE - len(self._input_buffer)]
+        replies = self._advance(t)
+        while self._input_buffer and self._answer is None:
+            byte = bytes(self._input_buffer[:1])
+            del self._input_buffer[:1]
             replies.append(Reply(t, byte))
             if byte != b"\r":
                 self._line += byte
@@ -94,19 +94,19 @@ class ThorlabsWheelMachine(Suffering):
 
     def _begin(self, line: bytes, t: float) -> list[Reply]:
         """Carry a command out; when it will have to be looked at again."""
-        self._way = []
-        output = self._output(line, t)
-        at = (self._way[-1][0] if self._way else t) + _LATENCY
-        self._hangs = bool(self._way) and "busy forever" in self._faults
-        if self._way and self._faults & {"stuck", "busy forever"}:
-            self._way = []
+        self._path = []
+        output = self._command_output(line, t)
+        at = (self._path[-1][0] if self._path else t) + _LATENCY
+        self._hangs = bool(self._path) and "busy forever" in self._faults
+        if self._path and self._faults & {"stuck", "busy forever"}:
+            self._path = []
         self._answer = at, output + _PROMPT
-        return [Reply(time, b"") for time, _ in self._way] + [Reply(at, b"")]
+        return [Reply(time, b"") for time, _ in self._path] + [Reply(at, b"")]
 
-    def _go_on(self, t: float) -> list[Reply]:
+    def _advance(self, t: float) -> list[Reply]:
         """What its turning and its answers have come to by t."""
-        while self._way and self._way[0][0] <= t:
-            self._state["pos"] = self._way.pop(0)[1]
+        while self._path and self._path[0][0] <= t:
+            self._state["pos"] = self._path.pop(0)[1]
             if self._turned:
                 self._turned(self._state["pos"])
         if self._hangs and "busy forever" in self._faults:
@@ -116,12 +116,12 @@ class ThorlabsWheelMachine(Suffering):
         (_, output), self._answer, self._hangs = self._answer, None, False
         return [Reply(t, output)]
 
-    def _output(self, line: bytes, t: float) -> bytes:
+    def _command_output(self, line: bytes, t: float) -> bytes:
         """What it says to a command, but for the prompt."""
         if self._switched_on:
             self._switched_on = False
             return b"\0\0" + _NOT_DEFINED
-        primed, self._primed = self._primed, line == b">"
+        primed, self._lead_line_received = self._lead_line_received, line == b">"
         if not line:
             return b""
         if "error code" in self._faults or (self._old and not primed):
@@ -133,14 +133,14 @@ class ThorlabsWheelMachine(Suffering):
             return b""
         found = _COMMAND.fullmatch(line)
         name = found[1].decode() if found else ""
-        if not found or name not in self._known:
+        if not found or name not in self._known_settings:
             return _NOT_DEFINED
         if found[2]:
             return b"%d\r" % self._state[name]
         return self._set(name, int(found[3]), t)
 
     @property
-    def _known(self) -> set[str]:
+    def _known_settings(self) -> set[str]:
         return set(self._state) - ({"pcount", "speed", "sensors"} if self._old else set())
 
     def _set(self, name: str, value: int, t: float) -> bytes:
@@ -149,7 +149,7 @@ class ThorlabsWheelMachine(Suffering):
         if value not in legal:
             return _ARG_INVALID
         if name == "pos":
-            self._way = self._turn(value, t)
+            self._path = self._turn(value, t)
         else:
             self._state[name] = value
         if name == "pcount" and self.position > value:
@@ -158,6 +158,6 @@ class ThorlabsWheelMachine(Suffering):
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
         """When which slot comes into the light on the shorter way."""
-        way = shorter_way(self.position, goal, self._state["pcount"])
+        way = shorter_path(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
         return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

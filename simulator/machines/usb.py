@@ -17,7 +17,7 @@ class Endpoint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Description:
+class UsbDescription:
     """What a device's descriptors say: one configuration of one interface (class 3: HID)."""
 
     vendor: int
@@ -30,7 +30,7 @@ class Description:
     endpoints: Sequence[Endpoint] = field(default=())
 
 
-class Setup(NamedTuple):
+class SetupPacket(NamedTuple):
     """The request of a control transfer. recipient: wIndex, such as the interface."""
 
     request_type: int
@@ -40,11 +40,11 @@ class Setup(NamedTuple):
     length: int
 
 
-class Stall(Exception):
+class UsbStall(Exception):
     """A device refuses a transfer."""
 
 
-class Report(NamedTuple):
+class InputReport(NamedTuple):
     """Bytes for the host that lie ready at an endpoint from `at` on, in the bench's seconds."""
 
     at: float
@@ -59,20 +59,20 @@ class UsbMachine(Protocol):
     """
 
     own_faults: tuple[str, ...]
-    description: Description
+    description: UsbDescription
 
-    def control(self, setup: Setup, data: bytes, t: float) -> tuple[bytes, list[Report]]:
-        """A control transfer at t, which never goes back: its answer, and reports; Stall."""
+    def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
+        """A control transfer at t, which never goes back: its answer, and reports; UsbStall."""
         ...
 
-    def out(self, endpoint: int, data: bytes, t: float) -> list[Report]:
-        """Bytes from the host to a bulk or interrupt endpoint; Stall."""
+    def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
+        """Bytes from the host to a bulk or interrupt endpoint; UsbStall."""
         ...
 
-    def power(self, t: float) -> None:
+    def power_up(self, t: float) -> None:
         """It gets power: whatever it knew or did before is gone."""
         ...
 
-    def suffer(self, kind: str | None) -> None:
+    def set_fault(self, kind: str | None) -> None:
         """One of `own_faults` begins, or (None) all of them end."""
         ...

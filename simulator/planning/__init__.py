@@ -1,21 +1,21 @@
 """Which effects a picture calls for: bounds, the ladder of plans, and the plan for a tolerance."""
 
-from simulator.planning.auditing import Audited, audit
-from simulator.planning.bound import Bound, Floor
-from simulator.planning.effect import Effect, Stage
+from simulator.planning.auditing import AuditResult, audit
+from simulator.planning.bound import Bound, MinimumNorms
+from simulator.planning.effect import Effect, OnOffEffect
+from simulator.planning.effect_plan import Decision, EffectPlan, build_recipe, plan_effects
 from simulator.planning.ladder import Ladder
-from simulator.planning.plan import Decision, EffectPlan, planned, recipe_of
 
 __all__ = [
-    "Audited",
+    "AuditResult",
     "Bound",
     "Decision",
     "Effect",
     "EffectPlan",
-    "Floor",
     "Ladder",
-    "Stage",
+    "MinimumNorms",
+    "OnOffEffect",
     "audit",
-    "planned",
-    "recipe_of",
+    "build_recipe",
+    "plan_effects",
 ]

@@ -13,7 +13,7 @@ import torch
 from optics.caching import ByteCache
 from simulator.planning.bound import Bound, ratio
 from simulator.planning.effect import Effect
-from simulator.planning.plan import EffectPlan, recipe_of
+from simulator.planning.effect_plan import EffectPlan, build_recipe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
@@ -21,7 +21,7 @@ Rendered = tuple[torch.Tensor, torch.Tensor]
 Levels = Mapping[str, int]
 Pairs = Iterable[tuple[str, str]]
 
-_KEPT = 2**30
+_CACHE_BYTES = 2**30
 """Bytes of pictures. Those that others are compared with are asked for often, and stay."""
 
 _ARITHMETIC = 1e-6
@@ -29,7 +29,7 @@ _ARITHMETIC = 1e-6
 
 
 @dataclass(frozen=True)
-class Audited:
+class AuditResult:
     """One or two effects at their finest against what the plan has of them.
 
     others: whether all others were as the plan has them, or at their finest. bound: the most
@@ -45,7 +45,7 @@ class Audited:
     slack: Bound
 
     @property
-    def share(self) -> float:
+    def measured_over_bound(self) -> float:
         """The largest of what was measured over its bound; above 1 the bound is broken."""
         allowed = self.bound.plus(self.slack)
         return max(
@@ -54,8 +54,8 @@ class Audited:
         )
 
     @property
-    def broken(self) -> bool:
-        return self.share > 1
+    def is_broken(self) -> bool:
+        return self.measured_over_bound > 1
 
 
 def audit(
@@ -65,7 +65,7 @@ def audit(
     render: Callable[[Recipe], Rendered],
     *,
     pairs: Pairs | None = None,
-) -> tuple[Audited, ...]:
+) -> tuple[AuditResult, ...]:
     """Every effect that a plan has below its finest, and every pair of them, against its bound.
 
     render: gives mean and variance maps of a recipe, (rows, columns) in electrons and
@@ -74,15 +74,17 @@ def audit(
     What they require is switched with the rest. pairs: those to be tried; all by default.
     Raises ValueError for a pair of which the plan has one at its finest.
     """
-    bench = _Bench(effects, situation, plan, render)
+    bench = _AuditRenderer(effects, situation, plan, render)
     singles = [
-        bench.tried((name,), others) for name in bench.below for others in ("as planned", "finest")
+        bench.audit_effects((name,), others)
+        for name in bench.coarse_effects
+        for others in ("as planned", "finest")
     ]
-    wanted = itertools.combinations(bench.below, 2) if pairs is None else pairs
-    return (*singles, *(bench.tried(pair, "as planned") for pair in wanted))
+    wanted = itertools.combinations(bench.coarse_effects, 2) if pairs is None else pairs
+    return (*singles, *(bench.audit_effects(pair, "as planned") for pair in wanted))
 
 
-class _Bench:
+class _AuditRenderer:
     """Where plans are rendered; what many are compared with, once."""
 
     def __init__(
@@ -92,41 +94,49 @@ class _Bench:
         plan: EffectPlan,
         render: Callable[[Recipe], Rendered],
     ) -> None:
-        self._effects = {one.name: one for one in effects if one.caused(situation)}
+        self._effects = {one.name: one for one in effects if one.is_present(situation)}
         self._s, self._render, self._planned = situation, render, plan.levels
-        self._finest = {name: one.finest(situation) for name, one in self._effects.items()}
-        self._kept = ByteCache(_KEPT)
-        self.below = [name for name in self._finest if plan.level(name) < self._finest[name]]
+        self._finest = {name: one.finest_level(situation) for name, one in self._effects.items()}
+        self._kept = ByteCache(_CACHE_BYTES)
+        self.coarse_effects = [
+            name for name in self._finest if plan.level(name) < self._finest[name]
+        ]
 
-    def tried(self, names: tuple[str, ...], others: Literal["as planned", "finest"]) -> Audited:
+    def audit_effects(
+        self, names: tuple[str, ...], others: Literal["as planned", "finest"]
+    ) -> AuditResult:
         for name in names:
-            if name not in self.below:
+            if name not in self.coarse_effects:
                 raise ValueError(
                     f"the plan has {name!r} at its finest, or not at all; audit one of "
-                    f"{', '.join(self.below) or 'none'}"
+                    f"{', '.join(self.coarse_effects) or 'none'}"
                 )
         around = dict(self._planned if others == "as planned" else self._finest)
         # What bounds count on is there, but for its own.
-        around |= {name: self._finest[name] for name, one in self._effects.items() if one.last}
+        around |= {
+            name: self._finest[name]
+            for name, one in self._effects.items()
+            if one.assumed_by_other_bounds
+        }
         low = {name: self._planned[name] for name in names}
         high = {name: self._finest[name] for name in names}
-        coarse, fine = self._sound({**around, **low}, {**around, **high}, names)
+        coarse, fine = self._with_requirements({**around, **low}, {**around, **high}, names)
         mean, variance = self._picture(coarse)
         best_mean, best_variance = self._picture(fine)
         bound = Bound()
         for name in names:
-            bound = bound.plus(self._effects[name].bound(self._s, self._planned[name]))
-        return Audited(
+            bound = bound.plus(self._effects[name].error_bound(self._s, self._planned[name]))
+        return AuditResult(
             names,
             others,
             bound,
             _norm(best_mean - mean),
             _norm(best_variance - variance),
             _norm(best_variance.sqrt() - variance.sqrt()),
-            _arithmetic(mean, variance),
+            _rounding_bound(mean, variance),
         )
 
-    def _sound(
+    def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]
     ) -> tuple[dict[str, int], dict[str, int]]:
         """Both with what is required: what is switched on brings it, what can't be without one
@@ -151,12 +161,12 @@ class _Bench:
         return missing
 
     def _picture(self, levels: Levels) -> Rendered:
-        recipe = recipe_of(tuple(self._effects.values()), self._s, levels)
+        recipe = build_recipe(tuple(self._effects.values()), self._s, levels)
         mean, variance = self._kept.get(recipe, lambda: self._render(recipe))
         return mean.to(torch.float64), variance.to(torch.float64)
 
 
-def _arithmetic(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
+def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
     """What transforms leave of rounding: as much in the dark as in the light, where it counts for
     the most of σ."""
     most = _ARITHMETIC * _norm(mean) + _ARITHMETIC * _norm(variance)

@@ -50,7 +50,7 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Floor:
+class MinimumNorms:
     """Lower bounds of what a picture with every effect has, which errors are relative to.
 
     mean, variance, sigma: L2 norms as in Bound; 0 where nothing is known to be there.
@@ -60,7 +60,7 @@ class Floor:
     variance: float
     sigma: float
 
-    def relative(self, bound: Bound) -> float:
+    def relative_error(self, bound: Bound) -> float:
         """The worst of a bound's relative errors; infinite where something changes nothing."""
         return max(
             ratio(bound.mean, self.mean),

@@ -17,10 +17,10 @@ class Effect(ABC):
     name: in words, as in files. kind: an axis of the image-formation integral, which is sampled,
     or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
     the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
-    must not be off if this one isn't. entry, values: of the recipe, and what it is at each level.
-    last: whether the others' bounds count on it: changes add up in whatever order they are made,
-    and this one is thought to be made last. each_frame: whether it's done anew for each frame of
-    a picture that stands.
+    must not be off if this one isn't. recipe_field, recipe_values: of the recipe, and what it is
+    at each level. assumed_by_other_bounds: whether the others' bounds count on it: changes add up
+    in whatever order they are made, and this one is thought to be made last. is_per_frame:
+    whether it's done anew for each frame of a picture that stands.
 
     An effect decides by numbers from the situation alone: it never renders anything.
     """
@@ -31,29 +31,29 @@ class Effect(ABC):
     source: ClassVar[str]
     levels: ClassVar[tuple[str, ...]] = ("off", "on")
     requires: ClassVar[tuple[str, ...]] = ()
-    entry: ClassVar[str]
-    values: ClassVar[tuple[object, ...]] = (False, True)
-    last: ClassVar[bool] = False
-    each_frame: ClassVar[bool] = False
+    recipe_field: ClassVar[str]
+    recipe_values: ClassVar[tuple[object, ...]] = (False, True)
+    assumed_by_other_bounds: ClassVar[bool] = False
+    is_per_frame: ClassVar[bool] = False
 
     @abstractmethod
-    def caused(self, s: Situation) -> bool:
+    def is_present(self, s: Situation) -> bool:
         """Whether bench and scene have anything of it; without, it isn't in a plan."""
 
-    def finest(self, s: Situation) -> int:
+    def finest_level(self, s: Situation) -> int:
         """The level beyond which nothing changes any more."""
         return len(self.levels) - 1
 
     @abstractmethod
-    def estimate(self, s: Situation, level: int) -> float:
+    def estimated_error(self, s: Situation, level: int) -> float:
         """About the relative change of the picture at a level against the finest."""
 
-    def bound(self, s: Situation, level: int) -> Bound:
+    def error_bound(self, s: Situation, level: int) -> Bound:
         """The most that it can be; falls with the level, and is 0 at the finest."""
-        return Bound() if level >= self.finest(s) else self.coarser(s, level)
+        return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod
-    def coarser(self, s: Situation, level: int) -> Bound:
+    def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         """The same at a level below the finest."""
 
     @abstractmethod
@@ -61,29 +61,29 @@ class Effect(ABC):
         """Operations that its level adds, given the levels of all that are caused."""
 
     @abstractmethod
-    def why(self, s: Situation) -> str:
+    def explain(self, s: Situation) -> str:
         """In words of this situation: what there is of it."""
 
-    def apply(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+    def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         """The recipe with this effect at a level above off; never called for one that is off."""
-        return recipe.having(**{self.entry: self.values[level]})
+        return recipe.with_changes(**{self.recipe_field: self.recipe_values[level]})
 
 
-class Stage(Effect):
+class OnOffEffect(Effect):
     """An effect that is on or off; on, nothing changes any more."""
 
     kind: ClassVar[Literal["axis", "stage"]] = "stage"
 
     @abstractmethod
-    def missed(self, s: Situation) -> float:
+    def estimated_error_if_omitted(self, s: Situation) -> float:
         """About the relative change of the picture without it."""
 
     @abstractmethod
-    def left_out(self, s: Situation) -> Bound:
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
         """The most that the picture changes without it."""
 
-    def estimate(self, s: Situation, level: int) -> float:
-        return 0.0 if level else self.missed(s)
+    def estimated_error(self, s: Situation, level: int) -> float:
+        return 0.0 if level else self.estimated_error_if_omitted(s)
 
-    def coarser(self, s: Situation, level: int) -> Bound:
-        return self.left_out(s)
+    def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
+        return self.error_bound_if_omitted(s)

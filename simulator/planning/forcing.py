@@ -8,7 +8,7 @@ from simulator.planning.effect import Effect
 from simulator.situation import Situation
 
 
-def forced_level(effects: Sequence[Effect], s: Situation, name: str, wanted: str | bool) -> int:
+def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: str | bool) -> int:
     """The level that is meant by True, the finest, False, off, or a level's name.
 
     Raises ValueError for an effect that doesn't exist, or a level that it hasn't.
@@ -17,24 +17,26 @@ def forced_level(effects: Sequence[Effect], s: Situation, name: str, wanted: str
     if name not in named:
         raise ValueError(f"effect {name!r} is unknown; choose among {', '.join(named)}")
     one = named[name]
-    if isinstance(wanted, bool):
-        finest = one.finest(s) if one.caused(s) else len(one.levels) - 1
-        return finest if wanted else 0
-    if wanted not in one.levels:
+    if isinstance(request, bool):
+        finest = one.finest_level(s) if one.is_present(s) else len(one.levels) - 1
+        return finest if request else 0
+    if request not in one.levels:
         raise ValueError(
-            f"effect {name!r} has no level {wanted!r}; choose among {', '.join(one.levels)}"
+            f"effect {name!r} has no level {request!r}; choose among {', '.join(one.levels)}"
         )
-    return one.levels.index(wanted)
+    return one.levels.index(request)
 
 
-def settled(effects: Sequence[Effect], fixed: Mapping[str, int]) -> dict[str, int]:
+def resolve_forced_levels(
+    effects: Sequence[Effect], forced_levels: Mapping[str, int]
+) -> dict[str, int]:
     """The levels of forced effects that are there, and of those that fall with them.
 
     What requires an effect that is forced off is off too; ValueError if it is forced to be on.
     """
     there = {one.name for one in effects}
-    found = {name: level for name, level in fixed.items() if name in there}
-    while falling := [one for one in effects if _falls(one, found)]:
+    found = {name: level for name, level in forced_levels.items() if name in there}
+    while falling := [one for one in effects if _lacks_requirement(one, found)]:
         for one in falling:
             if found.get(one.name, 0):
                 off = next(name for name in one.requires if found.get(name) == 0)
@@ -46,5 +48,5 @@ def settled(effects: Sequence[Effect], fixed: Mapping[str, int]) -> dict[str, in
     return found
 
 
-def _falls(one: Effect, found: Mapping[str, int]) -> bool:
+def _lacks_requirement(one: Effect, found: Mapping[str, int]) -> bool:
     return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -40,14 +40,14 @@ class FarField:
         total = light.sum(dtype=np.float64)
         if not total > 0:
             raise ValueError("no light passes the stop: open it, or move it before the panel")
-        self._top = _brightest(far, light) / total
+        self._top = _peak_intensity(far, light) / total
         self.light: Light = light * np.float32(1 / total)
         self._side = side
 
     @property
     def bytes(self) -> int:
         """Once all of it was asked for: the light twice, and the transfer function."""
-        return 2 * self.light.nbytes + 16 * _kept(self.light.shape) ** 2
+        return 2 * self.light.nbytes + 16 * _frequency_count(self.light.shape) ** 2
 
     def _envelope(self, axis: int, orders: int = 0) -> Array:
         """What one pixel makes of the light along an axis, up to an order on each side."""
@@ -57,7 +57,7 @@ class FarField:
             (self._side * np.sinc(self._side * (places[:, None] + steps)) ** 2).sum(1)
         )
 
-    def share(self, orders: int) -> float:
+    def order_share(self, orders: int) -> float:
         """Of the light, in the orders up to one on each side."""
         along = self.light @ self._envelope(1, orders).astype(np.float32)
         return float(along.astype(np.float64) @ self._envelope(0, orders))
@@ -69,48 +69,48 @@ class FarField:
         return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
-    def central(self) -> Light:
+    def zeroth_order_light(self) -> Light:
         """The middle order's light."""
         down, along = (self._envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
 
-    def _within(self, light: Light) -> Array:
+    def _ensquared_sums(self, light: Light) -> Array:
         """Sums of samples in squares around the axis, whose half sides are k + 1/2 steps: half a
         period along the shorter axis has as many as it has samples."""
         steps = min(light.shape) // 2
         # Four samples may be added in single precision; a million may not.
-        sums = _folded(_folded(light, 0), 1).astype(np.float64)
+        sums = _fold_axis(_fold_axis(light, 0), 1).astype(np.float64)
         for axis in (1, 0):
             sums = np.add.reduceat(sums, _ring_starts(light.shape[axis], steps), axis)
         return np.asarray(np.diagonal(sums.cumsum(0).cumsum(1)))
 
     @cached_property
-    def within(self) -> Array:
+    def ensquared_share(self) -> Array:
         """Share of the middle order's light within these squares."""
-        total = self._within(self.central)
+        total = self._ensquared_sums(self.zeroth_order_light)
         return np.asarray(total / total[-1])
 
     @cached_property
     def beyond_energy(self) -> Array:
         """Integral of the squared density of the middle order's light over the period's area,
         beyond these squares; that of even light is 1. Exact: h is sampled at its Nyquist rate."""
-        total = self._within(self.central**2)
+        total = self._ensquared_sums(self.zeroth_order_light**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))
 
     @cached_property
     def energy(self) -> float:
         """The same of all of it."""
-        return float(self.light.size * (self.central.astype(np.float64) ** 2).sum())
+        return float(self.light.size * (self.zeroth_order_light.astype(np.float64) ** 2).sum())
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
         """Of the middle order's light, one row a frequency y and one column x; see radii()."""
-        spectrum = scipy.fft.rfft2(self.central)
-        kept = _kept(self.light.shape)
+        spectrum = scipy.fft.rfft2(self.zeroth_order_light)
+        kept = _frequency_count(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
 
 
-def _brightest(far: NDArray[np.complex64], light: Light) -> float:
+def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
     """The most of a light, between its samples as well."""
     most = float(light.max())
     places = np.argwhere(light > most / _LOWER)
@@ -128,19 +128,19 @@ def _brightest(far: NDArray[np.complex64], light: Light) -> float:
     return most
 
 
-def _kept(shape: tuple[int, ...]) -> int:
+def _frequency_count(shape: tuple[int, ...]) -> int:
     """Frequencies of each axis that are looked at, from 0: up to half the shorter one's."""
     return min(shape) // 2
 
 
 def radii(shape: tuple[int, ...]) -> Array:
     """Of a transfer function's entries, in shares of the samples in a period: cycles per period."""
-    kept = _kept(shape)
+    kept = _frequency_count(shape)
     down = np.concatenate([np.arange(kept), np.arange(-kept + 1, 0)])
     return np.hypot(down[:, None], np.arange(kept))
 
 
-def _folded(light: Light, axis: int) -> Light:
+def _fold_axis(light: Light, axis: int) -> Light:
     """Both directions of an axis as one: index k stands for samples k and -k."""
     half = light.shape[axis] // 2
     if axis == 0:

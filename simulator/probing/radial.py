@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.caching import keep_within
-from optics.formation import frequencies
-from optics.fourier import half_counts
+from optics.caching import byte_limited_cache
+from optics.formation import rfft2_frequencies
+from optics.fourier import rfft_column_weights
 from optics.plane import Plane
 
 BINS = 64
@@ -46,7 +46,7 @@ class RadialProfile:
         index = numbers.flatten().long()
         # Columns between the first and the last stand for their mirror images, too.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
-        weighed = squared * half_counts(plane.shape[1])
+        weighed = squared * rfft_column_weights(plane.shape[1])
         samples = plane.shape[0] * plane.shape[1]
         power = torch.bincount(index, weighed.flatten(), minlength=len(low))
         least = torch.full((len(low),), math.inf, dtype=torch.float64)
@@ -60,7 +60,7 @@ class RadialProfile:
         """Root of the sum of squares over the picture's samples."""
         return math.sqrt(float(self.power.sum()))
 
-    def changed(self, gain: Gain) -> float:
+    def filtered_norm_bound(self, gain: Gain) -> float:
         """The most that the norm is of the picture filtered by a gain in every frequency.
 
         gain: not negative, of cycles per metre; where it varies within a bin, the largest of it
@@ -68,7 +68,7 @@ class RadialProfile:
         """
         return math.sqrt(float((self._largest(gain) ** 2 * self.power).sum()))
 
-    def highest(self, gain: Gain) -> float:
+    def filtered_peak_bound(self, gain: Gain) -> float:
         """The most that any sample is of the picture filtered so: all frequencies in phase."""
         return float((self._largest(gain) * np.sqrt(self.count * self.power)).sum())
 
@@ -83,19 +83,19 @@ class RadialProfile:
         )
 
 
-@keep_within(_INDICES)
+@byte_limited_cache(_INDICES)
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
     """The bin of each entry of a plane's rfft2 grid, uint8, the bins' edges, and their entries."""
-    fy, fx = frequencies(plane)
+    fy, fx = rfft2_frequencies(plane)
     # Entries on an edge of a bin belong to one of the two for sure.
     radius = torch.hypot(fy, fx)
     smallest = 1 / max(n * p for n, p in zip(plane.shape, plane.pitch, strict=True))
     largest = math.hypot(*(0.5 / p for p in plane.pitch))
     edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), BINS + 1)
     index = torch.bucketize(radius, torch.from_numpy(edges))
-    doubled = half_counts(plane.shape[1]).double().expand_as(radius)
+    doubled = rfft_column_weights(plane.shape[1]).double().expand_as(radius)
     count = torch.bincount(index.flatten(), doubled.flatten(), minlength=BINS + 1)
     low, high = np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]])
     return index.to(torch.uint8), low, high, count

@@ -32,16 +32,16 @@ def electron_rates(
     over wavelengths.
     """
     nodes = _nodes(spectrum, band, camera.sensor, leak)
-    passed = band.passes(nodes) if leak else band.transmission(nodes)
+    passed = band.total_transmission(nodes) if leak else band.transmission(nodes)
     photons = spectrum.at(nodes) * passed * nodes / (constants.h * constants.c)
     return tuple(
         float(np.trapezoid(photons * _efficiency(one, nodes, camera.sensor), nodes))
-        * collected(camera, distance)
+        * irradiance_per_radiance(camera, distance)
         for one in efficiencies(camera.sensor)
     )
 
 
-def collected(camera: Camera, distance: float) -> float:
+def irradiance_per_radiance(camera: Camera, distance: float) -> float:
     """Watts on a square metre of sensor for a radiance of one, near the axis."""
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2

@@ -1,16 +1,16 @@
 """What stands before the camera: targets with distance, size, spectrum and radiance."""
 
-from simulator.scene.colours import basis_of, mixed, primaries
+from simulator.scene.artificial_star import Pinhole, Star
+from simulator.scene.colours import basis_of, mix_reflectances, primaries
 from simulator.scene.cube import Cube
 from simulator.scene.dark import Dark
 from simulator.scene.display import Display, display_primaries
-from simulator.scene.drawable import Drawable, Even
+from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.flat import Flat
-from simulator.scene.photograph import Photograph
+from simulator.scene.photograph import PhotographPrint
 from simulator.scene.relief import Relief, distances_of
 from simulator.scene.scene import Scene
 from simulator.scene.sheets import Sheet, Sheets
-from simulator.scene.star import Pinhole, Star
 from simulator.scene.target import Layer, Part, Target
 
 __all__ = [
@@ -18,11 +18,10 @@ __all__ = [
     "Dark",
     "Display",
     "Drawable",
-    "Even",
     "Flat",
     "Layer",
     "Part",
-    "Photograph",
+    "PhotographPrint",
     "Pinhole",
     "Relief",
     "Scene",
@@ -30,9 +29,10 @@ __all__ = [
     "Sheets",
     "Star",
     "Target",
+    "UniformLight",
     "basis_of",
     "display_primaries",
     "distances_of",
-    "mixed",
+    "mix_reflectances",
     "primaries",
 ]

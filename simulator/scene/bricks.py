@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from optics.edge import require_positive
+from optics.validation import require_positive
 from simulator.scene.polygons import Polygons, rectangle
 
 _STUD_HEIGHT, _STUD_WIDTH = 0.19, 0.6

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
 
 Basis = tuple[Spectrum, Spectrum, Spectrum]
 """Reflectances of pure red, green and blue; a colour's is their sum by its linear shares."""
@@ -14,7 +14,7 @@ _BLUE, _GREEN, _RED = 450e-9, 540e-9, 610e-9
 def primaries() -> Basis:
     """Linear between the three wavelengths that the colours stand for: no physics, but exact
     where a picture was taken at just these."""
-    nodes = (SHORTEST, _BLUE, _GREEN, _RED, LONGEST)
+    nodes = (SHORTEST_WAVELENGTH, _BLUE, _GREEN, _RED, LONGEST_WAVELENGTH)
     return (
         Spectrum(nodes, (0, 0, 0, 1, 1)),
         Spectrum(nodes, (0, 0, 1, 0, 0)),
@@ -36,20 +36,24 @@ def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
             raise ValueError(
                 f"the basis adds up to {total.max():g} at some wavelength; white reflects 1 at most"
             )
-    return held(red), held(green), held(blue)
+    return (
+        extend_to_silicon_range(red),
+        extend_to_silicon_range(green),
+        extend_to_silicon_range(blue),
+    )
 
 
-def held(table: Spectrum) -> Spectrum:
+def extend_to_silicon_range(table: Spectrum) -> Spectrum:
     """A reflectance that goes on beyond its ends as it ends, wherever silicon sees."""
     wavelengths, values = list(table.wavelengths), list(table.values)
-    if table.low > SHORTEST:
-        wavelengths, values = [SHORTEST, *wavelengths], [values[0], *values]
-    if table.high < LONGEST:
-        wavelengths, values = [*wavelengths, LONGEST], [*values, values[-1]]
+    if table.low > SHORTEST_WAVELENGTH:
+        wavelengths, values = [SHORTEST_WAVELENGTH, *wavelengths], [values[0], *values]
+    if table.high < LONGEST_WAVELENGTH:
+        wavelengths, values = [*wavelengths, LONGEST_WAVELENGTH], [*values, values[-1]]
     return Spectrum(tuple(wavelengths), tuple(values))
 
 
-def mixed(basis: Basis, colour: tuple[float, float, float]) -> Spectrum:
+def mix_reflectances(basis: Basis, colour: tuple[float, float, float]) -> Spectrum:
     """The reflectance of a colour, linear red, green and blue from 0 to 1."""
     if not all(0 <= part <= 1 for part in colour):
         raise ValueError(f"colour is {colour}; give three shares from 0 to 1")

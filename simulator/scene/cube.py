@@ -9,13 +9,13 @@ import numpy as np
 import torch
 
 from optics.light.spectrum import Spectrum
-from simulator.scene.colours import held
-from simulator.scene.framed import Framed, require_image
-from simulator.scene.rank import factorised
+from simulator.scene.colours import extend_to_silicon_range
+from simulator.scene.framed import FramedPicture, require_image
+from simulator.scene.spectral_factorisation import factorise_spectra
 
 
 @dataclass(frozen=True, eq=False)
-class Cube(Framed):
+class Cube(FramedPicture):
     """A flat, matt print across the axis, evenly lit, known at many wavelengths.
 
     image: (rows, columns, bands), reflectances from 0 on, 1 = white. wavelengths: of the bands,
@@ -49,9 +49,12 @@ class Cube(Framed):
     @cached_property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)
-        weights, basis = factorised(samples, self.tol)
+        weights, basis = factorise_spectra(samples, self.tol)
         pictures = weights.T.reshape(-1, *self.shape).astype(np.float32)
         return tuple(
-            (held(Spectrum(self.wavelengths, tuple(one))), torch.from_numpy(picture))
+            (
+                extend_to_silicon_range(Spectrum(self.wavelengths, tuple(one))),
+                torch.from_numpy(picture),
+            )
             for one, picture in zip(basis, pictures, strict=True)
         )

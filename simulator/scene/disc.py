@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from optics.edge import require_positive
-from optics.formation import frequencies, spectrum_of_disc
+from optics.formation import rfft2_frequencies, spectrum_of_disc
 from optics.plane import Plane
+from optics.validation import require_positive
 from simulator.scene.drawable import STILL, Drawable, Shift
-from simulator.scene.polygons import covered
+from simulator.scene.polygons import polygon_coverage
 
 _CORNERS = 360
 """Of the polygon of the same area that stands for it on cells: 4e-5 of its radius from it."""
@@ -22,7 +22,7 @@ _CORNERS = 360
 class Disc(Drawable):
     """Even light in a circle. diameter, offset (y, x): metres on the object."""
 
-    exact = True
+    has_exact_spectrum = True
     diameter: float
     offset: tuple[float, float] = (0.0, 0.0)
 
@@ -32,33 +32,35 @@ class Disc(Drawable):
             raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
 
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
-        size, y, x = self._placed(magnification, shift)
+        size, y, x = self._diameter_and_centre(magnification, shift)
         return abs(y) + size / 2, abs(x) + size / 2
 
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        size, y, x = self._placed(magnification, shift)
+        size, y, x = self._diameter_and_centre(magnification, shift)
         if not size:
             return torch.zeros(plane.shape)
         angles = np.arange(_CORNERS) * (2 * np.pi / _CORNERS)
         # A regular polygon's area is n r² sin(2π/n) / 2.
         radius = size / 2 * math.sqrt(2 * math.pi / (_CORNERS * math.sin(2 * math.pi / _CORNERS)))
         corners = np.stack([y + radius * np.sin(angles), x + radius * np.cos(angles)], axis=1)
-        return torch.from_numpy(covered(plane, [corners], [1.0]))
+        return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
         """Exact, a jinc, of a disc that is wholly on the plane."""
-        size, y, x = self._placed(magnification, shift)
+        size, y, x = self._diameter_and_centre(magnification, shift)
         if not _holds(plane, y, x, size / 2):
             return super().spectrum(plane, magnification, shift)
         samples = math.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
         spectrum = spectrum_of_disc(plane, size, samples)
         if y or x:
-            fy, fx = frequencies(plane)
+            fy, fx = rfft2_frequencies(plane)
             turns = fy * y + fx * x
             spectrum = spectrum * torch.polar(torch.ones_like(turns), -2 * math.pi * turns)
         return spectrum.to(torch.complex64)
 
-    def _placed(self, magnification: float, shift: Shift) -> tuple[float, float, float]:
+    def _diameter_and_centre(
+        self, magnification: float, shift: Shift
+    ) -> tuple[float, float, float]:
         """Diameter and centre on the sensor, in metres."""
         y, x = ((part + s) * magnification for part, s in zip(self.offset, shift, strict=True))
         return self.diameter * magnification, y, x

@@ -10,16 +10,16 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from optics.edge import require_positive
-from optics.fourier import Geometry, plan_transform
+from optics.fourier import FourierGeometry, plan_transform
 from optics.light.bands import Band
-from optics.light.spectrum import LONGEST, SHORTEST, Spectrum
+from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
 from optics.plane import Plane
+from optics.validation import require_positive
 from simulator.scene.colours import Basis
 from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.photograph import require_colours
-from simulator.scene.picture import edges
-from simulator.scene.resampling import apertures
+from simulator.scene.pixel_picture import edges
+from simulator.scene.resampling import window_matrix
 from simulator.scene.target import Layer, Part, Target
 
 PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))
@@ -29,7 +29,7 @@ display with white diodes behind it shows them, about."""
 
 def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
     """Spectra of red, green and blue, each 1 at its best; bands: centres and widths, metres."""
-    nodes = np.linspace(SHORTEST, LONGEST, 801)
+    nodes = np.linspace(SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH, 801)
     red, green, blue = (
         Spectrum(tuple(nodes), tuple(Band(centre, fwhm).transmission(nodes)))
         for centre, fwhm in bands
@@ -45,7 +45,7 @@ class Windows(Drawable):
     windows begin and end, in pitches.
     """
 
-    exact = True
+    has_exact_spectrum = True
     image: torch.Tensor
     pitch: float
     rows: tuple[float, float]
@@ -64,7 +64,7 @@ class Windows(Drawable):
             return torch.zeros(plane.shape)
         windows = (self.rows, self.columns)
         down, across = (
-            apertures(
+            window_matrix(
                 self.image.shape[axis],
                 side,
                 shift[axis] * magnification,
@@ -88,11 +88,11 @@ class Windows(Drawable):
         windows = (self.rows, self.columns)
         image, centre = self.image, []
         for axis in (0, 1):
-            image, first = _seen(image, axis, plane, side, shift[axis] * magnification)
+            image, first = _visible_pixels(image, axis, plane, side, shift[axis] * magnification)
             middle = (image.shape[axis] // 2 + sum(windows[axis]) / 2) * side
             centre.append(first + middle - plane.centre[axis])
         pixels = Plane((image.shape[0], image.shape[1]), (side, side), (centre[0], centre[1]))
-        points = plan_transform(Geometry(pixels, frequency, 1.0))(image.to(torch.complex64))
+        points = plan_transform(FourierGeometry(pixels, frequency, 1.0))(image.to(torch.complex64))
         for axis, window in enumerate(windows):
             width = (window[1] - window[0]) * side
             opening = torch.sinc(frequency.coordinates(axis) * width) * width / plane.pitch[axis]
@@ -100,7 +100,7 @@ class Windows(Drawable):
         return torch.fft.ifftshift(points, dim=-2)
 
 
-def _seen(
+def _visible_pixels(
     image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
 ) -> tuple[torch.Tensor, float]:
     """The pixels along an axis whose room meets the plane, one of them at least, and where the
@@ -150,7 +150,7 @@ class Display(Target):
         rows = (margin, 1 - margin)
         parts = tuple(
             Part(
-                spectrum.scaled(self.radiance),
+                spectrum.with_scale(self.radiance),
                 Windows(
                     self.image[..., k].contiguous(),
                     self.pitch,

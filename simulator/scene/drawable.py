@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import torch
 
-from optics.formation import frequencies, spectrum_of_samples
+from optics.formation import rfft2_frequencies, spectrum_of_samples
 from optics.plane import Plane
 
 Shift = tuple[float, float]
@@ -25,14 +25,14 @@ class Drawable(ABC):
     of its part of a target.
     """
 
-    exact: ClassVar[bool] = False
+    has_exact_spectrum: ClassVar[bool] = False
     """Whether its spectrum is that of the picture itself: nothing finer folds into it."""
 
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
         """How far from the axis it shines, (y, x) metres on the sensor, at most."""
         return math.inf, math.inf
 
-    def falls(self, magnification: float, frequency: float) -> int:
+    def spectral_decay(self, magnification: float, frequency: float) -> int:
         """With which power of the frequency its spectrum falls, from one on, in cycles per metre
         on the sensor: 1 where it has sharp edges."""
         return 1
@@ -51,17 +51,17 @@ class Drawable(ABC):
         plane's frequencies there is nothing; what folds into them is left of it by the average.
         """
         spectrum = spectrum_of_samples(self.light(plane, magnification, shift))
-        fy, fx = frequencies(plane)
+        fy, fx = rfft2_frequencies(plane)
         spectrum /= torch.sinc(fy * plane.pitch[0]).to(torch.float32)
         spectrum /= torch.sinc(fx * plane.pitch[1]).to(torch.float32)
         return spectrum
 
 
 @dataclass(frozen=True)
-class Even(Drawable):
+class UniformLight(Drawable):
     """The same everywhere, without an end."""
 
-    exact = True
+    has_exact_spectrum = True
     value: float = 1.0
 
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:

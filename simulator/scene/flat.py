@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from simulator.scene.drawable import Even
+from simulator.scene.drawable import UniformLight
 from simulator.scene.target import Layer, Part, Target
 
 
@@ -22,4 +22,4 @@ class Flat(Target):
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        return (Layer(self.distance, (Part(self.lit(), Even()),)),)
+        return (Layer(self.distance, (Part(self.reflected_radiance(), UniformLight()),)),)

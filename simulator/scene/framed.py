@@ -10,9 +10,9 @@ from typing import Any
 import torch
 
 from optics.camera import Camera
-from optics.edge import require_finite, require_positive
 from optics.light.spectrum import Spectrum
-from simulator.scene.picture import Picture
+from optics.validation import require_finite, require_positive
+from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.target import Layer, Part, Target
 
 _FRAMES = 4
@@ -44,7 +44,7 @@ class _Pixels(ABC):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Framed(_Pixels, Target):
+class FramedPicture(_Pixels, Target):
     """A picture of pixels.
 
     cover: side of the picture over side of the frame, where it just covers it; what exceeds the
@@ -57,7 +57,7 @@ class Framed(_Pixels, Target):
     height: float | None = None
     offset: tuple[float, float] = (0.0, 0.0)
     side: float | None = None
-    _fitted: dict[float, Any] = field(default_factory=dict, init=False, repr=False)
+    _copies_by_side: dict[float, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,21 +81,23 @@ class Framed(_Pixels, Target):
         side = covering(self.shape, self.cover, camera)
         if self.side == side:
             return self
-        if side not in self._fitted:
-            if len(self._fitted) >= _FRAMES:
-                self._fitted.clear()
-            self._fitted[side] = replace(self, side=side)
-        return self._fitted[side]
+        if side not in self._copies_by_side:
+            if len(self._copies_by_side) >= _FRAMES:
+                self._copies_by_side.clear()
+            self._copies_by_side[side] = replace(self, side=side)
+        return self._copies_by_side[side]
 
-    def placed(self, image: torch.Tensor) -> Picture:
+    def place_image(self, image: torch.Tensor) -> PixelPicture:
         """A picture (rows, columns) where and as large as this is."""
         if self.height is not None:
-            return Picture(image, self.height / self.shape[0], self.offset)
+            return PixelPicture(image, self.height / self.shape[0], self.offset)
         if self.side is None:
             raise ValueError("a print's size follows from the frame; use for_camera() first")
-        return Picture(image, self.side, self.offset, on_sensor=True)
+        return PixelPicture(image, self.side, self.offset, on_sensor=True)
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        parts = tuple(Part(self.lit(s), self.placed(image)) for s, image in self.images)
+        parts = tuple(
+            Part(self.reflected_radiance(s), self.place_image(image)) for s, image in self.images
+        )
         return (Layer(self.distance, parts),)

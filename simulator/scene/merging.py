@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from simulator.scene.drawable import Drawable
-from simulator.scene.picture import Picture
+from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.polygons import Polygons
 
-Weighed = tuple[Drawable, float]
+WeightedPicture = tuple[Drawable, float]
 """A picture, and what 1 of it counts."""
 
 
-def merged(pictures: Iterable[Weighed]) -> list[Weighed]:
+def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]:
     """Fewer pictures whose weighted sum is the same; those of weight 0 are left out."""
-    kinds: dict[object, list[Weighed]] = {}
+    kinds: dict[object, list[WeightedPicture]] = {}
     for number, (picture, weight) in enumerate(pictures):
         if weight:
             kinds.setdefault(_kind(picture, number), []).append((picture, weight))
@@ -22,18 +22,18 @@ def merged(pictures: Iterable[Weighed]) -> list[Weighed]:
 
 
 def _kind(picture: Drawable, number: int) -> object:
-    if isinstance(picture, Picture):
+    if isinstance(picture, PixelPicture):
         return picture.image.shape, picture.side, picture.offset, picture.on_sensor
     return picture.corners if isinstance(picture, Polygons) else number
 
 
-def _one(alike: Sequence[Weighed]) -> Weighed:
+def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
     first, weight = alike[0]
     if len(alike) == 1:
         return first, weight
-    if isinstance(first, Picture):
-        image = sum(p.image * w for p, w in alike if isinstance(p, Picture))
-        return Picture(image, first.side, first.offset, first.on_sensor), 1.0  # type: ignore[arg-type]
+    if isinstance(first, PixelPicture):
+        image = sum(p.image * w for p, w in alike if isinstance(p, PixelPicture))
+        return PixelPicture(image, first.side, first.offset, first.on_sensor), 1.0  # type: ignore[arg-type]
     assert isinstance(first, Polygons)
     both = [(p, w) for p, w in alike if isinstance(p, Polygons)]
     values = tuple(sum(p.values[k] * w for p, w in both) for k in range(len(first.values)))

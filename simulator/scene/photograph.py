@@ -8,11 +8,11 @@ import torch
 
 from optics.light.spectrum import Spectrum
 from simulator.scene.colours import Basis, primaries
-from simulator.scene.framed import Framed, require_image
+from simulator.scene.framed import FramedPicture, require_image
 
 
 @dataclass(frozen=True, eq=False)
-class Photograph(Framed):
+class PhotographPrint(FramedPicture):
     """A flat, matt print across the axis, evenly lit.
 
     image: (rows, columns, 3), linear red, green and blue, 1 = white. distance: metres.

@@ -49,10 +49,10 @@ class Polygons(Drawable):
         origin = [s * magnification for s in shift]
         placed = [np.asarray(polygon) * magnification + origin for polygon in self.corners]
         weights = [value - self.ground for value in self.values]
-        return torch.from_numpy(covered(plane, placed, weights, self.ground))
+        return torch.from_numpy(polygon_coverage(plane, placed, weights, self.ground))
 
 
-def covered(
+def polygon_coverage(
     plane: Plane,
     polygons: Sequence[NDArray[np.float64]],
     weights: Sequence[float],
@@ -75,7 +75,7 @@ def covered(
         [w * _orientation(one) for w, one in zip(weights, cells, strict=True)],
         [len(one) for one in cells],
     )
-    marks = _marks(plane.shape, starts, ends, signed)
+    marks = _edge_contributions(plane.shape, starts, ends, signed)
     shares = np.cumsum(marks.reshape(rows, columns + 1)[:, :columns], axis=1)
     return (shares + ground).astype(np.float32)
 
@@ -87,7 +87,7 @@ def _orientation(corners: NDArray[np.float64]) -> float:
     return -math.copysign(1.0, area)
 
 
-def _marks(
+def _edge_contributions(
     shape: tuple[int, int],
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],

@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optics.edge import require_positive
 from optics.light.spectrum import Spectrum
+from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
-from simulator.scene.framed import Framed
+from simulator.scene.framed import FramedPicture
 from simulator.scene.photograph import require_colours
 from simulator.scene.target import Layer, Part
 
@@ -38,7 +38,7 @@ def distances_of(
 
 
 @dataclass(frozen=True, eq=False)
-class Relief(Framed):
+class Relief(FramedPicture):
     """A photograph whose pixels have distances, in layers.
 
     image: (rows, columns, 3), linear red, green and blue, 1 = white. depths: (rows, columns),
@@ -78,7 +78,7 @@ class Relief(Framed):
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        owner, distances = _sorted_into(_known_everywhere(self.depths.numpy()), self.levels)
+        owner, distances = _assign_layers(_fill_unknown_depths(self.depths.numpy()), self.levels)
         colours = self.image.to(torch.float32).numpy()
         shown = [np.where((owner == k)[..., None], colours, 0) for k in range(len(distances))]
         covers = [(owner == k).astype(np.float32) for k in range(len(distances))]
@@ -100,10 +100,10 @@ class Relief(Framed):
     ) -> Layer:
         planes = (torch.from_numpy(np.ascontiguousarray(picture[..., k])) for k in range(3))
         parts = tuple(
-            Part(self.lit(reflectance), self.placed(plane))
+            Part(self.reflected_radiance(reflectance), self.place_image(plane))
             for reflectance, plane in zip(self.basis, planes, strict=True)
         )
-        return Layer(distance, parts, self.placed(torch.from_numpy(cover)))
+        return Layer(distance, parts, self.place_image(torch.from_numpy(cover)))
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -112,12 +112,12 @@ def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int
     return rows, columns
 
 
-def _known_everywhere(depths: NDArray[np.floating]) -> NDArray[np.floating]:
+def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
     known = ~np.isnan(depths)
     return depths if known.all() else depths[_nearest(known)]
 
 
-def _sorted_into(
+def _assign_layers(
     depths: NDArray[np.floating], levels: int
 ) -> tuple[NDArray[np.int64], list[float]]:
     """The layer of each pixel, the nearest being 0, and the layers' distances; none is empty."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 
-def averaging(
+def averaging_matrix(
     pixels: int, side: float, middle: float, edges: NDArray[np.float64]
 ) -> sparse.csr_array[Any, Any]:
     """The matrix (cells, pixels) of an axis, float32: exact means, 0 beyond the outermost pixels.
@@ -38,7 +38,7 @@ def averaging(
     return sparse.csr_array((values, places), shape=shape)
 
 
-def apertures(
+def window_matrix(
     pixels: int,
     side: float,
     middle: float,

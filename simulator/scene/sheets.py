@@ -9,7 +9,7 @@ from optics.light.spectrum import Spectrum
 from simulator.scene.drawable import Drawable
 from simulator.scene.target import Layer, Part, Target, require_distance
 
-Painted = tuple[Spectrum | None, Drawable]
+PaintedPicture = tuple[Spectrum | None, Drawable]
 """A reflectance, None for white at all wavelengths, and where there is how much of it."""
 
 
@@ -17,12 +17,12 @@ Painted = tuple[Spectrum | None, Drawable]
 class Sheet:
     """What lies in a plane across the axis.
 
-    distance: metres from the panel. painted: adds up. cover: the share of what is behind that it
+    distance: metres from the panel. pictures: adds up. cover: the share of what is behind that it
     hides; None hides nothing.
     """
 
     distance: float
-    painted: tuple[Painted, ...]
+    pictures: tuple[PaintedPicture, ...]
     cover: Drawable | None = None
 
     def __post_init__(self) -> None:
@@ -56,7 +56,10 @@ class Sheets(Target):
         return tuple(
             Layer(
                 sheet.distance,
-                tuple(Part(self.lit(paint), picture) for paint, picture in sheet.painted),
+                tuple(
+                    Part(self.reflected_radiance(paint), picture)
+                    for paint, picture in sheet.pictures
+                ),
                 sheet.cover,
             )
             for sheet in self.sheets

@@ -64,14 +64,14 @@ class Target(_Stands):
 
     light: the lamp's spectrum, relative; None is the same at all wavelengths. lamp: how it
     changes with time; None doesn't. velocity: (y, x) m/s across the axis, upright as the picture;
-    an exposure begins with all in its place. polarised: radians, of the plane in which all of its
-    light swings, from x towards y; None is unpolarised. name: what people call it.
+    an exposure begins with all in its place. polarisation_angle: radians, of the plane in which
+    all of its light swings, from x towards y; None is unpolarised. name: what people call it.
     """
 
     light: Spectrum | None = None
     lamp: Waveform | None = None
     velocity: tuple[float, float] = (0.0, 0.0)
-    polarised: float | None = None
+    polarisation_angle: float | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -79,8 +79,10 @@ class Target(_Stands):
         require_radiance(self.radiance)
         if not all(math.isfinite(part) for part in self.velocity):
             raise ValueError(f"velocity is {self.velocity} m/s; it must be finite in each axis")
-        if self.polarised is not None and not math.isfinite(self.polarised):
-            raise ValueError(f"polarised is {self.polarised:g} rad; it must be finite")
+        if self.polarisation_angle is not None and not math.isfinite(self.polarisation_angle):
+            raise ValueError(
+                f"polarisation_angle is {self.polarisation_angle:g} rad; it must be finite"
+            )
 
     @property
     @abstractmethod
@@ -88,7 +90,7 @@ class Target(_Stands):
         """The nearest first."""
 
     @property
-    def moves(self) -> bool:
+    def is_moving(self) -> bool:
         return any(self.velocity)
 
     def for_camera(self, camera: Camera) -> Target:
@@ -98,7 +100,7 @@ class Target(_Stands):
         """
         return self
 
-    def lit(self, reflectance: Spectrum | None = None) -> Spectrum:
+    def reflected_radiance(self, reflectance: Spectrum | None = None) -> Spectrum:
         """Radiance of a matt surface of a reflectance, white by default, in the target's light."""
-        lamp = (self.light or Spectrum.even(1.0)).scaled(self.radiance)
+        lamp = (self.light or Spectrum.flat(1.0)).with_scale(self.radiance)
         return lamp if reflectance is None else lamp.times(reflectance)

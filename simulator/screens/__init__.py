@@ -1,6 +1,6 @@
 """Screens that nobody sees, for a panel to be driven as, and an eye on them that isn't ours."""
 
-from simulator.screens.server import NoXServer, XServer, require_program, started, xvfb
+from simulator.screens.server import NoXServer, XServer, require_program, running_server, xvfb
 from simulator.screens.two_screens import NEIGHBOUR, PANEL, lay_out, xorg
 
 __all__ = [
@@ -10,7 +10,7 @@ __all__ = [
     "XServer",
     "lay_out",
     "require_program",
-    "started",
+    "running_server",
     "xorg",
     "xvfb",
 ]

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.hosted.process import stop
+from drivers.hosted.child_process import terminate_or_kill
 from simulator.screens.xwd import pixels_of
 
 _PATIENCE = 60.0
@@ -33,14 +33,14 @@ class XServer:
     def __init__(self, display: str, process: int) -> None:
         self.display, self.process = display, process
 
-    def run(self, *command: str, given: str = "") -> str:
+    def run(self, *command: str, stdin: str = "") -> str:
         """What a tool prints when it is given these words.
 
         OSError if it isn't installed, subprocess.SubprocessError if it fails.
         """
         done = subprocess.run(
             command,
-            input=given,
+            input=stdin,
             env=self._environment(),
             capture_output=True,
             text=True,
@@ -78,14 +78,14 @@ class XServer:
         try:
             yield process
         finally:
-            stop(process, _STARTING)
+            terminate_or_kill(process, _STARTING)
 
     def _environment(self) -> dict[str, str]:
         return {**os.environ, "DISPLAY": self.display}
 
 
 @contextmanager
-def started(command: list[str]) -> Iterator[XServer]:
+def running_server(command: list[str]) -> Iterator[XServer]:
     """A server of a free number while the block lasts. NoXServer if it doesn't start."""
     # Whatever ends this process, or the thread that begins the block, ends the server.
     guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
@@ -112,7 +112,7 @@ def started(command: list[str]) -> Iterator[XServer]:
                 raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
             yield XServer(f":{number}", server.pid)
         finally:
-            stop(server, _STARTING)
+            terminate_or_kill(server, _STARTING)
 
 
 @contextmanager
@@ -123,7 +123,7 @@ def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
     """
     program = require_program("Xvfb", "xvfb")
     number = [display] if display else []
-    with started([program, *number, "-screen", "0", f"{columns}x{rows}x24"]) as server:
+    with running_server([program, *number, "-screen", "0", f"{columns}x{rows}x24"]) as server:
         yield server
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulator.screens.server import NoXServer, XServer, require_program, started
+from simulator.screens.server import NoXServer, XServer, require_program, running_server
 
 PANEL = np.s_[:1080, 1280:3200]
 """Where the panel lies among the pixels of both screens."""
@@ -57,7 +57,7 @@ def xorg(folder: Path) -> Iterator[XServer]:
     file.write_text(_TWO_SCREENS)
     log = str(folder / "xorg.log")
     options = ["-novtswitch", "-sharevts", "-config", str(file), "-logfile", log]
-    with started([program, *options]) as server:
+    with running_server([program, *options]) as server:
         server.xrandr("--addmode DUMMY1 1920x1080")
         lay_out(server)
         yield server

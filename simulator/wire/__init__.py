@@ -1,7 +1,7 @@
 """The cable between a driver and a simulated instrument: bytes, their pace and their faults."""
 
-from simulator.wire.faults import WIRE_KINDS, WireFault
-from simulator.wire.line import Line
+from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
+from simulator.wire.line import SimulatedLine
 from simulator.wire.protocol_sim import plug_in, unplug
 
-__all__ = ["WIRE_KINDS", "Line", "WireFault", "plug_in", "unplug"]
+__all__ = ["WIRE_FAULT_KINDS", "SimulatedLine", "WireFault", "plug_in", "unplug"]

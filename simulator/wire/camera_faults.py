@@ -23,7 +23,7 @@ late; its leader tells another size; a new exposure is obeyed three frames late;
 changes its exposure by itself, and says so when asked; it hears no trigger; it forgets who
 controls it; it neither hears nor says anything; it is gone, and comes back as switched on."""
 
-KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
+CAMERA_FAULT_KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CameraFault:
     seconds: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"kind is {self.kind!r}; choose {', '.join(KINDS)}")
+        if self.kind not in CAMERA_FAULT_KINDS:
+            raise ValueError(f"kind is {self.kind!r}; choose {', '.join(CAMERA_FAULT_KINDS)}")
         if not self.seconds > 0:
             raise ValueError(f"seconds is {self.seconds:g}; it must be positive")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.aravis.pixels import FORMATS
+from drivers.aravis.pixel_formats import FORMATS
 
 _HEAD = """<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName="Fake" VendorName="Aravis" StandardNameSpace="None"
@@ -47,9 +47,9 @@ _LIMITS = {
 }
 
 
-def description(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
+def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
     """The XML of a camera that sends these formats and exposes so many microseconds."""
-    parts = [_HEAD, _root()]
+    parts = [_HEAD, _root_category()]
     for name, (address, length) in _TEXTS.items():
         parts.append(
             f'<StringReg Name="{name}"><Address>{address:#x}</Address><Length>{length}</Length>'
@@ -58,32 +58,32 @@ def description(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> s
     for name, address in _NUMBERS.items():
         parts.append(f'<Integer Name="{name}"><pValue>{name}Reg</pValue>{_LIMITS.get(name, "")}')
         parts.append("</Integer>")
-        parts.append(_number(f"{name}Reg", address))
+        parts.append(_integer_register(f"{name}Reg", address))
     for across, name, sensor in (
         ("BinningHorizontal", "WidthMax", "SensorWidth"),
         ("BinningVertical", "HeightMax", "SensorHeight"),
     ):
-        parts.append(_knife(name, {"S": sensor, "B": across}, "S / B"))
+        parts.append(_swiss_knife(name, {"S": sensor, "B": across}, "S / B"))
     size = {"W": "Width", "H": "Height", "P": "PixelFormatReg"}
-    parts.append(_knife("PayloadSize", size, "W * H * ((P &gt;&gt; 16) &amp; 0xFF) / 8"))
-    parts.append(_choice("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
+    parts.append(_swiss_knife("PayloadSize", size, "W * H * ((P &gt;&gt; 16) &amp; 0xFF) / 8"))
+    parts.append(_enumeration("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
     modes = {"Continuous": 1, "SingleFrame": 2, "MultiFrame": 3}
-    parts.append(_choice("AcquisitionMode", 0x12C, modes))
-    parts.append(_choice("TriggerMode", 0x300, {"Off": 0, "On": 1}))
-    parts.append(_choice("TriggerSource", 0x3F4, {"Line0": 0, "Software": 1}))
-    parts.append(_choice("TriggerActivation", 0x308, {"RisingEdge": 0}))
-    parts.append(_choice("TriggerSelector", 0x3F8, {"FrameStart": 0}))
-    parts.append(_choice("GainAuto", 0x114, {"Off": 1, "Continuous": 2}))
-    parts.append(_choice("ExposureAuto", 0x3E0, {"Off": 0, "Continuous": 1}))
+    parts.append(_enumeration("AcquisitionMode", 0x12C, modes))
+    parts.append(_enumeration("TriggerMode", 0x300, {"Off": 0, "On": 1}))
+    parts.append(_enumeration("TriggerSource", 0x3F4, {"Line0": 0, "Software": 1}))
+    parts.append(_enumeration("TriggerActivation", 0x308, {"RisingEdge": 0}))
+    parts.append(_enumeration("TriggerSelector", 0x3F8, {"FrameStart": 0}))
+    parts.append(_enumeration("GainAuto", 0x114, {"Off": 1, "Continuous": 2}))
+    parts.append(_enumeration("ExposureAuto", 0x3E0, {"Off": 0, "Continuous": 1}))
     parts.append(_command("AcquisitionStart", "RunningReg", 1))
     parts.append(_command("AcquisitionStop", "RunningReg", 0))
-    parts.append(_number("RunningReg", 0x124))
+    parts.append(_integer_register("RunningReg", 0x124))
     parts.append(_command("TriggerSoftware", "TriggerReg", 1))
-    parts.append(_number("TriggerReg", 0x3F0))
+    parts.append(_integer_register("TriggerReg", 0x3F0))
     low, high = exposure_us
-    parts.append(_scaled("ExposureTime", 0x120, "FROM", "TO", low, high))
-    parts.append(_scaled("Gain", 0x110, "FROM * 10", "TO / 10", 0, 48))
-    parts.append(_scaled("DeviceTemperature", 0x3D0, "FROM * 100", "TO / 100", -50, 150))
+    parts.append(_scaled_float("ExposureTime", 0x120, "FROM", "TO", low, high))
+    parts.append(_scaled_float("Gain", 0x110, "FROM * 10", "TO / 10", 0, 48))
+    parts.append(_scaled_float("DeviceTemperature", 0x3D0, "FROM * 100", "TO / 100", -50, 150))
     period = "AcquisitionFramePeriod"
     parts.append(
         f'<Float Name="AcquisitionFrameRate"><pValue>Rate</pValue></Float><Converter Name="Rate">'
@@ -95,7 +95,7 @@ def description(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> s
     return "\n".join(parts)
 
 
-def _root() -> str:
+def _root_category() -> str:
     names = [*_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart"]
     names += ["AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode"]
     names += ["TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain"]
@@ -104,7 +104,7 @@ def _root() -> str:
     return f'<Category Name="Root">{features}</Category>'
 
 
-def _number(name: str, address: int) -> str:
+def _integer_register(name: str, address: int) -> str:
     return (
         f'<IntReg Name="{name}"><Address>{address:#x}</Address><Length>4</Length>'
         "<AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign>"
@@ -112,18 +112,18 @@ def _number(name: str, address: int) -> str:
     )
 
 
-def _knife(name: str, variables: dict[str, str], formula: str) -> str:
+def _swiss_knife(name: str, variables: dict[str, str], formula: str) -> str:
     given = "".join(f'<pVariable Name="{k}">{v}</pVariable>' for k, v in variables.items())
     return f'<IntSwissKnife Name="{name}">{given}<Formula>{formula}</Formula></IntSwissKnife>'
 
 
-def _choice(name: str, address: int, entries: dict[str, int]) -> str:
+def _enumeration(name: str, address: int, entries: dict[str, int]) -> str:
     rows = "".join(
         f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>'
         for entry, value in entries.items()
     )
     head = f'<Enumeration Name="{name}">{rows}<pValue>{name}Reg</pValue></Enumeration>'
-    return head + _number(f"{name}Reg", address)
+    return head + _integer_register(f"{name}Reg", address)
 
 
 def _command(name: str, register: str, value: int) -> str:
@@ -133,11 +133,11 @@ def _command(name: str, register: str, value: int) -> str:
     )
 
 
-def _scaled(name: str, address: int, to: str, back: str, low: float, high: float) -> str:
+def _scaled_float(name: str, address: int, to: str, back: str, low: float, high: float) -> str:
     limits = f"<Min>{low}</Min><Max>{high}</Max>"
     return (
         f'<Float Name="{name}"><pValue>{name}Converter</pValue>{limits}</Float>'
         f'<Converter Name="{name}Converter"><FormulaTo>{to}</FormulaTo>'
         f"<FormulaFrom>{back}</FormulaFrom><pValue>{name}Reg</pValue></Converter>"
-        + _number(f"{name}Reg", address)
+        + _integer_register(f"{name}Reg", address)
     )

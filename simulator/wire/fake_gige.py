@@ -16,30 +16,30 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.aravis.link import python_with_gi
-from drivers.aravis.pixels import FORMATS
-from drivers.hosted.calls import Answer, News, Request
-from drivers.hosted.line import Closed, Late
-from drivers.hosted.process import Process
+from drivers.aravis.library_process import python_with_gi
+from drivers.aravis.pixel_formats import FORMATS
+from drivers.hosted.calls import CallRequest, CallResult, Notification
+from drivers.hosted.child_process import ChildProcess
+from drivers.hosted.message_socket import LineClosed, MessageTimeout
 from drivers.interfaces import Clock
 from simulator.wire.camera_faults import CameraFault
-from simulator.wire.camera_xml import description
-from simulator.wire.gige_process import PAGE
-from simulator.wire.packing import pack
+from simulator.wire.camera_xml import genicam_xml
+from simulator.wire.gige_process import HEADER_BYTES
+from simulator.wire.packing import pack_pixels
 
-Fill = Callable[[float, float], NDArray[np.uint16]]
+RenderImage = Callable[[float, float], NDArray[np.uint16]]
 """Makes the sensor's picture (rows, columns) of an exposure in seconds and a gain in decibels."""
 
 _PORT = 3956
 """Where GigE Vision cameras are spoken to; there is no other."""
 
-_STARTING = 10.0
+_START_TIMEOUT = 10.0
 """Seconds in which the camera's process must have loaded its library."""
 
-_PATIENCE = 20.0
+_PORT_TIMEOUT = 20.0
 """Seconds for which one waits until another simulated camera on this computer has gone."""
 
-_LOOK = 0.01
+_POLL_INTERVAL = 0.01
 """Seconds between looks at what the script of faults says."""
 
 
@@ -47,16 +47,16 @@ class NoAravis(OSError):
     """Aravis, or Python's gi, isn't installed."""
 
 
-class FakeGigE:
+class FakeGigECamera:
     """Aravis' fake camera in a process of its own: real GVCP and GVSP packets.
 
-    fill: called in a thread of this process whenever the exposure, the gain or the region is a
-    new one, or `changed()` was called, and for each frame if `fresh`; else the pictures that
-    are there are sent again, `cycle` of them in turn. shape: of the sensor, (rows, columns).
-    pixel_format: that it is switched on with. pixel_formats: that it has besides. latency:
-    frames for which a new exposure isn't obeyed yet. exposure_us: its range. address: only of
-    this computer, and one camera at a time. clock, faults: a script of what goes wrong.
-    NoAravis if there is no gi, OSError if there is no free address.
+    render: called in a thread of this process whenever the exposure, the gain or the region is a
+    new one, or `mark_scene_changed()` was called, and for each frame if `always_render`; else the
+    pictures that are there are sent again, `cycle_length` of them in turn. shape: of the sensor,
+    (rows, columns). pixel_format: that it is switched on with. pixel_formats: that it has besides.
+    latency: frames for which a new exposure isn't obeyed yet. exposure_us: its range. address: only
+    of this computer, and one camera at a time. clock, faults: a script of what goes wrong. NoAravis
+    if there is no gi, OSError if there is no free address.
 
     A picture is cut to the region, the mean of binned pixels, and cut to full scale. An
     exposure takes its time if the camera is triggered; a running one exposes all the time.
@@ -64,13 +64,13 @@ class FakeGigE:
 
     def __init__(
         self,
-        fill: Fill,
+        render: RenderImage,
         shape: tuple[int, int] = (512, 512),
         pixel_format: str = "Mono16",
         *,
         pixel_formats: Sequence[str] = tuple(FORMATS),
-        fresh: bool = False,
-        cycle: int = 1,
+        always_render: bool = False,
+        cycle_length: int = 1,
         latency: int = 0,
         exposure_us: tuple[int, int] = (10, 60_000_000),
         serial: str = "SIM01",
@@ -80,25 +80,25 @@ class FakeGigE:
     ) -> None:
         if not 0 <= latency <= 6:
             raise ValueError(f"latency is {latency}; it must be from 0 to 6 frames")
-        if cycle < 1:
-            raise ValueError(f"cycle is {cycle}; one picture at least is needed")
-        self._fill, self._cycle = fill, cycle
+        if cycle_length < 1:
+            raise ValueError(f"cycle_length is {cycle_length}; one picture at least is needed")
+        self._fill, self._cycle = render, cycle_length
         self.shape, self.address, self.serial = shape, address, serial
         self._formats = {FORMATS[n].code: FORMATS[n] for n in (*pixel_formats, pixel_format)}
         self._slot = -(-shape[0] * shape[1] * 2 // mmap.PAGESIZE) * mmap.PAGESIZE
         self._exposure_us = exposure_us
-        self._given = {
+        self._start_settings = {
             "address": address,
             "serial": serial,
             "shape": shape,
             "code": FORMATS[pixel_format].code,
-            "fresh": fresh,
+            "fresh": always_render,
             "latency": latency,
         }
         self._clock, self._faults = clock, list(faults)
         self.failure: Exception | None = None
-        """What the last call of `fill` raised: that frame never came."""
-        self.filled = 0
+        """What the last call of `render` raised: that frame never came."""
+        self.render_count = 0
         """How often it was called."""
 
     def __enter__(self) -> Self:
@@ -107,22 +107,22 @@ class FakeGigE:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="labapp-")))
             xml = folder / "camera.xml"
             names = [form.name for form in self._formats.values()]
-            xml.write_text(description(dict.fromkeys(names), self._exposure_us))
+            xml.write_text(genicam_xml(dict.fromkeys(names), self._exposure_us))
             try:
-                self._process = Process(
+                self._process = ChildProcess(
                     "gige_process:main",
-                    {**self._given, "xml": str(xml)},
+                    {**self._start_settings, "xml": str(xml)},
                     python=python_with_gi(),
                     folders=[str(Path(__file__).parent)],
                     # Two sets: one is sent while the next is made.
-                    memory=PAGE + 2 * self._cycle * self._slot,
+                    memory=HEADER_BYTES + 2 * self._cycle * self._slot,
                 )
             except FileNotFoundError as error:
                 raise NoAravis(f"no Python with gi: {error}") from error
             self._memory = mmap.mmap(self._process.line.memory, 0)
             self._ended = False
             self._sent, self._set = "", 0
-            self._obeyed = threading.Event()
+            self._obeyed_event = threading.Event()
             self._counting, self._scripting = threading.Lock(), threading.RLock()
             stack.callback(self._close)
             self._require_running()
@@ -136,7 +136,7 @@ class FakeGigE:
 
     def _require_running(self) -> None:
         try:
-            running, reply = self._process.next(_STARTING).result(), "it doesn't run"
+            running, reply = self._process.receive(_START_TIMEOUT).result(), "it doesn't run"
         except (ImportError, ValueError) as missing:
             raise NoAravis(str(missing)) from missing
         except Exception as error:
@@ -151,7 +151,7 @@ class FakeGigE:
             self._thread.join(10.0)
         self._process.close()
 
-    def changed(self) -> None:
+    def mark_scene_changed(self) -> None:
         """What the camera sees is another thing now: the pictures are to be made anew."""
         with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
@@ -163,7 +163,7 @@ class FakeGigE:
             self._faults.append(fault)
             self._follow_script()
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """All is well again, now and later."""
         with self._scripting:
             self._faults.clear()
@@ -171,11 +171,11 @@ class FakeGigE:
 
     def set_latency(self, frames: int) -> None:
         """How many frames a new exposure isn't obeyed yet, from now on."""
-        self._tell("set_latency", frames)
+        self._send_request("set_latency", frames)
 
     def pulse(self) -> None:
         """An electric pulse at the camera's trigger line."""
-        self._process.tell(News("pulse"))
+        self._process.send(Notification("pulse"))
 
     def _now(self) -> float:
         return time.monotonic() if self._clock is None else self._clock.now()
@@ -194,50 +194,54 @@ class FakeGigE:
             if kind == "silence":
                 self._process.send_signal(signal.SIGSTOP)
             elif (before, kind) != ("silence", ""):
-                self._tell("suffer", kind)
+                self._send_request("set_fault", kind)
 
-    def _tell(self, name: str, *given: Any) -> None:
+    def _send_request(self, name: str, *given: Any) -> None:
         """And wait until it is done, unless it is the one who hears of that who says it."""
-        self._obeyed.clear()
-        self._process.tell(Request(name, given))
+        self._obeyed_event.clear()
+        self._process.send(CallRequest(name, given))
         if threading.current_thread() is not self._thread:
-            self._obeyed.wait(5.0)
+            self._obeyed_event.wait(5.0)
 
     def _serve(self) -> None:
-        with contextlib.suppress(Closed):
+        with contextlib.suppress(LineClosed):
             while not self._ended:
-                with contextlib.suppress(Late):
-                    self._hear(self._process.line.receive(_LOOK))
+                with contextlib.suppress(MessageTimeout):
+                    self._handle_message(self._process.line.receive(_POLL_INTERVAL))
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
                     finally:
                         self._scripting.release()
 
-    def _hear(self, message: News | Answer) -> None:
-        if isinstance(message, News):
-            threading.Thread(target=self._make, args=message.given, daemon=True).start()
+    def _handle_message(self, message: Notification | CallResult) -> None:
+        if isinstance(message, Notification):
+            threading.Thread(
+                target=self._render_pictures, args=message.arguments, daemon=True
+            ).start()
         else:
-            self._obeyed.set()
+            self._obeyed_event.set()
 
-    def _make(self, wanted: dict[str, Any]) -> None:
+    def _render_pictures(self, request: dict[str, Any]) -> None:
         """Make the pictures that are wanted, in the places that aren't being sent."""
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
-        form = self._formats[wanted["code"]]
+        form = self._formats[request["code"]]
         try:
             for place in places:
-                self.filled += 1
-                image = self._fill(wanted["us"] * 1e-6, wanted["gain"] * 0.1)
-                data = pack(_seen(image, wanted["region"]), form)
-                self._memory[PAGE + place : PAGE + place + data.size] = data.tobytes()
+                self.render_count += 1
+                image = self._fill(request["us"] * 1e-6, request["gain"] * 0.1)
+                data = pack_pixels(_crop_and_bin(image, request["region"]), form)
+                self._memory[HEADER_BYTES + place : HEADER_BYTES + place + data.size] = (
+                    data.tobytes()
+                )
         except Exception as error:
             self.failure = error
             return
-        self._process.tell(News("made", (places, wanted)))
+        self._process.send(Notification("receive_pictures", (places, request)))
 
 
-def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
+def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
     """The region x, y, width, height of a picture, in binned pixels across and down."""
     x, y, width, height, across, down = region
     if across * down > 1:
@@ -252,7 +256,7 @@ def _seen(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16
 
 def _await_free(address: str) -> None:
     """Wait until no other simulated camera has the port; OSError if that takes too long."""
-    late = time.monotonic() + _PATIENCE
+    late = time.monotonic() + _PORT_TIMEOUT
     while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:

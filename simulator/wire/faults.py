@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-WIRE_KINDS = (
+WIRE_FAULT_KINDS = (
     "silence",
     "mute",
     "garbage",
@@ -23,14 +23,14 @@ answers come twice. delayed: answers come late. bit flips: noise, in both direct
 byte by byte: with pauses between. wrong echo: other characters are echoed than were sent.
 disconnect: the plug is out. A machine's own kinds come besides."""
 
-_SHARES = {"bit flips": 0.03}
+_DEFAULT_SHARES = {"bit flips": 0.03}
 
 
 @dataclass(frozen=True)
 class WireFault:
     """One thing that goes wrong, and when.
 
-    kind: one of WIRE_KINDS, or one of the machine's own faults. at: time of the bench, in
+    kind: one of WIRE_FAULT_KINDS, or one of the machine's own faults. at: time of the bench, in
     seconds, at which it begins. seconds: how long it lasts. share: of what it can strike
     (bytes for bit flips, answers or echoes else) is struck; by default all of it, but 3 % of
     bytes by bit flips. delay: seconds by which delayed answers come later.
@@ -54,7 +54,7 @@ class WireFault:
     @property
     def probability(self) -> float:
         """The chance of each thing that can be struck to be struck."""
-        return _SHARES.get(self.kind, 1.0) if self.share is None else self.share
+        return _DEFAULT_SHARES.get(self.kind, 1.0) if self.share is None else self.share
 
-    def lasts(self, t: float) -> bool:
+    def is_active(self, t: float) -> bool:
         return self.at <= t < self.at + self.seconds

@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from simulator.machines.machine import Machine, Reply
-from simulator.wire.faults import WIRE_KINDS, WireFault
+from simulator.machines.machine import Reply, SerialMachine
+from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 
-_PAUSE = 0.02
+_BYTE_PAUSE = 0.02
 """Seconds between two bytes of a reply that comes byte by byte."""
 
 _BITS = 10
 """Of a byte on the wire: start, eight of data, stop."""
 
 
-class Line:
+class SimulatedLine:
     """Bytes on their way, by the bench's clock.
 
     machine: at the far end. baudrate: bits in a second, 10 a byte. seed: of what is left to
@@ -29,7 +29,7 @@ class Line:
     fault strikes what passes while it lasts. Any thread may call.
     """
 
-    def __init__(self, machine: Machine, *, baudrate: int, seed: int = 0) -> None:
+    def __init__(self, machine: SerialMachine, *, baudrate: int, seed: int = 0) -> None:
         if baudrate <= 0:
             raise ValueError(f"baudrate is {baudrate}; it must be positive")
         self.machine = machine
@@ -42,9 +42,9 @@ class Line:
         self._coming: list[tuple[float, int, int]] = []
         self._free_there = self._free_here = -math.inf
         self._faults: dict[str, list[WireFault]] = {}
-        self._pulled = 0
+        self._cleared_unplugs = 0
         self._now = -math.inf
-        self._suffered: tuple[str, ...] = ()
+        self._machine_faults: tuple[str, ...] = ()
         self._lock = threading.RLock()
 
     def send(self, data: bytes, t: float) -> None:
@@ -64,7 +64,7 @@ class Line:
                 arrived.append(heapq.heappop(self._coming)[2])
             return bytes(arrived)
 
-    def next_at(self) -> float:
+    def next_event_time(self) -> float:
         """When something may arrive or change next; infinite if nothing is on its way."""
         with self._lock:
             return min(
@@ -73,30 +73,30 @@ class Line:
 
     def inject(self, fault: WireFault) -> None:
         """ValueError if neither the wire nor the machine knows such a fault."""
-        known = (*WIRE_KINDS, *self.machine.own_faults)
+        known = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in known:
             raise ValueError(f"kind is {fault.kind!r}; choose one of {', '.join(known)}")
         with self._lock:
             self._faults.setdefault(fault.kind, []).append(fault)
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """All faults end; what they have delayed is still on its way."""
         with self._lock:
-            self._pulled = self.pulls(self._now)
+            self._cleared_unplugs = self.unplug_count(self._now)
             self._faults.clear()
-            self._tell_machine(self._now)
+            self._update_machine_faults(self._now)
 
-    def is_out(self, t: float) -> bool:
+    def is_unplugged(self, t: float) -> bool:
         """Whether the plug is out."""
-        return self._struck("disconnect", t) is not None
+        return self._active_fault("disconnect", t) is not None
 
-    def pulls(self, t: float) -> int:
+    def unplug_count(self, t: float) -> int:
         """How often the plug has been pulled by t: who held the port then holds nothing."""
         with self._lock:
             pulls = self._faults.get("disconnect", ())
-            return self._pulled + sum(fault.at <= t for fault in pulls)
+            return self._cleared_unplugs + sum(fault.at <= t for fault in pulls)
 
-    def next_pull(self, t: float) -> float:
+    def next_unplug_time(self, t: float) -> float:
         """When the plug is pulled next, infinite if it isn't."""
         with self._lock:
             pulls = self._faults.get("disconnect", ())
@@ -111,75 +111,77 @@ class Line:
                 break
             if going <= leaving:
                 at, _, byte = heapq.heappop(self._going)
-                self._hear(byte, at)
+                self._deliver_to_machine(byte, at)
             else:
                 at, _, data, echo = heapq.heappop(self._leaving)
                 if data:
-                    self._answer(data, at, echo)
+                    self._transmit_reply(data, at, echo)
                 else:
                     self._feed(b"", at)
-        if self.is_out(t):
+        if self.is_unplugged(t):
             self._coming.clear()
 
-    def _hear(self, byte: int, t: float) -> None:
+    def _deliver_to_machine(self, byte: int, t: float) -> None:
         """A byte arrives at the machine, or doesn't."""
-        if self._struck("silence", t) or self._struck("disconnect", t):
+        if self._active_fault("silence", t) or self._active_fault("disconnect", t):
             return
-        self._feed(bytes([self._noisy(byte, t)]), t)
+        self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
-        self._tell_machine(t)
+        self._update_machine_faults(t)
         for reply in self.machine.feed(data, t):
             echo = bool(data) and reply == Reply(t, data)
             at = max(reply.at, t)
             heapq.heappush(self._leaving, (at, next(self._count), reply.data, echo))
 
-    def _tell_machine(self, t: float) -> None:
+    def _update_machine_faults(self, t: float) -> None:
         own = self.machine.own_faults
-        now = tuple(kind for kind in own if self._struck(kind, t))
-        if now == self._suffered:
+        now = tuple(kind for kind in own if self._active_fault(kind, t))
+        if now == self._machine_faults:
             return
-        self._suffered = now
-        self.machine.suffer(None)
+        self._machine_faults = now
+        self.machine.set_fault(None)
         for kind in now:
-            self.machine.suffer(kind)
+            self.machine.set_fault(kind)
 
-    def _answer(self, data: bytes, t: float, echo: bool) -> None:
+    def _transmit_reply(self, data: bytes, t: float, echo: bool) -> None:
         """Bytes leave the machine at t, and arrive at the host as the faults let them."""
-        if any(self._struck(kind, t) for kind in ("silence", "mute", "disconnect")):
+        if any(self._active_fault(kind, t) for kind in ("silence", "mute", "disconnect")):
             return
         late = 0.0
         if not echo:
-            if self._strikes("garbage", t):
+            if self._drawn_fault("garbage", t):
                 length = int(self._rng.integers(1, 2 * len(data) + 1))
                 data = self._rng.bytes(length)
-            if self._strikes("truncated", t):
+            if self._drawn_fault("truncated", t):
                 data = data[: int(self._rng.integers(len(data)))]
-            if self._strikes("duplicated", t):
+            if self._drawn_fault("duplicated", t):
                 data = data + data
-            if delayed := self._strikes("delayed", t):
+            if delayed := self._drawn_fault("delayed", t):
                 late = delayed.delay
-        elif self._strikes("wrong echo", t):
+        elif self._drawn_fault("wrong echo", t):
             data = bytes(byte ^ 1 for byte in data)
-        pause = _PAUSE if self._struck("byte by byte", t) else 0.0
+        pause = _BYTE_PAUSE if self._active_fault("byte by byte", t) else 0.0
         free = self._free_here
         for byte in data:
             free = max(t + late, free) + self._byte_time + pause
-            heapq.heappush(self._coming, (free, next(self._count), self._noisy(byte, t)))
+            heapq.heappush(self._coming, (free, next(self._count), self._with_bit_flips(byte, t)))
         if not late:
             # What is held up elsewhere doesn't hold up what comes after it.
             self._free_here = free
 
-    def _noisy(self, byte: int, t: float) -> int:
-        return byte ^ (1 << int(self._rng.integers(8))) if self._strikes("bit flips", t) else byte
+    def _with_bit_flips(self, byte: int, t: float) -> int:
+        return (
+            byte ^ (1 << int(self._rng.integers(8))) if self._drawn_fault("bit flips", t) else byte
+        )
 
-    def _struck(self, kind: str, t: float) -> WireFault | None:
+    def _active_fault(self, kind: str, t: float) -> WireFault | None:
         faults = self._faults.get(kind)
-        return next((f for f in faults if f.lasts(t)), None) if faults else None
+        return next((f for f in faults if f.is_active(t)), None) if faults else None
 
-    def _strikes(self, kind: str, t: float) -> WireFault | None:
+    def _drawn_fault(self, kind: str, t: float) -> WireFault | None:
         """The fault, if it lasts at t and chance has it."""
-        fault = self._struck(kind, t)
+        fault = self._active_fault(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
 
 

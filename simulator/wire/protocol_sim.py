@@ -12,29 +12,29 @@ from typing import Any
 import serial
 
 from drivers.interfaces import Clock
-from simulator.wire.line import Line
+from simulator.wire.line import SimulatedLine
 
-_PATIENCE = 0.05
+_POLL_INTERVAL = 0.05
 """Seconds of the bench, at most, between looks at what others may have sent."""
 
 
 @dataclass
-class _Socket:
+class _SimPort:
     """Where a line is plugged in; one port at a time holds it."""
 
-    line: Line
+    line: SimulatedLine
     clock: Clock
     held: threading.Lock = field(default_factory=threading.Lock)
 
 
-_SOCKETS: dict[str, _Socket] = {}
+_SOCKETS: dict[str, _SimPort] = {}
 
 
-def plug_in(name: str, line: Line, clock: Clock) -> str:
+def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
     """Make a line the port sim://NAME, in place of any that was there; the URL."""
     if __package__ not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(__package__)
-    _SOCKETS[name.lower()] = _Socket(line, clock)
+    _SOCKETS[name.lower()] = _SimPort(line, clock)
     return f"sim://{name}"
 
 
@@ -55,13 +55,13 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
             raise serial.SerialException(2, f"could not open port {self.port}: no such port")
         if self.is_open:
             raise serial.SerialException("the port is open already")
-        if socket.line.is_out(socket.clock.now()):
+        if socket.line.is_unplugged(socket.clock.now()):
             raise serial.SerialException(2, f"could not open port {self.port}: it is unplugged")
         if not socket.held.acquire(blocking=False):
             raise serial.SerialException(16, f"could not open port {self.port}: it is in use")
         self._socket = socket
         self._line, self._clock = socket.line, socket.clock
-        self._pulls = self._line.pulls(self._clock.now())
+        self._pulls = self._line.unplug_count(self._clock.now())
         self._cancelled = threading.Event()
         self._held = bytearray()
         self.is_open = True
@@ -81,12 +81,12 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
 
     def _update_break_state(self) -> None: ...
 
-    def _look(self) -> float:
+    def _receive_arrived(self) -> float:
         """Take in what has arrived; the time."""
         if not self.is_open:
             raise serial.PortNotOpenError()
         now = self._clock.now()
-        if self._line.is_out(now) or self._line.pulls(now) > self._pulls:
+        if self._line.is_unplugged(now) or self._line.unplug_count(now) > self._pulls:
             self._line.receive(now)
             raise serial.SerialException(5, f"port {self.port}: the device is disconnected")
         self._held += self._line.receive(now)
@@ -94,20 +94,20 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
 
     @property
     def in_waiting(self) -> int:
-        self._look()
+        self._receive_arrived()
         return len(self._held)
 
     def read(self, size: int = 1) -> bytes:
         late: float | None = None
         while True:
-            now = self._look()
+            now = self._receive_arrived()
             if late is None:
                 late = now + (float("inf") if self.timeout is None else self.timeout)
             if len(self._held) >= size or now >= late or self._cancelled.is_set():
                 break
-            then = min(self._line.next_at(), self._line.next_pull(now), late)
+            then = min(self._line.next_event_time(), self._line.next_unplug_time(now), late)
             if then == float("inf"):
-                then = now + _PATIENCE
+                then = now + _POLL_INTERVAL
             self._clock.wait_until(max(then, now), self._cancelled.is_set)
         taken = bytes(self._held[:size])
         del self._held[:size]
@@ -118,13 +118,13 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
 
     def write(self, data: Any) -> int:
         sent = bytes(data)
-        self._line.send(sent, self._look())
+        self._line.send(sent, self._receive_arrived())
         return len(sent)
 
     def flush(self) -> None: ...
 
     def reset_input_buffer(self) -> None:
-        self._look()
+        self._receive_arrived()
         self._held.clear()
 
     def reset_output_buffer(self) -> None: ...

@@ -12,13 +12,13 @@ from typing import Self
 
 from drivers.clock import RealClock
 from drivers.interfaces import Clock
-from simulator.wire.line import Line
+from simulator.wire.line import SimulatedLine
 
-_LOOK = 0.02
+_POLL_INTERVAL = 0.02
 """Seconds between looks at whether a plug was pulled or serving shall end."""
 
 
-class ServedLine:
+class PtyLine:
     """A line that is served, in a thread of its own, at a path that stays the same.
 
     line: what is served. path: a symbolic link to the terminal; while the plug is out it isn't
@@ -26,12 +26,12 @@ class ServedLine:
     wall's. A context manager; only where the system has pseudo-terminals.
     """
 
-    def __init__(self, line: Line, path: Path, clock: Clock | None = None) -> None:
+    def __init__(self, line: SimulatedLine, path: Path, clock: Clock | None = None) -> None:
         self.line, self.path = line, path
         self.clock: Clock = clock or RealClock()
         self._ends: tuple[int, int] | None = None
         self._pulls = 0
-        self._over = threading.Event()
+        self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"wire {path.name}", daemon=True)
 
     def __enter__(self) -> Self:
@@ -40,24 +40,24 @@ class ServedLine:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._over.set()
+        self._stopping.set()
         self._thread.join()
-        self._pull()
+        self._unplug()
 
     def _serve(self) -> None:
-        while not self._over.is_set():
+        while not self._stopping.is_set():
             now = self.clock.now()
-            pulls = self.line.pulls(now)
-            if self._ends and (self.line.is_out(now) or pulls > self._pulls):
-                self._pull()
+            pulls = self.line.unplug_count(now)
+            if self._ends and (self.line.is_unplugged(now) or pulls > self._pulls):
+                self._unplug()
             if self._ends is None:
-                if self.line.is_out(now):
-                    self._over.wait(_LOOK)
+                if self.line.is_unplugged(now):
+                    self._stopping.wait(_POLL_INTERVAL)
                     continue
                 self._plug_in()
-            self._carry(now)
+            self._transfer(now)
 
-    def _carry(self, now: float) -> None:
+    def _transfer(self, now: float) -> None:
         """Carry bytes both ways, and wait until there may be more."""
         if self._ends is None:
             return
@@ -67,7 +67,7 @@ class ServedLine:
         with contextlib.suppress(BlockingIOError):
             while data:
                 data = data[os.write(near, data) :]
-        then = min(self.line.next_at() - now, _LOOK)
+        then = min(self.line.next_event_time() - now, _POLL_INTERVAL)
         if select.select([near], [], [], max(then, 0.0))[0]:
             self.line.send(os.read(near, 4096), self.clock.now())
 
@@ -76,13 +76,13 @@ class ServedLine:
         # The far end stays open here, so that the near one lives without a listener.
         tty.setraw(far)
         os.set_blocking(near, False)
-        self._pulls = self.line.pulls(self.clock.now())
+        self._pulls = self.line.unplug_count(self.clock.now())
         aside = self.path.with_name(self.path.name + ".new")
         aside.unlink(missing_ok=True)
         aside.symlink_to(os.ttyname(far))
         aside.replace(self.path)
 
-    def _pull(self) -> None:
+    def _unplug(self) -> None:
         if self._ends is None:
             return
         ends, self._ends = self._ends, None

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from drivers.interfaces import Clock
-from simulator.machines.usb import Setup, UsbMachine
+from simulator.machines.usb import SetupPacket, UsbMachine
 from simulator.wire.usb_plug import Plug, device_descriptor, usb_error
 
 Handle = tuple[int, int]
@@ -22,13 +22,13 @@ Handle = tuple[int, int]
 _buses: dict[str, UsbBus] = {}
 
 
-def register(name: str, bus: UsbBus) -> str:
+def register_bus(name: str, bus: UsbBus) -> str:
     """Let drivers in this process find a bus; their option `backend`."""
     _buses[name] = bus
     return f"simulator.wire.usb_backend:bus@{name}"
 
 
-def unregister(name: str) -> None:
+def unregister_bus(name: str) -> None:
     _buses.pop(name, None)
 
 
@@ -39,11 +39,11 @@ def bus(name: str) -> UsbBus:
     return _buses[name]
 
 
-class Backend(ABC):
+class SimulatedUsbBackend(ABC):
     """Transfers in the words of pyusb's IBackend, made of transfers in bytes."""
 
     @abstractmethod
-    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+    def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
         """A control transfer in bytes; timeout in milliseconds, as in the calls below."""
 
     @abstractmethod
@@ -69,15 +69,15 @@ class Backend(ABC):
         timeout: int,
     ) -> int:
         given = data.tobytes()
-        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(given))
+        setup = SetupPacket(bmRequestType, bRequest, wValue, wIndex, len(given))
         incoming = bmRequestType & 0x80
         answer = self.control(dev_handle, setup, b"" if incoming else given, timeout)
-        return _fill(data, answer) if incoming else len(given)
+        return _copy_into(data, answer) if incoming else len(given)
 
     def intr_read(
         self, dev_handle: Handle, ep: int, intf: int, buff: array.array[int], timeout: int
     ) -> int:
-        return _fill(buff, self.read(dev_handle, ep, len(buff), timeout))
+        return _copy_into(buff, self.read(dev_handle, ep, len(buff), timeout))
 
     def intr_write(
         self, dev_handle: Handle, ep: int, intf: int, data: array.array[int], timeout: int
@@ -88,7 +88,7 @@ class Backend(ABC):
     bulk_write = iso_write = intr_write
 
 
-class UsbBus(Backend):
+class UsbBus(SimulatedUsbBackend):
     """Devices by port. Waiting is done on the bench's clock."""
 
     def __init__(self, clock: Clock, seed: int = 0) -> None:
@@ -104,7 +104,7 @@ class UsbBus(Backend):
         return plug
 
     def enumerate_devices(self) -> list[int]:
-        return [port for port, plug in self._plugs.items() if plug.look()]
+        return [port for port, plug in self._plugs.items() if plug.update_presence()]
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
         plug = self._plugs[dev]
@@ -112,7 +112,7 @@ class UsbBus(Backend):
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         return SimpleNamespace(
-            bLength=_only(config, 9),
+            bLength=_first_only(config, 9),
             bDescriptorType=2,
             wTotalLength=0,
             bNumInterfaces=1,
@@ -128,7 +128,7 @@ class UsbBus(Backend):
     ) -> SimpleNamespace:
         description = self._plugs[dev].description
         return SimpleNamespace(
-            bLength=_only(max(intf, alt, config), 9),
+            bLength=_first_only(max(intf, alt, config), 9),
             bDescriptorType=4,
             bInterfaceNumber=0,
             bAlternateSetting=0,
@@ -158,7 +158,7 @@ class UsbBus(Backend):
 
     def open_device(self, dev: int) -> Handle:
         plug = self._plugs[dev]
-        plug.require_there()
+        plug.require_plugged_in()
         if plug.denied:
             raise usb_error(errno.EACCES)
         return dev, plug.address
@@ -189,9 +189,9 @@ class UsbBus(Backend):
 
     def reset_device(self, dev_handle: Handle) -> None:
         plug = self._plug(dev_handle)
-        plug.machine.power(self._clock.now())
+        plug.machine.power_up(self._clock.now())
 
-    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+    def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
         return self._plug(handle).control(setup, data, timeout * 1e-3)
 
     def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes:
@@ -203,20 +203,20 @@ class UsbBus(Backend):
     def _plug(self, handle: Handle) -> Plug:
         port, address = handle
         plug = self._plugs[port]
-        plug.require_there()
+        plug.require_plugged_in()
         if plug.address != address:
             raise usb_error(errno.ENODEV)
         return plug
 
 
-def _only(index: Any, value: int) -> int:
+def _first_only(index: Any, value: int) -> int:
     """The value, of the first; pyusb ends its lists by IndexError."""
     if index:
         raise IndexError
     return value
 
 
-def _fill(buffer: array.array[int], data: bytes) -> int:
+def _copy_into(buffer: array.array[int], data: bytes) -> int:
     """Put bytes into pyusb's buffer; how many."""
     buffer[: len(data)] = array.array(buffer.typecode, data)
     return len(data)

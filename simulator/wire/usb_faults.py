@@ -16,7 +16,7 @@ class Packet(NamedTuple):
     data: bytes
 
 
-class Noise:
+class PacketFaults:
     """The faults of one device's cable. A packet is struck when the device sends it.
 
     own: kinds of the device itself, which don't strike here.
@@ -26,29 +26,29 @@ class Noise:
         self._chance = random.Random(seed)
         self._before = b""
 
-    def heard(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
+    def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
         """What the device hears of what the host sends; None for nothing."""
         for fault in faults:
-            if fault.kind == "silence" and self._strikes(fault):
+            if fault.kind == "silence" and self._is_drawn(fault):
                 return None
             if fault.kind == "bit flips":
-                data = self._flipped(data, fault.probability)
+                data = self._flip_bits(data, fault.probability)
         return data
 
-    def sent(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
+    def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
         """What comes to the host of what the device sends."""
         original = packet.data
         packets = [packet]
         for fault in faults:
-            packets = [struck for one in packets for struck in self._struck(one, fault)]
+            packets = [struck for one in packets for struck in self._apply_fault(one, fault)]
         self._before = original
         return packets
 
-    def _struck(self, packet: Packet, fault: WireFault) -> list[Packet]:
+    def _apply_fault(self, packet: Packet, fault: WireFault) -> list[Packet]:
         at, data = packet
         if fault.kind == "bit flips":
-            return [Packet(at, self._flipped(data, fault.probability))]
-        if not self._strikes(fault):
+            return [Packet(at, self._flip_bits(data, fault.probability))]
+        if not self._is_drawn(fault):
             return [packet]
         match fault.kind:
             case "silence" | "mute":
@@ -67,10 +67,10 @@ class Noise:
                 return [Packet(at, self._before)]
         return [packet]
 
-    def _strikes(self, fault: WireFault) -> bool:
+    def _is_drawn(self, fault: WireFault) -> bool:
         return self._chance.random() < fault.probability
 
-    def _flipped(self, data: bytes, probability: float) -> bytes:
+    def _flip_bits(self, data: bytes, probability: float) -> bytes:
         return bytes(
             byte ^ (1 << self._chance.randrange(8)) if self._chance.random() < probability else byte
             for byte in data

@@ -12,9 +12,9 @@ from typing import TypeVar
 import usb.core
 
 from drivers.interfaces import Clock
-from simulator.machines.usb import Description, Report, Setup, Stall, UsbMachine
-from simulator.wire.faults import WIRE_KINDS, WireFault
-from simulator.wire.usb_faults import Noise, Packet
+from simulator.machines.usb import InputReport, SetupPacket, UsbDescription, UsbMachine, UsbStall
+from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
+from simulator.wire.usb_faults import Packet, PacketFaults
 
 T = TypeVar("T")
 
@@ -39,79 +39,85 @@ class Plug:
         self.kernel_driver = True
         self.address = 1
         self._clock = clock
-        self._noise = Noise(seed)
+        self._noise = PacketFaults(seed)
         # Drivers, faults and those who look come from several threads.
         self._turn = threading.RLock()
         self._faults: list[WireFault] = []
-        self._unplugged = 0
-        self._there = True
+        self._disconnect_count = 0
+        self._is_plugged_in = True
         self._reports: dict[int, list[Packet]] = {}
-        self._suffers: str | None = None
+        self._machine_fault: str | None = None
 
     @property
-    def description(self) -> Description:
+    def description(self) -> UsbDescription:
         return self.machine.description
 
     def inject(self, fault: WireFault) -> None:
         """A fault that begins at its time; ValueError for a kind that it can't have."""
-        kinds = (*WIRE_KINDS, *self.machine.own_faults)
+        kinds = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in kinds:
             raise ValueError(f"kind is {fault.kind!r}; choose {', '.join(kinds)}")
         self._faults.append(fault)
 
-    def mend(self) -> None:
+    def clear_faults(self) -> None:
         """No fault any more; what was unplugged is plugged in again."""
         with self._turn:
-            self.look()
+            self.update_presence()
             self._faults.clear()
-            self._unplugged = 0
-            self.look()
+            self._disconnect_count = 0
+            self.update_presence()
 
-    def look(self) -> bool:
+    def update_presence(self) -> bool:
         """Whether it's there now; lets happen what has happened since."""
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
-            if len(begun) != self._unplugged and self._there:
-                self._pull()
-            self._unplugged = len(begun)
-            there = not any(fault.lasts(now) for fault in begun)
-            if there and not self._there:
-                self._there = True
-                self.machine.power(max((f.at + f.seconds for f in begun), default=now))
-            suffers = next((f.kind for f in self._lasting if f.kind not in WIRE_KINDS), None)
-            if suffers != self._suffers:
-                self._suffers = suffers
-                self.machine.suffer(suffers)
+            if len(begun) != self._disconnect_count and self._is_plugged_in:
+                self._unplug()
+            self._disconnect_count = len(begun)
+            there = not any(fault.is_active(now) for fault in begun)
+            if there and not self._is_plugged_in:
+                self._is_plugged_in = True
+                self.machine.power_up(max((f.at + f.seconds for f in begun), default=now))
+            suffers = next(
+                (f.kind for f in self._active_faults if f.kind not in WIRE_FAULT_KINDS), None
+            )
+            if suffers != self._machine_fault:
+                self._machine_fault = suffers
+                self.machine.set_fault(suffers)
             return there
 
-    def _pull(self) -> None:
-        self._there = False
+    def _unplug(self) -> None:
+        self._is_plugged_in = False
         # It comes back at another address, and the system takes it again.
         self.address += 1
         self.kernel_driver = True
         self._reports.clear()
 
     @property
-    def _lasting(self) -> list[WireFault]:
+    def _active_faults(self) -> list[WireFault]:
         now = self._clock.now()
-        return [fault for fault in self._faults if fault.lasts(now)]
+        return [fault for fault in self._faults if fault.is_active(now)]
 
-    def control(self, setup: Setup, data: bytes, timeout: float) -> bytes:
+    def control(self, setup: SetupPacket, data: bytes, timeout: float) -> bytes:
         """A control transfer; the bytes that the device gives."""
         with self._turn:
             late = self._clock.now() + timeout
-            answer, reports = self._taken(data, late, lambda heard: self._handled(setup, heard))
-            self._lay_ready(reports)
+            answer, reports = self._deliver(
+                data, late, lambda heard: self._handle_control(setup, heard)
+            )
+            self._queue_reports(reports)
             if not setup.request_type & 0x80:
                 return b""
-            packets = self._noise.sent(Packet(self._clock.now(), answer), self._lasting)
+            packets = self._noise.deliver_to_host(
+                Packet(self._clock.now(), answer), self._active_faults
+            )
             if not packets or packets[0].at > late:
-                raise self._silence(late)
+                raise self._timeout_error(late)
             self._wait(packets[0].at)
             return packets[0].data[: setup.length]
 
-    def _handled(self, setup: Setup, data: bytes) -> tuple[bytes, list[Report]]:
+    def _handle_control(self, setup: SetupPacket, data: bytes) -> tuple[bytes, list[InputReport]]:
         if setup.request_type == 0x80 and setup.request == 6:
             return _descriptor(self.description, setup.value), []
         return self.machine.control(setup, data, self._clock.now())
@@ -120,46 +126,50 @@ class Plug:
         """Bytes for an endpoint, all or none."""
         with self._turn:
             late, now = self._clock.now() + timeout, self._clock.now
-            out = self.machine.out
-            self._lay_ready(self._taken(data, late, lambda heard: out(endpoint, heard, now())))
+            out = self.machine.write
+            self._queue_reports(
+                self._deliver(data, late, lambda heard: out(endpoint, heard, now()))
+            )
             return len(data)
 
-    def _taken(self, data: bytes, late: float, take: Callable[[bytes], T]) -> T:
+    def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
         """What the device makes of bytes, as noise lets it hear them."""
-        self.require_there()
-        heard = self._noise.heard(data, self._lasting)
+        self.require_plugged_in()
+        heard = self._noise.deliver_to_device(data, self._active_faults)
         if heard is None:
-            raise self._silence(late)
+            raise self._timeout_error(late)
         try:
-            return take(heard)
-        except Stall:
+            return handler(heard)
+        except UsbStall:
             raise usb_error(errno.EPIPE) from None
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
         """The next report, within `timeout` seconds."""
         with self._turn:
             late = self._clock.now() + timeout
-            self.require_there()
+            self.require_plugged_in()
             waiting = self._reports.get(endpoint, [])
             if not waiting or waiting[0].at > late:
-                raise self._silence(late)
+                raise self._timeout_error(late)
             self._wait(waiting[0].at)
             data = waiting.pop(0).data
             if len(data) > length:
                 raise usb_error(errno.EOVERFLOW)
             return data
 
-    def _lay_ready(self, reports: Sequence[Report]) -> None:
+    def _queue_reports(self, reports: Sequence[InputReport]) -> None:
         for report in reports:
             waiting = self._reports.setdefault(report.endpoint, [])
-            waiting += self._noise.sent(Packet(report.at, report.data), self._lasting)
+            waiting += self._noise.deliver_to_host(
+                Packet(report.at, report.data), self._active_faults
+            )
             waiting.sort(key=lambda packet: packet.at)
 
-    def require_there(self) -> None:
-        if not self.look():
+    def require_plugged_in(self) -> None:
+        if not self.update_presence():
             raise usb_error(errno.ENODEV)
 
-    def _silence(self, late: float) -> Exception:
+    def _timeout_error(self, late: float) -> Exception:
         self._wait(late)
         return usb_error(errno.ETIMEDOUT)
 
@@ -169,24 +179,24 @@ class Plug:
         pulled = [f.at for f in self._faults if f.kind == "disconnect" and now < f.at <= time]
         end = min(pulled, default=math.inf)
         self._clock.wait_until(min(time, end), lambda: False)
-        self.require_there()
+        self.require_plugged_in()
 
 
-def _descriptor(description: Description, value: int) -> bytes:
+def _descriptor(description: UsbDescription, value: int) -> bytes:
     """A string of the device, as the USB specification packs it."""
     kind, index = value >> 8, value & 0xFF
     if kind != 3:
-        raise Stall
+        raise UsbStall
     if index == 0:
         return b"\x04\x03\x09\x04"
     strings = (description.maker, description.name, description.serial)
     if index > len(strings) or not strings[index - 1]:
-        raise Stall
+        raise UsbStall
     text = strings[index - 1].encode("utf-16-le")
     return bytes([len(text) + 2, 3]) + text
 
 
-def device_descriptor(description: Description, port: int, address: int) -> SimpleNamespace:
+def device_descriptor(description: UsbDescription, port: int, address: int) -> SimpleNamespace:
     """The fields that pyusb reads, as libusb names them."""
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]

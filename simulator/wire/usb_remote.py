@@ -17,13 +17,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
 
-from drivers.hosted.calls import Answer, Request, answer_of
-from drivers.hosted.line import Line
-from simulator.machines.usb import Setup
-from simulator.wire.usb_backend import Backend, Handle, UsbBus
+from drivers.hosted.calls import CallRequest, CallResult, capture_result
+from drivers.hosted.message_socket import MessageSocket
+from simulator.machines.usb import SetupPacket
+from simulator.wire.usb_backend import Handle, SimulatedUsbBackend, UsbBus
 from simulator.wire.usb_plug import usb_error
 
-_FORWARDED = (
+_FORWARDED_CALLS = (
     "enumerate_devices",
     "get_device_descriptor",
     "get_configuration_descriptor",
@@ -45,11 +45,11 @@ _FORWARDED = (
     "write",
 )
 
-_PATIENCE = 2.0
+_TIMEOUT_MARGIN = 2.0
 """Seconds beyond a transfer's own time-out, after which the other process counts as gone."""
 
 
-def option(path: str | Path) -> str:
+def backend_option(path: str | Path) -> str:
     """A driver's option `backend` for the bus that is served there."""
     return f"simulator.wire.usb_remote:backend@{path}"
 
@@ -64,7 +64,7 @@ class UsbServer:
     def __init__(self, bus: UsbBus, path: str | Path) -> None:
         self._bus = bus
         self._path = str(path)
-        self._lines: list[Line] = []
+        self._lines: list[MessageSocket] = []
         self._ended = False
 
     def __enter__(self) -> Self:
@@ -91,23 +91,23 @@ class UsbServer:
     def _accept(self) -> None:
         while not self._ended:
             try:
-                line = _line(self._listener.accept())
+                line = _message_socket(self._listener.accept())
             except Exception:
                 # Whoever knows not the key, or has gone again.
                 continue
             self._lines.append(line)
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
-    def _serve(self, line: Line) -> None:
+    def _serve(self, line: MessageSocket) -> None:
         # This thread alone closes it: the number of what it waits at is nobody else's till then.
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
             while True:
-                request: Request = line.receive()
-                line.send(answer_of(self._obey, request.name, *request.given))
+                request: CallRequest = line.receive()
+                line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
-    def _obey(self, name: str, *given: Any) -> Any:
+    def _call_bus(self, name: str, *given: Any) -> Any:
         """What the bus answers. OSError if it fails, IndexError after the last of a list."""
-        if name not in _FORWARDED:
+        if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
         try:
             return getattr(self._bus, name)(*given)
@@ -118,22 +118,22 @@ class UsbServer:
             raise OSError(getattr(error, "errno", None) or errno.EIO, str(error)) from error
 
 
-def _line(connection: Connection) -> Line:
+def _message_socket(connection: Connection) -> MessageSocket:
     """The key has opened the connection; what is said over it is said as everywhere."""
     with connection:
-        return Line(os.dup(connection.fileno()))
+        return MessageSocket(os.dup(connection.fileno()))
 
 
-class RemoteBackend(Backend):
+class RemoteBackend(SimulatedUsbBackend):
     """A bus of another process."""
 
     def __init__(self, path: str) -> None:
         self._path = path
-        self._line: Line | None = None
+        self._line: MessageSocket | None = None
         self._turn = threading.Lock()
 
     def __getattr__(self, name: str) -> Any:
-        if name not in _FORWARDED:
+        if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
         return lambda *given: self._ask(name, given)
 
@@ -144,7 +144,7 @@ class RemoteBackend(Backend):
         descriptor: SimpleNamespace = self._ask("get_device_descriptor", (dev,))
         return descriptor
 
-    def control(self, handle: Handle, setup: Setup, data: bytes, timeout: int) -> bytes:
+    def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
         answer: bytes = self._ask("control", (handle, setup, data, timeout), timeout)
         return answer
 
@@ -159,7 +159,7 @@ class RemoteBackend(Backend):
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
         with self._turn:
             try:
-                answer = self._exchange(Request(name, given), timeout * 1e-3 + _PATIENCE)
+                answer = self._exchange(CallRequest(name, given), timeout * 1e-3 + _TIMEOUT_MARGIN)
             except (OSError, EOFError):
                 self._drop()
                 # As if the whole bus had been unplugged.
@@ -171,12 +171,12 @@ class RemoteBackend(Backend):
         except OSError as error:
             raise usb_error(error.errno or errno.EIO) from None
 
-    def _exchange(self, request: Request, patience: float) -> Answer:
+    def _exchange(self, request: CallRequest, patience: float) -> CallResult:
         if self._line is None:
             key = _key_file(self._path).read_bytes()
-            self._line = _line(Client(self._path, "AF_UNIX", authkey=key))
+            self._line = _message_socket(Client(self._path, "AF_UNIX", authkey=key))
         self._line.send(request)
-        answer: Answer = self._line.receive(patience)
+        answer: CallResult = self._line.receive(patience)
         return answer
 
     def _drop(self) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from drivers.interfaces import Surroundings
 from simulator.clock import VirtualClock
-from simulator.wire import Line, WireFault, plug_in, unplug
+from simulator.wire import SimulatedLine, WireFault, plug_in, unplug
 
 
-class Recorded(Line):
+class Recorded(SimulatedLine):
     """A line that writes down, in turn, what the host sends and what it is given."""
 
     def __init__(self, machine, **options) -> None:

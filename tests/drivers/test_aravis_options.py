@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivers.aravis import AravisCamera, link
+from drivers.aravis import AravisCamera, library_process
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
@@ -46,7 +46,7 @@ def test_a_bad_option_is_named(option: str, value: Any) -> None:
 
 def test_without_aravis_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     # This Python without its packages has no gi.
-    monkeypatch.setattr(link, "SYSTEM_PYTHON", "/nonexistent/python3")
+    monkeypatch.setattr(library_process, "SYSTEM_PYTHON", "/nonexistent/python3")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(DeviceError, match=r"apt-get install .*gir1.2-aravis-0.8 python3-gi"):
         AravisCamera(Surroundings(RealClock())).__enter__()
@@ -57,7 +57,7 @@ def test_a_python_without_gi_says_what_to_install(monkeypatch: pytest.MonkeyPatc
     done = subprocess.run([*bare, "-c", "import gi"], capture_output=True, check=False)
     if done.returncode == 0:
         pytest.skip("this Python has gi in its standard library")
-    monkeypatch.setattr(link, "python_with_gi", lambda: bare)
+    monkeypatch.setattr(library_process, "python_with_gi", lambda: bare)
     with pytest.raises(DeviceError, match=r"Aravis isn't there: .*apt-get install"):
         AravisCamera(Surroundings(RealClock())).__enter__()
 
@@ -77,5 +77,5 @@ def test_frames_are_counted_on_where_the_cameras_count_begins_anew() -> None:
     """GigE Vision counts to 65535; a camera that was switched off counts from 1."""
     device = AravisCamera(Surroundings(RealClock()))
     numbers = [65534, 65535, 1, 2, 5, 1]
-    counted = [device._counted(number) for number in numbers]
+    counted = [device._unwrap_number(number) for number in numbers]
     assert counted == [65534, 65535, 65536, 65537, 65540, 65541]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.aravis.pixels import FORMATS, PixelFormat, unpack
-from simulator.wire.packing import pack
+from drivers.aravis.pixel_formats import FORMATS, PixelFormat, unpack
+from simulator.wire.packing import pack_pixels
 
 
 def bit(data: NDArray[np.uint8], index: int) -> int:
@@ -44,7 +44,7 @@ def test_random_bytes_become_the_numbers_of_a_slow_unpacker(
     form: PixelFormat, shape: tuple[int, int]
 ) -> None:
     rng = np.random.default_rng(len(form.name) + shape[1])
-    data = rng.integers(0, 256, form.size(shape) + 3, dtype=np.uint8)
+    data = rng.integers(0, 256, form.byte_count(shape) + 3, dtype=np.uint8)
     if form.layout == "words":
         # Unused high bits are zero, as the convention has it.
         data[1::2] &= (1 << form.bits - 8) - 1
@@ -58,8 +58,8 @@ def test_what_was_packed_is_unpacked(form: PixelFormat) -> None:
     rng = np.random.default_rng(1)
     for shape in ((7, 9), (8, 16)):
         image = rng.integers(0, form.full_scale + 1, shape, dtype=np.uint16)
-        data = pack(image, form)
-        assert data.size == form.size(shape)
+        data = pack_pixels(image, form)
+        assert data.size == form.byte_count(shape)
         np.testing.assert_array_equal(unpack(data, form, shape), image)
 
 

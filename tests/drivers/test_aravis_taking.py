@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.aravis.acquisition import FrameAcquisition
 from drivers.aravis.arrivals import follows as follows_on
-from drivers.aravis.options import Options
-from drivers.aravis.pixels import FORMATS
-from drivers.aravis.taking import Taking
+from drivers.aravis.camera_options import AravisOptions
+from drivers.aravis.pixel_formats import FORMATS
 from drivers.errors import DeviceError
 
 SHAPE = (2, 3)
@@ -32,7 +32,7 @@ class TellingLibrary:
         self.number = first
         self.triggered = False
 
-    def ask(self, name: str, *given: Any, within: float) -> Any:
+    def ask(self, name: str, *given: Any, timeout: float) -> Any:
         match name:
             case "start":
                 return {"size": 6, "slot": 4096, "length": 4096}
@@ -67,14 +67,16 @@ class TellingLibrary:
         self.number = self.number + 1 if self.number < 65535 else 1
         return note
 
-    def bytes_at(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
+    def shared_bytes(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
         return np.arange(size, dtype=np.uint8)
 
 
-def taking(library: TellingLibrary) -> Taking:
-    options = Options("", "", 0.0, (), (1, 1), "software", "Line0", 0.0, 0, 8, 3, 300.0, 5.0, 1.0)
+def taking(library: TellingLibrary) -> FrameAcquisition:
+    options = AravisOptions(
+        "", "", 0.0, (), (1, 1), "software", "Line0", 0.0, 0, 8, 3, 300.0, 5.0, 1.0
+    )
     form = FORMATS["Mono8"]
-    return Taking(
+    return FrameAcquisition(
         library,  # type: ignore[arg-type]
         options,
         form,
@@ -92,7 +94,7 @@ def test_a_frame_that_tells_another_exposure_is_not_taken(lag: int) -> None:
     taker = taking(library)
     taker.take(lambda: False)
     library.set, taker.exposure = 4000.0, 4e-3
-    taker.changed()
+    taker.mark_settings_changed()
     taken = taker.take(lambda: False)
     assert taker.counts["wrong exposure"] == lag
     assert taker.counts["thrown away"] == 0

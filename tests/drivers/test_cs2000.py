@@ -13,7 +13,7 @@ from recorded import Bench
 from drivers.cs2000 import CS2000
 from drivers.errors import DeviceError
 from drivers.interfaces import Spectroradiometer, Surroundings
-from drivers.supervised import Supervised
+from drivers.supervised import SupervisedDevice
 from simulator.clock import VirtualClock
 from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.machine import Reply
@@ -110,8 +110,8 @@ def test_it_measures_the_light_that_is_there(plugged):
         spectrum = device.measure(never)
         assert spectrum.wavelengths == pytest.approx(np.arange(380, 781) * 1e-9)
         assert spectrum.radiance == pytest.approx(light(spectrum.wavelengths), rel=1e-6)
-        assert 0.005 < spectrum.integration < 1
-        assert not spectrum.dimmed
+        assert 0.005 < spectrum.integration_time < 1
+        assert not spectrum.nd_filter_used
         assert spectrum.angle == pytest.approx(math.radians(1))
         assert began + 0.9 < spectrum.time < began + 1.5
         luminance = 683 * 1e-9 * (spectrum.radiance @ bright(spectrum.wavelengths * 1e9))
@@ -134,10 +134,10 @@ def test_it_is_told_what_it_can_not_see(plugged):
         for command in (b"NDFS,1\r", b"LNSS,1\r", b"SCMS,1,6000\r", b"SPMS,4,4,1\r"):
             assert sent.count(command) == 1
         spectrum = device.measure(never)
-        assert spectrum.dimmed
+        assert spectrum.nd_filter_used
         assert spectrum.angle == pytest.approx(math.radians(0.2))
-        assert bench.machine.settings.written_to_flash == 0
-    assert meter(bench, mode="manual", integration_ms=7.5)._wanted.speed == "3,7500"
+        assert bench.machine.settings.flash_write_count == 0
+    assert meter(bench, mode="manual", integration_ms=7.5)._requested_settings.speed == "3,7500"
 
 
 @pytest.mark.parametrize(
@@ -153,12 +153,12 @@ def test_its_flash_is_spared_where_firmware_can(plugged, model, firmware, said):
     with meter(bench) as device:
         assert [data for data, _ in bench.said() if data.startswith(b"RMTS")][-1] == said
         assert device.measure(never).radiance.shape == (401,)
-        assert bench.machine.settings.written_to_flash == 0
+        assert bench.machine.settings.flash_write_count == 0
 
 
 def test_a_long_measurement_is_waited_for_under_watch(plugged):
     bench = plugged(lambda w: light(w) * 1e-4)
-    with Supervised("spectroradiometer", lambda: meter(bench)) as device:
+    with SupervisedDevice("spectroradiometer", lambda: meter(bench)) as device:
         began = bench.clock.now()
         device.measure(never)
         assert 240 < bench.clock.now() - began < 260
@@ -207,7 +207,7 @@ def test_what_goes_wrong_is_told_in_words(plugged, fault, said):
         bench.suffer(fault)
         with pytest.raises(DeviceError, match=said):
             device.measure(never)
-        bench.line.mend()
+        bench.line.clear_faults()
         device.measure(never)
 
 
@@ -329,7 +329,7 @@ class Chatter:
     def feed(self, data, t):
         return [Reply(t + 0.01, self.says)] if data == b"\r" and self.says else []
 
-    def suffer(self, kind):
+    def set_fault(self, kind):
         pass
 
 

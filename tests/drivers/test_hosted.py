@@ -12,7 +12,7 @@ import pytest
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted import Hosted
+from drivers.hosted import HostedDevice
 from drivers.interfaces import Identity, Setting, Surroundings
 
 HEAVY = ["torch", "PySide6", "serial", "usb", "libusb_package", "h5py", "optics", "simulator",
@@ -26,9 +26,11 @@ def never():
     return False
 
 
-def opened(kind="Modest", opening=60.0, clock=None, **options):
+def opened(kind="Modest", open_timeout=60.0, clock=None, **options):
     surroundings = Surroundings(clock or RealClock())
-    return Hosted(surroundings, "camera", f"hosted_devices:{kind}", options, opening=opening)
+    return HostedDevice(
+        surroundings, "camera", f"hosted_devices:{kind}", options, open_timeout=open_timeout
+    )
 
 
 def wait_for(path: Path, word: str) -> None:
@@ -321,7 +323,7 @@ def test_unknown_and_private_names_raise_attribute_error():
         with pytest.raises(AttributeError):
             _ = device._number
     with pytest.raises(AttributeError):
-        _ = Hosted.__new__(Hosted).anything
+        _ = HostedDevice.__new__(HostedDevice).anything
 
 
 def test_an_attribute_cannot_be_set_by_mistake():
@@ -351,7 +353,9 @@ def test_several_threads_get_their_own_answers():
 
 def test_a_virtual_bench_is_refused():
     with pytest.raises(ValueError, match="Open it in this process"):
-        Hosted(Surroundings(RealClock(), world=object()), "camera", "hosted_devices:Modest", {})
+        HostedDevice(
+            Surroundings(RealClock(), world=object()), "camera", "hosted_devices:Modest", {}
+        )
 
 
 def test_a_clock_that_is_not_the_walls_is_refused():
@@ -366,7 +370,7 @@ def test_a_clock_that_is_not_the_walls_is_refused():
 @pytest.mark.parametrize("factory", ["", "hosted_devices", ":Modest", "hosted_devices:"])
 def test_a_factory_that_is_no_name_is_refused(factory):
     with pytest.raises(ValueError, match="write it as 'module:attribute'"):
-        Hosted(Surroundings(RealClock()), "camera", factory, {})
+        HostedDevice(Surroundings(RealClock()), "camera", factory, {})
 
 
 def test_a_device_goes_on_between_calls():
@@ -389,26 +393,28 @@ def test_a_device_that_is_busy_between_calls_is_left_when_its_owner_is_gone(tmp_
 
 def test_a_call_that_takes_longer_than_it_may_kills_the_process():
     surroundings = Surroundings(RealClock())
-    device = Hosted(
-        surroundings, "camera", "hosted_devices:Hung", {}, opening=PATIENCE, replying=1.5
+    device = HostedDevice(
+        surroundings, "camera", "hosted_devices:Hung", {}, open_timeout=PATIENCE, reply_timeout=1.5
     )
     with device:
-        assert not device.dead
+        assert not device.is_dead
         assert device.twice(21) == 42
         with pytest.raises(DeviceError, match=r"no answer within 1.5 s; its process was killed"):
             device.capture(never)
-        assert device.dead
+        assert device.is_dead
 
 
 def test_no_time_to_reply_is_refused():
-    with pytest.raises(ValueError, match="replying is 0 s; it must be positive"):
-        Hosted(Surroundings(RealClock()), "camera", "hosted_devices:Modest", {}, replying=0)
+    with pytest.raises(ValueError, match="reply_timeout is 0 s; it must be positive"):
+        HostedDevice(
+            Surroundings(RealClock()), "camera", "hosted_devices:Modest", {}, reply_timeout=0
+        )
 
 
-@pytest.mark.parametrize("opening", [0.0, -1.0, float("nan")])
-def test_no_time_to_open_is_refused(opening):
+@pytest.mark.parametrize("open_timeout", [0.0, -1.0, float("nan")])
+def test_no_time_to_open_is_refused(open_timeout):
     with pytest.raises(ValueError, match="must be positive"):
-        opened(opening=opening)
+        opened(open_timeout=open_timeout)
 
 
 @pytest.mark.parametrize(
@@ -421,7 +427,7 @@ def test_no_time_to_open_is_refused(opening):
 )
 def test_a_factory_that_does_not_load_is_told_by_the_constructor(factory, error):
     with pytest.raises(error):
-        Hosted(Surroundings(RealClock()), "camera", factory, {})
+        HostedDevice(Surroundings(RealClock()), "camera", factory, {})
 
 
 def test_what_the_factory_raises_comes_from_the_constructor():
@@ -448,13 +454,15 @@ def test_what_entering_raises_comes_from_entering_and_the_process_ends():
 
 def test_a_device_that_is_not_made_in_time_is_killed():
     with pytest.raises(DeviceError, match=r"camera: open: no answer within 0\.3 s"):
-        Hosted(Surroundings(RealClock()), "camera", "hosted_devices:slow", {}, opening=0.3)
+        HostedDevice(
+            Surroundings(RealClock()), "camera", "hosted_devices:slow", {}, open_timeout=0.3
+        )
 
 
 def test_a_device_that_is_not_entered_in_time_is_killed():
     device = opened("HungOnTheWayIn")
     process = device.process
-    device._opening = 0.3
+    device._open_timeout = 0.3
     with pytest.raises(DeviceError, match=r"camera: enter: no answer within 0\.3 s"):
         device.__enter__()
     assert has_ended(process)
@@ -484,7 +492,7 @@ def test_what_leaving_raises_comes_through_and_the_process_ends():
 
 
 def test_a_process_that_does_not_end_after_its_device_was_left_is_killed(monkeypatch):
-    monkeypatch.setattr("drivers.hosted.process._GRACE", 0.5)
+    monkeypatch.setattr("drivers.hosted.child_process._EXIT_GRACE", 0.5)
     with opened("HungOnTheWayOut") as device:
         process = device.process
     assert has_ended(process)
@@ -603,10 +611,10 @@ def parent(kind: str, call: str, notes: Path, grace: float) -> subprocess.Popen[
     code = f"""
 import sys; sys.path[:] = {sys.path!r}
 from drivers.clock import RealClock
-from drivers.hosted import Hosted, process
+from drivers.hosted import HostedDevice, child_process
 from drivers.interfaces import Surroundings
-process._GRACE = {grace}
-device = Hosted(
+child_process._EXIT_GRACE = {grace}
+device = HostedDevice(
     Surroundings(RealClock()), "camera", "hosted_devices:{kind}", {{"notes": {str(notes)!r}}}
 )
 device.__enter__()

@@ -10,16 +10,21 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from drivers.hosted.calls import Answer, answer_of
-from drivers.hosted.line import Closed, Late, Line, Unreadable
-from drivers.hosted.process import Ended, Process
+from drivers.hosted.calls import CallResult, capture_result
+from drivers.hosted.child_process import ChildProcess, ProcessEnded
+from drivers.hosted.message_socket import (
+    LineClosed,
+    MessageSocket,
+    MessageTimeout,
+    UnreadableMessage,
+)
 
 
 @pytest.fixture
 def ends():
     """A line, and the bare socket at its other end."""
     ours, theirs = socket.socketpair()
-    line = Line(ours.detach())
+    line = MessageSocket(ours.detach())
     with theirs:
         yield line, theirs
     line.close()
@@ -38,7 +43,7 @@ def test_messages_survive_any_cutting(ends, piece):
     got = []
     for start in range(0, len(data), piece):
         theirs.send(data[start : start + piece])
-        while (message := line.take()) is not None:
+        while (message := line.receive_nowait()) is not None:
             got.append(message)
     assert (got[0], got[2]) == ("star", (6e-7,))
     np.testing.assert_array_equal(got[1]["image"], image)
@@ -47,7 +52,7 @@ def test_messages_survive_any_cutting(ends, piece):
 def test_half_a_message_is_not_waited_for_longer_than_asked(ends):
     line, theirs = ends
     theirs.send(framed("star")[:-1])
-    with pytest.raises(Late, match=r"within 0\.05 s"):
+    with pytest.raises(MessageTimeout, match=r"within 0\.05 s"):
         line.receive(0.05)
     theirs.send(framed("star")[-1:])
     assert line.receive() == "star"
@@ -56,9 +61,9 @@ def test_half_a_message_is_not_waited_for_longer_than_asked(ends):
 def test_what_comes_after_a_message_can_still_be_read_from_the_socket(ends):
     line, theirs = ends
     theirs.send(framed(1) + framed(2))
-    assert line.take() == 1
+    assert line.receive_nowait() == 1
     assert select.select([line], [], [], 0)[0]
-    assert line.take() == 2
+    assert line.receive_nowait() == 2
     assert not select.select([line], [], [], 0)[0]
 
 
@@ -67,7 +72,7 @@ def test_threads_send_whole_messages(ends):
     threads = [threading.Thread(target=line.send, args=((n, bytes(300_000)),)) for n in range(4)]
     for thread in threads:
         thread.start()
-    other = Line(theirs.detach())
+    other = MessageSocket(theirs.detach())
     assert sorted(other.receive(20)[0] for _ in threads) == [0, 1, 2, 3]
     for thread in threads:
         thread.join()
@@ -80,8 +85,8 @@ def test_a_closed_end_is_the_end_also_if_it_had_not_read_everything(ends, unread
         line.send("nobody reads it")
     theirs.send(framed("last words"))
     theirs.close()
-    assert line.take() == "last words"
-    with pytest.raises(Closed):
+    assert line.receive_nowait() == "last words"
+    with pytest.raises(LineClosed):
         line.receive()
     with pytest.raises(OSError):
         line.send("too late")
@@ -90,15 +95,15 @@ def test_a_closed_end_is_the_end_also_if_it_had_not_read_everything(ends, unread
 def test_what_cannot_be_unpickled_does_not_harm_the_next_message(ends):
     line, theirs = ends
     theirs.send(struct.pack("!Q", 3) + b"abc" + framed("star"))
-    with pytest.raises(Unreadable):
-        line.take()
-    assert line.take() == "star"
+    with pytest.raises(UnreadableMessage):
+        line.receive_nowait()
+    assert line.receive_nowait() == "star"
 
 
 def test_an_answer_is_a_value_or_what_was_raised():
-    assert answer_of(max, 1, 3) == Answer(3)
+    assert capture_result(max, 1, 3) == CallResult(3)
     with pytest.raises(KeyError, match="slit"):
-        answer_of({}.__getitem__, "slit").result()
+        capture_result({}.__getitem__, "slit").result()
 
 
 def test_an_exception_that_nobody_here_knows_comes_in_words():
@@ -109,20 +114,20 @@ def test_an_exception_that_nobody_here_knows_comes_in_words():
         raise Stranger("odd")
 
     with pytest.raises(RuntimeError, match=r"Stranger\('odd'\)"):
-        answer_of(fail).result()
+        capture_result(fail).result()
 
 
 def test_what_a_process_raises_comes_as_its_answer_and_how_it_ended_after_that():
-    with closing(Process("operator:truediv", 0)) as process:
+    with closing(ChildProcess("operator:truediv", 0)) as process:
         with pytest.raises(TypeError, match="unsupported operand"):
-            process.next(60).result()
-        with pytest.raises(Ended, match=r"its process ended \(exit status 1\)"):
-            process.next(60)
+            process.receive(60).result()
+        with pytest.raises(ProcessEnded, match=r"its process ended \(exit status 1\)"):
+            process.receive(60)
 
 
 def test_a_process_whose_function_is_not_there_says_so():
-    with closing(Process("no_such_module:run")) as process, pytest.raises(ModuleNotFoundError):
-        process.next(60).result()
+    with closing(ChildProcess("no_such_module:run")) as process, pytest.raises(ModuleNotFoundError):
+        process.receive(60).result()
 
 
 def test_who_waits_at_a_line_is_told_that_it_was_disconnected(ends):
@@ -132,7 +137,7 @@ def test_who_waits_at_a_line_is_told_that_it_was_disconnected(ends):
     def wait() -> None:
         try:
             line.receive(20)
-        except Closed as closed:
+        except LineClosed as closed:
             told.append(closed)
 
     waiting = threading.Thread(target=wait)

@@ -40,7 +40,7 @@ def test_what_is_placed_stands_when_the_hand_has_left_the_bench():
         assert targets.names == ("dark", "star")
         assert targets.settling == 0.25
         assert targets.place("star") == Setting("star", "star", 12.25)
-        assert targets.placed == "star"
+        assert targets.current_target == "star"
 
 
 def test_nothing_else_can_be_placed():
@@ -51,7 +51,7 @@ def test_nothing_else_can_be_placed():
             match=r"by hand: place moon: no such target\. Choose one of dark, star",
         ):
             targets.place("moon")
-        assert targets.placed == "star"
+        assert targets.current_target == "star"
 
 
 def test_making_safe_moves_nothing():
@@ -59,7 +59,7 @@ def test_making_safe_moves_nothing():
         targets.place("star")
         targets.make_safe()
         targets.make_safe()
-        assert targets.placed == "star"
+        assert targets.current_target == "star"
 
 
 @pytest.mark.parametrize("names", ["star", [], (), [1], ["star", None]])

@@ -13,11 +13,11 @@ from xservers import edid
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from drivers.screen import ScreenSLM, screens
-from drivers.screen.checking import what_differs, what_ramp_does
-from drivers.screen.choosing import Wanted, choose
-from drivers.screen.player import Player
-from drivers.screen.session import forbid_scaling
+from drivers.screen import ScreenSLM, list_screens
+from drivers.screen.display_checks import gamma_ramp_error, readback_error
+from drivers.screen.player import VideoPlayer
+from drivers.screen.screen_choice import ScreenRequest, choose_screen
+from drivers.screen.session import disable_scaling
 from drivers.x11.edid import Monitor, read_edid
 from drivers.x11.outputs import Output
 
@@ -29,7 +29,7 @@ OTHER = Output("DP-1", Monitor("DEL", "U2720Q", "7"), 3840, 0, 3840, 2160, 60.0,
 
 
 def wanted(screen="", allow_primary=False, width=1920, height=1080, refresh_hz=60.0):
-    return Wanted(screen, width, height, refresh_hz, allow_primary)
+    return ScreenRequest(screen, width, height, refresh_hz, allow_primary)
 
 
 # The choice.
@@ -39,7 +39,7 @@ def wanted(screen="", allow_primary=False, width=1920, height=1080, refresh_hz=6
     "name", ["", "HDMI-1", "hdmi-1", "HE PLUTO-2.1", "6010-0042", "HE PLUTO-2.1 6010-0042"]
 )
 def test_a_screen_is_found_by_name_monitor_or_size(name):
-    assert choose(wanted(name), [OWN, PLUTO, OTHER]) is PLUTO
+    assert choose_screen(wanted(name), [OWN, PLUTO, OTHER]) is PLUTO
 
 
 @pytest.mark.parametrize(
@@ -56,18 +56,18 @@ def test_a_screen_is_found_by_name_monitor_or_size(name):
         (wanted(), [OWN, dataclasses.replace(PLUTO, x=0)], "shows what eDP-1 shows, too"),
         (
             wanted(),
-            [OWN, dataclasses.replace(PLUTO, distorted="it is turned or mirrored")],
+            [OWN, dataclasses.replace(PLUTO, distortion="it is turned or mirrored")],
             "doesn't show its pixels as they are: it is turned or mirrored",
         ),
     ],
 )
 def test_any_other_screen_is_refused(asked, there, words):
     with pytest.raises(DeviceError, match=words):
-        choose(asked, there)
+        choose_screen(asked, there)
 
 
 def test_the_operators_screen_can_be_allowed():
-    assert choose(wanted("eDP-1", allow_primary=True), [OWN]) is OWN
+    assert choose_screen(wanted("eDP-1", allow_primary=True), [OWN]) is OWN
 
 
 def test_a_monitor_is_read_from_its_edid():
@@ -102,7 +102,7 @@ def test_wayland_is_refused(monkeypatch, environment):
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(DeviceError, match=r"Wayland.*Log in to an X11"):
-        screens()
+        list_screens()
     with (
         pytest.raises(DeviceError, match=r"Wayland.*Log in to an X11"),
         ScreenSLM(Surroundings(RealClock())),
@@ -114,9 +114,9 @@ def test_no_display_is_refused(monkeypatch):
     for name in ("XDG_SESSION_TYPE", "WAYLAND_DISPLAY", "DISPLAY", "QT_QPA_PLATFORM"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(DeviceError, match="DISPLAY isn't set"):
-        screens()
+        list_screens()
     with pytest.raises(DeviceError, match="no X server answers at ':4711'"):
-        screens(":4711")
+        list_screens(":4711")
 
 
 def test_nothing_that_scales_is_left():
@@ -128,7 +128,7 @@ def test_nothing_that_scales_is_left():
         "QT_QPA_PLATFORM": "offscreen",
         "HOME": "/home/a",
     }
-    forbid_scaling(environment, ":3")
+    disable_scaling(environment, ":3")
     assert environment == {
         "QT_ENABLE_HIGHDPI_SCALING": "0",
         "QT_QPA_PLATFORM": "xcb",
@@ -142,7 +142,7 @@ def test_nothing_that_scales_is_left():
 
 def test_a_screen_that_shows_what_it_should_has_no_fault(rng):
     grey = rng.integers(0, 256, (90, 160), np.uint8)
-    assert not what_differs(np.repeat(grey[..., None], 4, 2), grey)
+    assert not readback_error(np.repeat(grey[..., None], 4, 2), grey)
 
 
 def test_a_single_wrong_pixel_is_counted_in_any_colour(rng):
@@ -150,7 +150,7 @@ def test_a_single_wrong_pixel_is_counted_in_any_colour(rng):
     for colour in range(3):
         seen = np.repeat(grey[..., None], 3, 2)
         seen[3, 4, colour] ^= 1
-        assert what_differs(seen, grey).startswith("1 of 14400 pixels are wrong")
+        assert readback_error(seen, grey).startswith("1 of 14400 pixels are wrong")
 
 
 @pytest.mark.parametrize(
@@ -163,21 +163,21 @@ def test_a_single_wrong_pixel_is_counted_in_any_colour(rng):
 def test_the_likely_cause_is_told(rng, spoil, words):
     grey = rng.integers(0, 256, (90, 160), np.uint8)
     seen = np.repeat(grey[..., None], 3, 2)
-    assert words in what_differs(spoil(seen), grey)
+    assert words in readback_error(spoil(seen), grey)
 
 
 def test_a_window_on_top_is_told_with_its_place(rng):
     grey = rng.integers(0, 255, (90, 160), np.uint8)
     seen = np.repeat(grey[..., None], 3, 2)
     seen[10:30, 40:100] = 255
-    assert "another window lies on top, at 40,10, 60x20 pixels" in what_differs(seen, grey)
+    assert "another window lies on top, at 40,10, 60x20 pixels" in readback_error(seen, grey)
 
 
 @pytest.mark.parametrize("size", [0, 256, 1024, 4096])
 def test_a_ramp_that_changes_nothing_passes(size):
     plain = np.round(np.linspace(0, 65535, size))
     for kept in (plain, plain // 256 * 256, plain // 256 * 257):
-        assert not what_ramp_does(np.tile(kept.astype(np.uint16), (3, 1)))
+        assert not gamma_ramp_error(np.tile(kept.astype(np.uint16), (3, 1)))
 
 
 @pytest.mark.parametrize("size", [256, 1024])
@@ -196,7 +196,7 @@ def test_a_ramp_that_changes_one_colour_is_told(size, bend, colour):
     plain = np.linspace(0, 1, size)
     ramp = np.tile(plain, (3, 1))
     ramp[colour] = bend(plain)
-    assert "gamma ramp" in what_ramp_does(np.round(65535 * ramp).astype(np.uint16))
+    assert "gamma ramp" in gamma_ramp_error(np.round(65535 * ramp).astype(np.uint16))
 
 
 # The account.
@@ -217,13 +217,13 @@ def play(delays, frames=3, takes=0.002):
     """What a player tells whose process stood still for `delays` before each refresh."""
     screen = Screen()
     screen.takes = takes
-    player = Player(frames, 0.010, screen.draw, lambda: screen.time)
+    player = VideoPlayer(frames, 0.010, screen.draw, lambda: screen.time)
     number = 0
     for delay in delays:
         screen.time = max(screen.time, number * 0.010) + delay
         # The server tells the refresh that was wished for, or the latest.
         number = max(number, int(screen.time / 0.010 + 1e-9))
-        number = player.refreshed(number, number * 0.010)
+        number = player.on_refresh(number, number * 0.010)
     return player.presentations(), screen.drawn
 
 
@@ -249,10 +249,10 @@ def test_a_computer_that_is_too_slow_misses_every_other_refresh():
 
 def test_a_frame_that_no_refresh_showed_is_missed():
     now = [0.0]
-    player = Player(5, 0.010, lambda index: None, lambda: now[0])
+    player = VideoPlayer(5, 0.010, lambda index: None, lambda: now[0])
     for time in (0.0, 0.001, 0.010):
         now[0] = time
-        player.refreshed(0, time)
+        player.on_refresh(0, time)
     assert player.presentations().missed == 1
 
 
@@ -260,14 +260,14 @@ def test_a_frame_that_no_refresh_showed_is_missed():
 def test_refreshes_that_are_told_late_are_neither_lost_nor_counted_twice(lateness):
     """As a busy server tells them that makes them up; one real miss lies behind them."""
     now = [0.0]
-    player = Player(5, 0.010, lambda index: None, lambda: now[0])
+    player = VideoPlayer(5, 0.010, lambda index: None, lambda: now[0])
     for number, late in enumerate([0.0] * 20 + list(lateness)):
         now[0] = (number + late) * 0.010
-        player.refreshed(number, now[0])
+        player.on_refresh(number, now[0])
     number += 2
     for later in range(5):
         now[0] = (number + later) * 0.010
-        player.refreshed(number + later, now[0])
+        player.on_refresh(number + later, now[0])
     told = player.presentations()
     # A frame that seems to come too late, and the next one too soon, are a miss each.
     assert 1 <= told.missed <= 1 + 2 * sum(late > 0.5 for late in lateness)
@@ -275,8 +275,8 @@ def test_refreshes_that_are_told_late_are_neither_lost_nor_counted_twice(latenes
 
 def test_a_video_that_stands_still_is_late_before_it_goes_on():
     now = [0.0]
-    player = Player(5, 0.010, lambda index: None, lambda: now[0])
-    player.refreshed(0, 0.0)
+    player = VideoPlayer(5, 0.010, lambda index: None, lambda: now[0])
+    player.on_refresh(0, 0.0)
     assert player.presentations().missed == 0
     now[0] = 0.1
     assert player.presentations().missed == 8

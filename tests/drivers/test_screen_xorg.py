@@ -18,7 +18,7 @@ from drivers import ports
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from drivers.screen import ScreenSLM, driver, identify
+from drivers.screen import ScreenSLM, driver, identify_screens
 from drivers.x11 import ScreenReader, XConnection
 from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
@@ -85,12 +85,12 @@ def test_every_pixel_is_shown_whatever_scales_the_desktop(bench, rng, scale, man
 
 def test_neutral_at_the_start_and_at_the_end(bench, rng):
     with opened(bench) as slm:
-        assert slm.shown == "neutral"
+        assert slm.displayed_pattern == "neutral"
         assert not bench.pixels()[PANEL].any()
         slm.show("noise", noise(rng))
-        assert slm.shown == "noise"
+        assert slm.displayed_pattern == "noise"
         slm.make_safe()
-        assert slm.shown == "neutral"
+        assert slm.displayed_pattern == "neutral"
         assert not bench.pixels()[PANEL].any()
 
 
@@ -100,21 +100,21 @@ def test_a_setting_stands_after_the_panel_has_settled(bench, rng):
         before = clock.now()
         setting = slm.show("noise", noise(rng))
         after = clock.now()
-    assert setting.asked == setting.actual == "noise"
+    assert setting.request == setting.actual == "noise"
     assert before + 1 < setting.ready_at <= after + 1 + slm.frame_time
 
 
 def test_the_reader_sees_what_xwd_sees(bench, slm, rng):
     with ScreenReader(bench.display, (1280, 0, 1920, 1080)) as reader:
-        assert reader.changed()
+        assert reader.has_changed()
         # Right after it was opened, a screen may be painted more than once.
-        wait_for(lambda: not reader.changed(), "unchanged")
+        wait_for(lambda: not reader.has_changed(), "unchanged")
         grey = noise(rng)
         slm.show("noise", grey)
-        wait_for(reader.changed, "a change")
+        wait_for(reader.has_changed, "a change")
         assert (reader.grey() == bench.pixels()[PANEL][..., 1]).all()
         assert (reader.colours() == grey[..., None]).all()
-        wait_for(lambda: not reader.changed(), "unchanged")
+        wait_for(lambda: not reader.has_changed(), "unchanged")
 
 
 ON_TOP = """
@@ -148,7 +148,7 @@ def intruder(server):
 def show_and_look(slm, grey):
     """On a busy computer a window may come back only after the picture was found right."""
     slm.show("under it", grey)
-    wait_for(lambda: not slm.shown, "an error")
+    wait_for(lambda: not slm.displayed_pattern, "an error")
 
 
 def is_on_top(server):
@@ -175,26 +175,26 @@ def test_a_window_that_stays_on_top_is_named_with_its_place(bench, slm, rng):
 
 def test_a_video_that_is_covered_is_told_at_the_next_call(bench, slm, rng):
     slm.play("video", noise(rng, 5, 1080, 1920))
-    assert slm.shown == "video"
+    assert slm.displayed_pattern == "video"
     with intruder(bench):
         wait_for(lambda: is_on_top(bench), "a window on top")
 
         def told() -> bool:
             try:
-                return not slm.shown
+                return not slm.displayed_pattern
             except DeviceError as error:
                 return "on top" in str(error)
 
         # It looks twice a second, as soon as the machine has time for it.
         wait_for(told, "a word of what is on top")
     slm.make_safe()
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
 
 
 def saver(server) -> int:
     """What MIT-SCREEN-SAVER's QueryInfo tells: 1 is on."""
     with XConnection(server.display) as x:
-        return x.call("MIT-SCREEN-SAVER", 1, "I", x.setup.root)[1]
+        return x.query_extension("MIT-SCREEN-SAVER", 1, "I", x.setup.root)[1]
 
 
 def test_no_screen_saver_comes_while_it_is_open(bench, rng):
@@ -289,14 +289,14 @@ def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
 
 
 def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, rng, monkeypatch):
-    monkeypatch.setattr(driver, "_CALL", REPLYING)
+    monkeypatch.setattr(driver, "_CALL_TIMEOUT", REPLYING)
     with opened(bench) as slm:
         slm.show("noise", noise(rng))
         be_patient(monkeypatch)
         os.kill(process_of(slm), signal.SIGSTOP)
         with pytest.raises(DeviceError, match="no answer within 4 s; its process was killed"):
             slm.show("more", noise(rng))
-        assert slm.shown == "neutral"
+        assert slm.displayed_pattern == "neutral"
         grey = noise(rng)
         slm.show("again", grey)
         assert (bench.pixels()[PANEL] == grey[..., None]).all()
@@ -310,7 +310,7 @@ def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
     neighbour, process = bench.pixels()[NEIGHBOUR], process_of(slm)
     bench.xrandr("--output DUMMY1 --off")
     for call in (
-        lambda: slm.shown,
+        lambda: slm.displayed_pattern,
         lambda: slm.show("noise", noise(rng)),
         lambda: slm.play("video", noise(rng, 2, 1080, 1920)),
         lambda: slm.health(),
@@ -323,7 +323,7 @@ def test_an_unplugged_screen_is_named_and_found_again(bench, slm, rng):
         assert process_of(slm) == process
         assert (bench.pixels()[:1024, :1280] == neighbour[:1024]).all()
     lay_out(bench)
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
     assert not bench.pixels()[PANEL].any()
     grey = noise(rng)
     slm.show("again", grey)
@@ -336,14 +336,14 @@ def test_a_screen_unplugged_between_two_calls_is_neutral(bench, slm, rng):
     bench.xrandr("--output DUMMY1 --off")
     lay_out(bench)
     wait_for(lambda: not bench.pixels()[PANEL].any(), "neutral")
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
     assert slm.health()["screen lost"] == "1 times"
 
 
 def test_a_screen_that_moves_is_followed(bench, slm, rng):
     slm.show("noise", noise(rng))
     bench.xrandr("--output DUMMY1 --pos 0x0 --output DUMMY0 --pos 1920x0")
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
     grey = noise(rng)
     slm.show("there", grey)
     assert (bench.pixels()[:1080, :1920] == grey[..., None]).all()
@@ -406,7 +406,7 @@ def tell_edid(server, data: bytes) -> None:
         listed = server.xrandr("--verbose").split("DUMMY1 ")[1]
         number = int(listed.split("Identifier:")[1].split()[0], 16)
         given = (number, x.atom("EDID"), 19, 8, 0, len(data), data)
-        x.order("RANDR", 13, "IIIBBxxI128s", *given)
+        x.send_extension_request("RANDR", 13, "IIIBBxxI128s", *given)
         x.atom("done")
 
 
@@ -456,7 +456,7 @@ def test_screens_are_listed_among_what_is_plugged_in(bench, monkeypatch):
 
 
 def test_each_screen_is_named_on_itself(bench):
-    there = identify(bench.display, seconds=0.1)
+    there = identify_screens(bench.display, seconds=0.1)
     assert [output.name for output in there] == ["DUMMY0", "DUMMY1"]
     assert [output.primary for output in there] == [True, False]
     assert there[1].region == (1280, 0, 1920, 1080)

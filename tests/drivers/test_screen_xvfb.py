@@ -14,11 +14,11 @@ from xservers import REPLYING, be_patient, wait_for, xvfb
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import SLM, Surroundings
-from drivers.screen import ScreenSLM, driver, identify
-from drivers.supervised import Supervised
+from drivers.screen import ScreenSLM, driver, identify_screens
+from drivers.supervised import SupervisedDevice
 from drivers.x11 import ScreenReader, XConnection, XError
-from drivers.x11.shared import SharedMemory
-from simulator.screens import started
+from drivers.x11.shared_memory import XSharedMemory
+from simulator.screens import running_server
 
 pytestmark = pytest.mark.xvfb
 
@@ -114,21 +114,21 @@ def test_a_video_is_played_and_told(slm, rng):
     assert (told.frames == np.arange(told.count) % 7).all()
     assert (np.diff(told.times) > 0).all()
     assert slm.health()["video paced by"] == "the screen's refreshes"
-    assert slm.shown == "video"
+    assert slm.displayed_pattern == "video"
 
 
 def test_a_dead_window_comes_back_neutral(server, slm, rng):
     slm.show("noise", noise(rng))
     os.kill(process_of(slm), signal.SIGKILL)
-    wait_for(lambda: slm._window.dead, "its end")
-    assert slm.shown == "neutral"
+    wait_for(lambda: slm._window.is_dead, "its end")
+    assert slm.displayed_pattern == "neutral"
     grey = noise(rng)
     slm.show("again", grey)
     assert (server.pixels() == grey[..., None]).all()
 
 
 def test_a_supervised_panel_that_was_killed_is_named_and_revived(server, rng):
-    with Supervised("slm", lambda: make(server)) as watched:
+    with SupervisedDevice("slm", lambda: make(server)) as watched:
         watched.show("noise", noise(rng))
         watched._device.kill()
         with pytest.raises(DeviceError) as caught:
@@ -136,7 +136,7 @@ def test_a_supervised_panel_that_was_killed_is_named_and_revived(server, rng):
         assert caught.value.role == "slm"
         watched.revive()
         watched.show("noise", noise(rng))
-        assert watched.shown == "noise"
+        assert watched.displayed_pattern == "noise"
     wait_for(lambda: not server.pixels().any(), "nothing on the screen")
 
 
@@ -147,36 +147,36 @@ def test_a_closed_panel_says_so(server):
     with slm:
         slm.make_safe()
     with pytest.raises(DeviceError, match="closed"):
-        assert slm.shown
+        assert slm.displayed_pattern
 
 
 def test_a_server_that_hangs_or_goes_is_an_error_in_time(rng, monkeypatch):
     """Under watch: a call that takes longer than its documented time leaves a dead device."""
-    monkeypatch.setattr(driver, "_CALL", REPLYING)
-    with xvfb(160, 120) as own, Supervised("slm", lambda: make(own)) as slm:
+    monkeypatch.setattr(driver, "_CALL_TIMEOUT", REPLYING)
+    with xvfb(160, 120) as own, SupervisedDevice("slm", lambda: make(own)) as slm:
         slm.show("noise", noise(rng))
         os.kill(own.process, signal.SIGSTOP)
         try:
-            for call in (lambda: slm.show("noise", noise(rng)), lambda: slm.shown):
+            for call in (lambda: slm.show("noise", noise(rng)), lambda: slm.displayed_pattern):
                 with pytest.raises(DeviceError):
                     call()
-                assert not slm.dead
+                assert not slm.failure_reason
             with pytest.raises(XError, match="doesn't answer"):
                 XConnection(own.display)
         finally:
             os.kill(own.process, signal.SIGCONT)
         be_patient(monkeypatch)
         slm.show("noise", noise(rng))
-        assert slm.shown == "noise"
+        assert slm.displayed_pattern == "noise"
         os.kill(own.process, signal.SIGKILL)
         for _ in range(2):
             with pytest.raises(DeviceError):
                 slm.show("noise", noise(rng))
-            assert not slm.dead
+            assert not slm.failure_reason
 
 
 def test_names_are_written_on_the_screen(server):
-    (there,) = identify(server.display, seconds=0.1)
+    (there,) = identify_screens(server.display, seconds=0.1)
     assert there.region == (0, 0, 160, 120)
     assert there.primary
 
@@ -197,12 +197,12 @@ def test_a_part_of_the_screen_can_be_read(server, slm, rng):
 def test_a_reader_tells_whether_something_was_drawn(server, slm, rng):
     """On a busy machine a window is painted again, and the server tells of it late."""
     with ScreenReader(server.display) as reader:
-        assert reader.changed()
+        assert reader.has_changed()
         for _ in range(2):
-            wait_for(lambda: not reader.changed(), "unchanged")
+            wait_for(lambda: not reader.has_changed(), "unchanged")
             slm.show("noise", noise(rng))
-            wait_for(reader.changed, "a change")
-        wait_for(lambda: not reader.changed(), "unchanged")
+            wait_for(reader.has_changed, "a change")
+        wait_for(lambda: not reader.has_changed(), "unchanged")
 
 
 def test_what_is_not_on_the_screen_cannot_be_read(server):
@@ -215,7 +215,7 @@ def test_a_server_that_cannot_share_memory_is_read_all_the_same(server, slm, rng
     def refused(*_):
         raise XError("not here")
 
-    monkeypatch.setattr(SharedMemory, "__init__", refused)
+    monkeypatch.setattr(XSharedMemory, "__init__", refused)
     grey = noise(rng)
     slm.show("noise", grey)
     with ScreenReader(server.display) as reader:
@@ -236,7 +236,7 @@ def test_no_shared_memory_is_left_behind(server):
 
 def test_a_screen_of_few_colours_cannot_be_read():
     with (
-        started(["Xvfb", "-screen", "0", "64x64x16"]) as poor,
+        running_server(["Xvfb", "-screen", "0", "64x64x16"]) as poor,
         pytest.raises(XError, match="isn't a screen of 8 bits a colour"),
     ):
         ScreenReader(poor.display)
@@ -247,29 +247,32 @@ def test_a_server_that_ended_is_named_and_its_next_one_is_found():
     command = ["Xvfb", f":{40000 + os.getpid() % 10000}", "-screen", "0", "160x120x24"]
     grey = noise(np.random.default_rng(0))
     with ExitStack() as first:
-        server = first.enter_context(started(command))
+        server = first.enter_context(running_server(command))
         with make(server) as slm:
             for _ in range(2):
                 slm.show("noise", grey)
-                assert slm.gone() == ""
+                assert slm.unplugged_reason() == ""
                 first.close()
-                wait_for(lambda: slm.gone() == f"the X server {server.display} has gone", "gone")
+                wait_for(
+                    lambda: slm.unplugged_reason() == f"the X server {server.display} has gone",
+                    "gone",
+                )
                 with pytest.raises(DeviceError, match=r"the X server .* has gone"):
                     slm.show("noise", grey)
                 with pytest.raises(DeviceError, match="no X server answers"):
                     slm.show("noise", grey)
-                first.enter_context(started(command))
+                first.enter_context(running_server(command))
                 slm.show("noise", grey)
-                assert slm.shown == "noise"
+                assert slm.displayed_pattern == "noise"
                 with ScreenReader(server.display) as reader:
                     assert (reader.grey() == grey).all()
 
 
 def test_an_output_that_is_off_is_gone_though_nobody_asks_the_window(slm, server):
-    assert slm.gone() == ""
+    assert slm.unplugged_reason() == ""
     off = ["xrandr", "--display", server.display, "--output", "screen", "--off"]
     # Xvfb refuses a screen of no size, and switches its only output off before that.
     subprocess.run(off, check=False, stderr=subprocess.DEVNULL, timeout=60)
-    assert "screens: none" in slm.gone()
+    assert "screens: none" in slm.unplugged_reason()
     server.xrandr("--output screen --mode 160x120")
-    assert slm.gone() == ""
+    assert slm.unplugged_reason() == ""

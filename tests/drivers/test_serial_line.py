@@ -12,8 +12,8 @@ from drivers.errors import DeviceError
 from drivers.serial_line import SerialLine
 from simulator.clock import VirtualClock
 from simulator.machines.machine import Reply
-from simulator.wire import Line, WireFault, plug_in, unplug
-from simulator.wire.pty import ServedLine
+from simulator.wire import SimulatedLine, WireFault, plug_in, unplug
+from simulator.wire.pty import PtyLine
 
 
 class Echo:
@@ -22,7 +22,7 @@ class Echo:
     def feed(self, data, t):
         return [Reply(t, data)] if data else []
 
-    def suffer(self, kind):
+    def set_fault(self, kind):
         pass
 
 
@@ -33,7 +33,7 @@ def clock():
 
 @pytest.fixture
 def wire(clock):
-    line = Line(Echo(), baudrate=9600)
+    line = SimulatedLine(Echo(), baudrate=9600)
     plug_in("echo", line, clock)
     yield line
     unplug("echo")
@@ -56,7 +56,7 @@ def test_what_is_written_comes_back_after_its_time(port, clock):
 
 
 def test_a_timeout_costs_virtual_time_only_and_tells_what_came(port, clock):
-    port.in_step = True
+    port.in_sync = True
     port.write(b"abc", "say abc")
     with pytest.raises(
         DeviceError, match=r"say abc: it broke off after b'abc': no more within 500 s"
@@ -64,8 +64,8 @@ def test_a_timeout_costs_virtual_time_only_and_tells_what_came(port, clock):
         port.read_until(b"\r", "say abc", 500.0)
     assert clock.now() == pytest.approx(500.0)
     assert "cable" in e.value.remedy
-    assert not port.in_step
-    assert port.settle(0.1, 1.0) == b"abc"
+    assert not port.in_sync
+    assert port.drain(0.1, 1.0) == b"abc"
     with pytest.raises(DeviceError, match="no reply within 2 s"):
         port.read(1, "read", 2.0)
 
@@ -80,11 +80,11 @@ def test_all_reads_end_within_what_is_granted_to_them_together(port, clock):
 
 def test_settling_discards_until_it_is_quiet(port, clock):
     port.write(b"x" * 96, "babble")
-    assert port.settle(0.05, 1.0) == b"x" * 96
+    assert port.drain(0.05, 1.0) == b"x" * 96
     assert clock.now() == pytest.approx(97 * 10 / 9600 + 0.05)
     port.write(b"x" * 960, "babble")
     with pytest.raises(DeviceError, match="doesn't stop talking"):
-        port.settle(0.05, 0.5)
+        port.drain(0.05, 0.5)
 
 
 def test_a_port_that_was_pulled_is_opened_again_by_the_next_command(port, wire, clock):
@@ -107,7 +107,7 @@ def test_a_port_pulled_and_mended_unseen_is_dead_all_the_same(port, wire, clock)
     clock.wait_until(1.0, lambda: False)
     wire.receive(1.0)
     wire.inject(WireFault("disconnect"))
-    wire.mend()
+    wire.clear_faults()
     with pytest.raises(DeviceError, match="disconnected"):
         port.write(b"a", "say a")
     port.write(b"a", "say a")
@@ -143,7 +143,7 @@ def test_a_port_that_cannot_be_opened_is_a_device_error(url, said, wire, clock):
 
 def test_a_read_is_ended_from_outside(tmp_path):
     clock = RealClock()
-    with ServedLine(Line(Echo(), baudrate=9600), tmp_path / "tty", clock):
+    with PtyLine(SimulatedLine(Echo(), baudrate=9600), tmp_path / "tty", clock):
         port = SerialLine("echo", str(tmp_path / "tty"), clock, baudrate=9600)
         port.open()
         port.write(b"ab", "wait")
@@ -156,8 +156,8 @@ def test_a_read_is_ended_from_outside(tmp_path):
 
 def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
     clock, path = RealClock(), tmp_path / "tty"
-    wire = Line(Echo(), baudrate=9600)
-    with ServedLine(wire, path, clock):
+    wire = SimulatedLine(Echo(), baudrate=9600)
+    with PtyLine(wire, path, clock):
         port = SerialLine("echo", str(path), clock, baudrate=9600)
         port.open()
         with pytest.raises(DeviceError, match="other program"):
@@ -172,7 +172,7 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
             port.read(1, "read", 5.0)
         with pytest.raises(DeviceError, match="there is no such port"):
             port.write(b"x", "say x")
-        wire.mend()
+        wire.clear_faults()
         while not path.exists():
             time.sleep(0.01)
         port.write(b"x", "say x")
@@ -185,7 +185,7 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_spy_writes_down_what_was_said(tmp_path):
     clock = RealClock()
-    with ServedLine(Line(Echo(), baudrate=115200), tmp_path / "tty", clock):
+    with PtyLine(SimulatedLine(Echo(), baudrate=115200), tmp_path / "tty", clock):
         url = f"spy://{tmp_path}/tty?file={tmp_path}/talk.txt"
         port = SerialLine("echo", url, clock, baudrate=115200)
         port.write(b"abc", "say abc")
@@ -195,14 +195,14 @@ def test_a_spy_writes_down_what_was_said(tmp_path):
 
 
 def test_a_port_that_is_no_file_any_more_is_gone(tmp_path, port, clock):
-    assert port.gone() is None
+    assert port.unplugged_reason() is None
     path = tmp_path / "ttyUSB0"
     line = SerialLine("echo", str(path), clock, baudrate=9600)
-    assert line.gone() == f"port {path} isn't there any more"
+    assert line.unplugged_reason() == f"port {path} isn't there any more"
     path.touch()
-    assert line.gone() == ""
+    assert line.unplugged_reason() == ""
     path.rename(tmp_path / "pts")
     path.symlink_to(tmp_path / "pts")
-    assert line.gone() == ""
+    assert line.unplugged_reason() == ""
     (tmp_path / "pts").unlink()
-    assert "isn't there" in line.gone()
+    assert "isn't there" in line.unplugged_reason()

@@ -69,7 +69,7 @@ def test_the_bytes_of_a_move_are_those_of_the_handbook():
 
 def test_it_has_the_wheel_count_its_filters_where_it_does_not_know():
     with (
-        Bench(StarlightWheelMachine(counted=False, position=3, step=0.1)) as bench,
+        Bench(StarlightWheelMachine(slots_known=False, position=3, step=0.1)) as bench,
         opened(bench) as wheel,
     ):
         assert bench.sent[:4] == [question(0, 0), answer(3, 0), question(0, 1), answer(0, 0)]
@@ -79,7 +79,7 @@ def test_it_has_the_wheel_count_its_filters_where_it_does_not_know():
 
 def test_while_it_counts_it_says_so():
     with Bench(StarlightWheelMachine(step=0.1)) as bench, opened(bench) as wheel:
-        bench.machine.power(bench.clock.now())
+        bench.machine.power_up(bench.clock.now())
         told = wheel.health()
         assert (told["slots"], told["slot"]) == ("not counted yet", "turning")
 
@@ -91,7 +91,7 @@ def test_counting_can_be_asked_for():
 
 def test_a_wheel_that_just_got_power_is_waited_for():
     machine = StarlightWheelMachine(position=5, step=1.9)
-    machine.power(0.0)
+    machine.power_up(0.0)
     with Bench(machine) as bench, opened(bench) as wheel:
         assert bench.clock.now() > 10 * 1.9
         assert wheel.slot == 1
@@ -100,7 +100,7 @@ def test_a_wheel_that_just_got_power_is_waited_for():
 
 def test_the_light_sees_each_slot_that_crosses_it_but_none_to_be_avoided():
     seen = []
-    machine = StarlightWheelMachine(step=0.1, turned=seen.append)
+    machine = StarlightWheelMachine(step=0.1, on_slot=seen.append)
     with Bench(machine) as bench, opened(bench, avoid=[1]) as wheel:
         wheel.set_slot(2)
         del seen[:]
@@ -122,11 +122,11 @@ def test_a_stuck_wheel_is_named():
         bench.plug.inject(WireFault("stuck"))
         with pytest.raises(DeviceError, match=r"turn to slot 3: it stands at slot 1 after 10 s"):
             wheel.set_slot(3)
-        bench.plug.mend()
+        bench.plug.clear_faults()
         bench.plug.inject(WireFault("busy forever"))
         with pytest.raises(DeviceError, match=r"read the slot: it is still turning after 10 s"):
             _ = wheel.slot
-        bench.plug.mend()
+        bench.plug.clear_faults()
 
 
 def test_an_unplugged_wheel_is_named_within_a_second_and_works_again():
@@ -162,7 +162,7 @@ def test_late_answers_are_not_taken_for_the_next_ones():
         for _ in range(4):
             with pytest.raises(DeviceError, match=r"no answer within 1 s"):
                 wheel.set_slot(5)
-        bench.plug.mend()
+        bench.plug.clear_faults()
         assert wheel.set_slot(2).actual == 2 == bench.place
 
 
@@ -170,13 +170,13 @@ def test_late_answers_are_not_taken_for_the_next_ones():
 @given(st.lists(st.binary(max_size=4), max_size=8), st.sampled_from(sorted(COMMANDS)))
 def test_answers_of_any_bytes_are_survived(answers, name):
     with Bench(StarlightWheelMachine(step=0.1)) as bench, opened(bench, step_ms=200) as wheel:
-        left, out = list(answers), bench.machine.out
+        left, out = list(answers), bench.machine.write
 
         def strange(endpoint, data, t):
             reports = out(endpoint, data, t)
             return [report._replace(data=left.pop(0)) if left else report for report in reports]
 
-        bench.machine.out = strange
+        bench.machine.write = strange
         began = bench.clock.now()
         with contextlib.suppress(DeviceError):
             ask(wheel, name)

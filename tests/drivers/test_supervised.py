@@ -13,7 +13,7 @@ import pytest
 from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting
-from drivers.supervised import Supervised, SupervisedCamera
+from drivers.supervised import SupervisedCamera, SupervisedDevice
 from drivers.worker import Worker
 
 PATIENCE = 60
@@ -132,10 +132,10 @@ class Maker:
 
 @pytest.fixture(autouse=True)
 def short_times(monkeypatch):
-    monkeypatch.setattr(supervised, "OPENING", PATIENCE)
-    monkeypatch.setattr(supervised, "_MARGIN", 0.2)
-    monkeypatch.setattr(supervised, "_GRACE", 0.2)
-    monkeypatch.setattr(supervised, "_KILLING", PATIENCE)
+    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.2)
+    monkeypatch.setattr(supervised, "_CANCEL_GRACE", 0.2)
+    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", PATIENCE)
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def killed(device, call="show"):
 
 
 def test_every_call_runs_in_the_devices_own_thread(make):
-    with Supervised("slm", make.then()) as slm:
+    with SupervisedDevice("slm", make.then()) as slm:
         assert slm.temperature == 21.5
         slm.show("ring", 7)
         slm.make_safe()
@@ -203,42 +203,42 @@ def test_every_call_runs_in_the_devices_own_thread(make):
 
 
 def test_two_devices_have_two_threads(make):
-    with Supervised("slm", make.then()), Supervised("filter", make):
+    with SupervisedDevice("slm", make.then()), SupervisedDevice("filter", make):
         one, other = (device.threads[0] for device in make.devices)
         assert one is not other
 
 
 def test_results_come_through(make):
-    with Supervised("slm", make.then()) as slm:
+    with SupervisedDevice("slm", make.then()) as slm:
         assert slm.identity == Identity("modest", "7", simulated=False)
         assert slm.levels == 256
         assert slm.show("ring", 7) == Setting("ring", "ring 7", 3.0)
         assert slm.show("ring", grey=8) == Setting("ring", "ring 8", 3.0)
-        assert slm.dead == ""
+        assert slm.failure_reason == ""
 
 
 @pytest.mark.parametrize("error", [ValueError("out of range"), KeyError("ring"), OSError(5, "x")])
 def test_errors_come_through_and_the_device_lives(error, make):
-    with Supervised("slm", make.then()) as slm:
+    with SupervisedDevice("slm", make.then()) as slm:
         with pytest.raises(type(error)) as caught:
             slm.fail(error)
         assert caught.value is error
-        assert slm.dead == ""
+        assert slm.failure_reason == ""
         assert slm.temperature == 21.5
 
 
 def test_a_device_error_comes_through_and_says_which_of_the_bench_it_is(make):
-    with Supervised("filter", make.then()) as tuned:
+    with SupervisedDevice("filter", make.then()) as tuned:
         with pytest.raises(
             DeviceError, match=r"modest: W 900: out of range. Choose less"
         ) as caught:
             tuned.fail(DeviceError("modest", "W 900", "out of range", "Choose less"))
         assert caught.value.role == "filter"
-        assert tuned.dead == ""
+        assert tuned.failure_reason == ""
 
 
 def test_an_unknown_name_is_an_attribute_error(make):
-    with Supervised("filter", make.then()) as tuned:
+    with SupervisedDevice("filter", make.then()) as tuned:
         assert not hasattr(tuned, "set_slot")
         assert hasattr(tuned, "show")
         with pytest.raises(AttributeError, match="set_slot"):
@@ -246,11 +246,11 @@ def test_an_unknown_name_is_an_attribute_error(make):
         with pytest.raises(AttributeError, match="filter has no _secret"):
             _ = tuned._secret
     with pytest.raises(AttributeError):
-        _ = Supervised.__new__(Supervised).anything
+        _ = SupervisedDevice.__new__(SupervisedDevice).anything
 
 
 def test_a_device_that_is_not_open_says_so(make):
-    slm = Supervised("slm", make.then())
+    slm = SupervisedDevice("slm", make.then())
     for words in ("is not open", "is closed"):
         for call in (
             lambda: slm.temperature,
@@ -273,7 +273,7 @@ def test_what_is_entered_may_be_another_than_what_was_made(make):
             make.devices.append(inside)
             return inside
 
-    with Supervised("slm", make.then(Door)) as slm:
+    with SupervisedDevice("slm", make.then(Door)) as slm:
         slm.show("ring", 7)
     door, inside = make.devices
     assert door.calls == ["make"]
@@ -284,7 +284,7 @@ def test_what_is_entered_may_be_another_than_what_was_made(make):
 
 
 def test_a_call_that_never_ends_is_a_device_error_that_names_it(make):
-    with Supervised("slm", make.then(Modest, ["show"])) as slm:
+    with SupervisedDevice("slm", make.then(Modest, ["show"])) as slm:
         with pytest.raises(
             DeviceError,
             match=r"^modest: show: hangs: no answer within 0\.4 s; it was given up\. Look at the",
@@ -292,22 +292,22 @@ def test_a_call_that_never_ends_is_a_device_error_that_names_it(make):
             slm.show("ring", 0)
         error = caught.value
         assert (error.device, error.command, error.role) == ("modest", "show", "slm")
-        assert slm.dead == "hung at show, and it was given up"
+        assert slm.failure_reason == "hung at show, and it was given up"
 
 
 def test_a_value_that_is_never_told_is_a_hang_too(make):
-    with Supervised("slm", make.then(Modest, ["temperature"])) as slm:
+    with SupervisedDevice("slm", make.then(Modest, ["temperature"])) as slm:
         with pytest.raises(DeviceError, match="modest: temperature: hangs"):
             _ = slm.temperature
-        assert slm.dead
+        assert slm.failure_reason
 
 
 def test_later_calls_to_a_dead_device_fail_at_once(make, monkeypatch):
-    with Supervised("slm", make.then(Modest, ["show"])) as slm:
+    with SupervisedDevice("slm", make.then(Modest, ["show"])) as slm:
         show = slm.show
         killed(slm)
         # Whoever waited now would wait for days.
-        monkeypatch.setattr(supervised, "_MARGIN", AGES)
+        monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", AGES)
         device = make.devices[0]
         before = list(device.calls)
         for call in (lambda: slm.temperature, lambda: show("x", 0), lambda: slm.unheard_of):
@@ -317,10 +317,10 @@ def test_later_calls_to_a_dead_device_fail_at_once(make, monkeypatch):
 
 
 def test_a_hung_device_that_can_be_killed_is_killed_and_left(make):
-    with Supervised("slm", make.then(Killable, ["show"])) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["show"])) as slm:
         with pytest.raises(DeviceError, match=r"hangs: no answer within .*; it was killed"):
             slm.show("ring", 0)
-        assert slm.dead == "hung at show, and it was killed"
+        assert slm.failure_reason == "hung at show, and it was killed"
         device = make.devices[0]
         assert device.calls[-3:] == ["show", "kill", "exit"]
         assert has_ended(device.threads[0])
@@ -332,9 +332,9 @@ def test_a_killed_device_that_hangs_when_it_is_left_is_no_hindrance(make, monkey
             super().__exit__()
             threading.Event().wait(PATIENCE if self.released.is_set() else 0)
 
-    monkeypatch.setattr(supervised, "_KILLING", 1.0)
+    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 1.0)
     with (
-        Supervised("slm", make.then(Stubborn, ["show"])) as slm,
+        SupervisedDevice("slm", make.then(Stubborn, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was killed"),
     ):
         slm.show("ring", 0)
@@ -345,9 +345,9 @@ def test_a_kill_that_does_not_help_is_told_as_it_is(make, monkeypatch):
         def kill(self):
             raise OSError("no such process")
 
-    monkeypatch.setattr(supervised, "_KILLING", 0.1)
+    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 0.1)
     with (
-        Supervised("slm", make.then(Undead, ["show"])) as slm,
+        SupervisedDevice("slm", make.then(Undead, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was given up"),
     ):
         slm.show("ring", 0)
@@ -358,9 +358,9 @@ def test_a_kill_that_hangs_is_not_waited_for(make, monkeypatch):
         def kill(self):
             self.released.wait()
 
-    monkeypatch.setattr(supervised, "_KILLING", 0.1)
+    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 0.1)
     with (
-        Supervised("slm", make.then(Undead, ["show"])) as slm,
+        SupervisedDevice("slm", make.then(Undead, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was given up"),
     ):
         slm.show("ring", 0)
@@ -373,7 +373,7 @@ import threading
 from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity
-supervised._MARGIN = 0.1
+supervised._TIMEOUT_MARGIN = 0.1
 
 class Hung:
     reply_time = 0.1
@@ -382,7 +382,7 @@ class Hung:
     def __exit__(self, *error): pass
     def show(self): threading.Event().wait()
 
-with supervised.Supervised("slm", Hung) as slm:
+with supervised.SupervisedDevice("slm", Hung) as slm:
     try:
         slm.show()
     except DeviceError as error:
@@ -414,7 +414,7 @@ def test_a_call_behind_a_longer_one_waits_for_its_turn(make):
 
 def test_what_waits_behind_a_hung_call_is_never_done(make):
     """A setting that reaches a device long after everybody gave it up would be a surprise."""
-    with Supervised("slm", make.then(Modest, ["show"])) as slm:
+    with SupervisedDevice("slm", make.then(Modest, ["show"])) as slm:
         device = make.devices[0]
         showing = Caller(lambda: slm.show("ring", 0))
         assert device.hanging.wait(PATIENCE)
@@ -432,11 +432,11 @@ def test_what_waits_behind_a_hung_call_is_never_done(make):
 
 
 def test_a_dead_device_is_replaced_by_a_new_one(make):
-    with Supervised("slm", make.then(Killable, ["show"]).then()) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["show"]).then()) as slm:
         show = slm.show
         killed(slm)
         slm.revive()
-        assert slm.dead == ""
+        assert slm.failure_reason == ""
         # What was looked up before is the new device's, too.
         assert show("ring", 1).actual == "ring 1"
     old, new = make.devices
@@ -446,7 +446,7 @@ def test_a_dead_device_is_replaced_by_a_new_one(make):
 
 
 def test_a_living_device_is_closed_before_it_is_opened_again(make):
-    with Supervised("slm", make.then()) as slm:
+    with SupervisedDevice("slm", make.then()) as slm:
         slm.revive()
         old, new = make.devices
         assert old.calls == ["make", "enter", "identity", "exit"]
@@ -464,12 +464,12 @@ def test_a_living_device_is_closed_before_it_is_opened_again(make):
     ],
 )
 def test_what_fails_to_open_again_stays_dead_and_may_be_tried_again(error, words, make):
-    with Supervised("slm", make.then(Killable, ["show"]).then(error).then()) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["show"]).then(error).then()) as slm:
         killed(slm)
         with pytest.raises(DeviceError, match=words) as caught:
             slm.revive()
         assert caught.value.role == "slm"
-        assert slm.dead.startswith("could not be opened: ")
+        assert slm.failure_reason.startswith("could not be opened: ")
         with pytest.raises(DeviceError, match="modest: temperature: the device could not be open"):
             _ = slm.temperature
         slm.revive()
@@ -479,18 +479,18 @@ def test_what_fails_to_open_again_stays_dead_and_may_be_tried_again(error, words
 def test_an_unknown_device_does_not_open(make):
     """What the bench file has wrong is told as it is."""
     error = ValueError("port is 9")
-    with pytest.raises(ValueError) as caught, Supervised("slm", make.then(error)):
+    with pytest.raises(ValueError) as caught, SupervisedDevice("slm", make.then(error)):
         pass
     assert caught.value is error
 
 
 def test_a_device_that_hangs_when_it_is_made_is_given_up(make, monkeypatch):
-    monkeypatch.setattr(supervised, "OPENING", 0.2)
-    slm = Supervised("slm", make.then(Modest, ["make"]))
+    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    slm = SupervisedDevice("slm", make.then(Modest, ["make"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: no answer within 0\.2 s") as caught:
         slm.__enter__()
     assert caught.value.role == "slm"
-    assert slm.dead == "hung at open, and it was given up"
+    assert slm.failure_reason == "hung at open, and it was given up"
     device = make.devices[0]
     device.released.set()
     assert has_ended(device.threads[0])
@@ -499,8 +499,8 @@ def test_a_device_that_hangs_when_it_is_made_is_given_up(make, monkeypatch):
 
 def test_a_device_that_opens_too_late_is_closed_again(make, monkeypatch):
     """Its port would be in use for whoever tries again."""
-    monkeypatch.setattr(supervised, "OPENING", 0.2)
-    slm = Supervised("slm", make.then(Modest, ["enter"]))
+    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    slm = SupervisedDevice("slm", make.then(Modest, ["enter"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: .* it was given up"):
         slm.__enter__()
     device = make.devices[0]
@@ -510,8 +510,8 @@ def test_a_device_that_opens_too_late_is_closed_again(make, monkeypatch):
 
 
 def test_a_device_that_hangs_when_it_is_entered_is_killed(make, monkeypatch):
-    monkeypatch.setattr(supervised, "OPENING", 0.2)
-    slm = Supervised("slm", make.then(Killable, ["enter"]))
+    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    slm = SupervisedDevice("slm", make.then(Killable, ["enter"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: .* it was killed"):
         slm.__enter__()
     device = make.devices[0]
@@ -527,7 +527,7 @@ def test_a_device_that_does_not_say_who_it_is_is_closed_again(make):
 
     with (
         pytest.raises(DeviceError, match=r"\*IDN\?: no reply"),
-        Supervised("slm", make.then(Nameless)),
+        SupervisedDevice("slm", make.then(Nameless)),
     ):
         pass
     device = make.devices[0]
@@ -539,10 +539,13 @@ def test_a_device_that_does_not_say_who_it_is_is_closed_again(make):
 
 
 def test_a_device_that_hangs_when_it_is_closed_is_given_up_and_logged(make, monkeypatch, caplog):
-    with caplog.at_level(logging.WARNING), Supervised("slm", make.then(Modest, ["exit"])) as slm:
-        monkeypatch.setattr(supervised, "OPENING", 0.2)
+    with (
+        caplog.at_level(logging.WARNING),
+        SupervisedDevice("slm", make.then(Modest, ["exit"])) as slm,
+    ):
+        monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
     assert "slm: closing: modest: close: hangs" in caplog.text
-    assert slm.dead == "hung at close, and it was given up"
+    assert slm.failure_reason == "hung at close, and it was given up"
 
 
 def test_what_a_device_says_to_being_closed_is_logged(make, caplog):
@@ -550,15 +553,15 @@ def test_what_a_device_says_to_being_closed_is_logged(make, caplog):
         def __exit__(self, *error):
             raise OSError(5, "stuck")
 
-    with caplog.at_level(logging.WARNING), Supervised("slm", make.then(Unwilling)) as slm:
+    with caplog.at_level(logging.WARNING), SupervisedDevice("slm", make.then(Unwilling)) as slm:
         pass
     assert "slm: closing: [Errno 5] stuck" in caplog.text
-    assert slm.dead == "is closed"
+    assert slm.failure_reason == "is closed"
     assert has_ended(make.devices[0].threads[0])
 
 
 def test_a_dead_device_is_not_closed(make):
-    with Supervised("slm", make.then(Modest, ["show"])) as slm:
+    with SupervisedDevice("slm", make.then(Modest, ["show"])) as slm:
         killed(slm)
     make.devices[0].released.set()
     assert has_ended(make.devices[0].threads[0])
@@ -570,7 +573,7 @@ def test_an_error_in_the_block_comes_through_a_device_that_fails_to_close(make):
         def __exit__(self, *error):
             raise OSError(5, "stuck")
 
-    with pytest.raises(ZeroDivisionError), Supervised("slm", make.then(Unwilling)):
+    with pytest.raises(ZeroDivisionError), SupervisedDevice("slm", make.then(Unwilling)):
         _ = 1 / 0
 
 
@@ -578,10 +581,10 @@ def test_an_error_in_the_block_comes_through_a_device_that_fails_to_close(make):
 
 
 def test_a_device_that_hangs_when_it_is_made_safe_is_named(make):
-    with Supervised("slm", make.then(Killable, ["make_safe"])) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["make_safe"])) as slm:
         with pytest.raises(DeviceError, match=r"modest: make safe: hangs: .* it was killed"):
             slm.make_safe()
-        assert slm.dead == "hung at make safe, and it was killed"
+        assert slm.failure_reason == "hung at make safe, and it was killed"
 
 
 def test_whatever_a_device_says_to_being_made_safe_is_a_device_error(make):
@@ -591,7 +594,7 @@ def test_whatever_a_device_says_to_being_made_safe_is_a_device_error(make):
         def make_safe(self):
             raise OSError(5, "stuck")
 
-    with Supervised("slm", make.then(Unwilling)) as slm:
+    with SupervisedDevice("slm", make.then(Unwilling)) as slm:
         finish = slm.begin_make_safe()
         with pytest.raises(DeviceError, match=r"modest: make safe: OSError: .*stuck") as caught:
             finish()
@@ -602,7 +605,7 @@ def test_a_device_without_the_means_to_be_made_safe_is_a_device_error(make):
     class Careless(Modest):
         make_safe = None
 
-    with Supervised("slm", make.then(Careless)) as slm:
+    with SupervisedDevice("slm", make.then(Careless)) as slm:
         finish = slm.begin_make_safe()
         with pytest.raises(DeviceError, match="modest: make safe: TypeError"):
             finish()
@@ -610,7 +613,7 @@ def test_a_device_without_the_means_to_be_made_safe_is_a_device_error(make):
 
 def test_a_hung_device_does_not_delay_the_others_safety(make):
     make.then(Modest, ["make_safe"]).then()
-    with Supervised("slm", make) as hung, Supervised("filter", make) as well:
+    with SupervisedDevice("slm", make) as hung, SupervisedDevice("filter", make) as well:
         finish = [device.begin_make_safe() for device in (hung, well)]
         # Nobody has waited for the first one yet.
         assert make.devices[0].hanging.wait(PATIENCE)
@@ -621,16 +624,16 @@ def test_a_hung_device_does_not_delay_the_others_safety(make):
 
 
 def test_a_dead_device_is_opened_again_to_be_made_safe(make):
-    with Supervised("slm", make.then(Killable, ["show"]).then()) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["show"]).then()) as slm:
         killed(slm)
         slm.make_safe()
         assert make.devices[1].calls == ["make", "enter", "identity", "make_safe"]
-        assert slm.dead == ""
+        assert slm.failure_reason == ""
 
 
 def test_a_dead_device_that_does_not_open_again_is_named_when_it_is_made_safe(make):
     error = OSError(19, "No such device")
-    with Supervised("slm", make.then(Killable, ["show"]).then(error)) as slm:
+    with SupervisedDevice("slm", make.then(Killable, ["show"]).then(error)) as slm:
         killed(slm)
         finish = slm.begin_make_safe()
         with pytest.raises(DeviceError, match=r"modest: open: OSError: .*No such device"):
@@ -639,7 +642,7 @@ def test_a_dead_device_that_does_not_open_again_is_named_when_it_is_made_safe(ma
 
 def test_dead_devices_are_opened_again_side_by_side(make):
     make.then(Killable, ["show"]).then(Killable, ["show"]).then(Modest, ["enter"]).then()
-    with Supervised("slm", make) as one, Supervised("filter", make) as other:
+    with SupervisedDevice("slm", make) as one, SupervisedDevice("filter", make) as other:
         killed(one)
         killed(other)
         first = one.begin_make_safe()
@@ -716,7 +719,7 @@ def test_a_camera_may_hang_when_its_exposure_is_set(make):
 
 
 def test_a_camera_that_hears_of_its_cancelling_returns_by_itself(make, monkeypatch):
-    monkeypatch.setattr(supervised, "_GRACE", PATIENCE)
+    monkeypatch.setattr(supervised, "_CANCEL_GRACE", PATIENCE)
     with SupervisedCamera("camera", make.then(Polling)) as camera:
         camera.set_exposure(AGES)
         stop = threading.Event()
@@ -725,7 +728,7 @@ def test_a_camera_that_hears_of_its_cancelling_returns_by_itself(make, monkeypat
         stop.set()
         assert capturing.ended()
         assert capturing.answer.number == 1
-        assert camera.dead == ""
+        assert camera.failure_reason == ""
 
 
 def test_a_camera_that_does_not_hear_of_its_cancelling_is_killed(make):
@@ -755,7 +758,7 @@ def test_a_capture_that_is_broken_off_is_cancelled(make):
             camera.capture(interrupted)
         assert make.devices[0].released.wait(PATIENCE)
         camera.make_safe()
-        assert camera.dead == ""
+        assert camera.failure_reason == ""
 
 
 # The thread.
@@ -765,9 +768,9 @@ def test_a_thread_does_one_thing_after_the_other():
     worker, gate, order = Worker("it"), threading.Event(), []
     first = worker.submit(lambda: gate.wait(PATIENCE))
     rest = [worker.submit(lambda n=n: order.append(n)) for n in range(5)]
-    assert not worker.ended
+    assert not worker.has_ended
     worker.end()
-    assert worker.ended
+    assert worker.has_ended
     assert not any(done.done() for done in (first, *rest))
     gate.set()
     assert len(wait(rest, PATIENCE).done) == 5
@@ -835,7 +838,7 @@ def test_a_thread_keeps_no_result():
 
 def test_a_device_that_says_that_it_gets_on_is_waited_for(monkeypatch):
     """Its steps are each in time; all of them together take much longer than one may."""
-    monkeypatch.setattr(supervised, "_MARGIN", 0.05)
+    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.05)
 
     class Slow(Modest):
         reply_time = 0.5
@@ -847,9 +850,9 @@ def test_a_device_that_says_that_it_gets_on_is_waited_for(monkeypatch):
                 self.alive_at = time.monotonic()
             return "done"
 
-    with Supervised("camera", Slow) as device:
+    with SupervisedDevice("camera", Slow) as device:
         assert device.work() == "done"
-        assert not device.dead
+        assert not device.failure_reason
 
 
 class Leaving(Modest):
@@ -857,7 +860,7 @@ class Leaving(Modest):
 
     why = ""
 
-    def gone(self):
+    def unplugged_reason(self):
         if self.why == "broken":
             raise RuntimeError("broken")
         return self.why
@@ -866,24 +869,24 @@ class Leaving(Modest):
 def test_whether_it_is_gone_is_told_while_a_call_lasts():
     device = Leaving()
     with SupervisedCamera("camera", lambda: device) as camera:
-        assert camera.tells_gone
-        assert camera.gone() == ""
+        assert camera.can_report_unplugging
+        assert camera.unplugged_reason() == ""
         device.hangs.add("capture")
         worker = Worker("run")
         done = worker.submit(lambda: camera.capture(lambda: False))
         assert device.hanging.wait(PATIENCE)
         device.why = "its plug is out"
-        assert camera.gone() == f"{device.identity.model}: its plug is out"
+        assert camera.unplugged_reason() == f"{device.identity.model}: its plug is out"
         assert not done.done()
         device.released.set()
         done.result(PATIENCE)
         worker.end()
         device.why = "broken"
-        assert camera.gone() is None
-    assert camera.gone() is None
+        assert camera.unplugged_reason() is None
+    assert camera.unplugged_reason() is None
 
 
 def test_a_device_that_cannot_tell_whether_it_is_gone_isnt_asked():
-    with Supervised("camera", Modest) as camera:
-        assert not camera.tells_gone
-        assert camera.gone() is None
+    with SupervisedDevice("camera", Modest) as camera:
+        assert not camera.can_report_unplugging
+        assert camera.unplugged_reason() is None

@@ -25,7 +25,7 @@ def plugged():
 
     def plug(**options):
         crossed = []
-        machine = ThorlabsWheelMachine(turned=crossed.append, **options)
+        machine = ThorlabsWheelMachine(on_slot=crossed.append, **options)
         benches.append(bench := Bench(machine))
         bench.crossed = crossed
         return bench
@@ -156,7 +156,7 @@ def test_a_stuck_wheel_is_named_with_the_slot_where_it_stands(plugged):
         bench.suffer("stuck")
         with pytest.raises(DeviceError, match="turn to slot 3: it stands at slot 1: it is stuck"):
             device.set_slot(3)
-        bench.line.mend()
+        bench.line.clear_faults()
         assert device.set_slot(3).actual == 3
 
 
@@ -265,7 +265,7 @@ class Chatter:
             replies.append(Reply(t + 0.001, self.says))
         return replies
 
-    def suffer(self, kind):
+    def set_fault(self, kind):
         pass
 
 

@@ -8,7 +8,7 @@ from drivers.errors import DeviceError
 from drivers.starlight_wheel import StarlightWheel
 from drivers.usb_link import UsbLink
 from drivers.usb_link.backend import load_backend
-from drivers.usb_link.explaining import udev_rule
+from drivers.usb_link.error_messages import udev_rule
 from simulator.machines.starlight_wheel import StarlightWheelMachine
 from simulator.wire.faults import WireFault
 
@@ -35,7 +35,7 @@ def test_who_is_given_up_lets_the_device_go(bench):
     wire = link(bench)
     with pytest.raises(DeviceError):
         wire.open()
-    bench.plug.mend()
+    bench.plug.clear_faults()
     wire.open()
     bench.plug.inject(WireFault("silence"))
     bench.plug._wait = lambda time: wire.cancel()
@@ -48,7 +48,7 @@ def test_the_system_gets_its_device_back(bench):
     wire = link(bench)
     wire.open()
     assert not bench.plug.kernel_driver
-    assert wire.told == ("Starlight Xpress", "SX Filter Wheel", "A", "1.00")
+    assert wire.identity == ("Starlight Xpress", "SX Filter Wheel", "A", "1.00")
     wire.close()
     assert bench.plug.kernel_driver
     wire.close()
@@ -82,7 +82,7 @@ def test_of_several_devices_the_serial_number_chooses(bench):
         link(bench).open()
     wire = link(bench, "B")
     wire.open()
-    assert wire.told.serial == "B"
+    assert wire.identity.serial == "B"
     wire.close()
     with pytest.raises(DeviceError, match="no USB device 1278:0920 with serial number C"):
         link(bench, "C").open()
@@ -121,7 +121,7 @@ def test_a_stalled_endpoint_is_cleared(bench):
     with pytest.raises(DeviceError, match=r"it refuses the command \(stall\)"):
         wire.write("ask", 0x01, b"\0\0")
     assert cleared == [0x01]
-    bench.plug.mend()
+    bench.plug.clear_faults()
     wire.write("ask", 0x01, b"\0\0")
     assert wire.read("ask", 0x81, 2) == b"\x01\x07"
     wire.close()
@@ -134,16 +134,16 @@ def test_silence_is_named_in_time(bench):
     with pytest.raises(DeviceError, match=r"ask: no answer within 0\.3 s"):
         wire.read("ask", 0x81, 2, 0.3)
     assert bench.clock.now() - began == pytest.approx(0.3)
-    assert wire.doubtful
+    assert wire.may_have_late_replies
     with pytest.raises(DeviceError, match="no answer within 1 s"):
         wire.read("ask", 0x81, 2, 77)
     wire.close()
 
 
 def test_a_device_that_never_stops_sending_is_named(bench):
-    from simulator.machines.usb import Report
+    from simulator.machines.usb import InputReport
 
-    bench.machine.out = lambda endpoint, data, t: [Report(t, 0x81, b"\0\0")] * 500
+    bench.machine.write = lambda endpoint, data, t: [InputReport(t, 0x81, b"\0\0")] * 500
     wire = link(bench)
     wire.write("ask", 0x01, b"\0\0")
     with pytest.raises(DeviceError, match="it doesn't stop sending"):
@@ -153,9 +153,9 @@ def test_a_device_that_never_stops_sending_is_named(bench):
 
 
 def test_more_than_was_asked_for_is_named(bench):
-    from simulator.machines.usb import Report
+    from simulator.machines.usb import InputReport
 
-    bench.machine.out = lambda endpoint, data, t: [Report(t, 0x81, b"\0" * 5)]
+    bench.machine.write = lambda endpoint, data, t: [InputReport(t, 0x81, b"\0" * 5)]
     wire = link(bench)
     wire.write("ask", 0x01, b"\0\0")
     with pytest.raises(DeviceError, match="it sent more than it was asked for"):
@@ -195,7 +195,7 @@ def test_a_device_of_no_strings_is_one_all_the_same():
         bench.machine.description = replace(bench.machine.description, maker="", name="")
         wire = link(bench)
         wire.open()
-        assert wire.told == ("", "", "", "1.00")
+        assert wire.identity == ("", "", "", "1.00")
         wire.close()
 
 
@@ -217,14 +217,14 @@ def test_many_openings_leave_nothing_behind(bench):
 
 def test_an_unplugged_device_is_gone_without_a_word_to_it(bench):
     wire = link(bench)
-    assert wire.gone() is None
+    assert wire.unplugged_reason() is None
     wire.open()
     asked = list(bench.sent)
-    assert wire.gone() == ""
+    assert wire.unplugged_reason() == ""
     bench.plug.inject(WireFault("disconnect", bench.clock.now()))
-    assert wire.gone() == "it was unplugged"
-    bench.plug.mend()
-    assert wire.gone() == ""
+    assert wire.unplugged_reason() == "it was unplugged"
+    bench.plug.clear_faults()
+    assert wire.unplugged_reason() == ""
     assert bench.sent == asked
 
 
@@ -232,6 +232,6 @@ def test_of_two_alike_it_is_enough_that_one_goes(bench):
     other = bench.bus.plug_in(StarlightWheelMachine(serial="B"))
     wire = link(bench, "B")
     wire.open()
-    assert wire.gone() == ""
+    assert wire.unplugged_reason() == ""
     other.inject(WireFault("disconnect", bench.clock.now()))
-    assert wire.gone() == "it was unplugged"
+    assert wire.unplugged_reason() == "it was unplugged"

@@ -11,12 +11,12 @@ from uvc_camera_machine import UvcCameraMachine
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted import Hosted
+from drivers.hosted import HostedDevice
 from drivers.interfaces import Camera, Device, Surroundings
 from drivers.supervised import SupervisedCamera
 from drivers.uvc import UVCCamera
-from drivers.uvc.latency import latency_of
-from drivers.uvc.pixels import to_numbers
+from drivers.uvc.latency import count_old_frames
+from drivers.uvc.pixel_decoding import decode_pixels
 
 UNIT = 1e-4
 
@@ -69,7 +69,7 @@ def test_exposures_are_set_in_units_of_100_us_and_read_back():
     behind = machine()
     with camera(behind) as one:
         setting = one.set_exposure(1.234e-3)
-        assert setting.asked == 1.234e-3
+        assert setting.request == 1.234e-3
         assert setting.actual == pytest.approx(1.2e-3)
         # No more digits than the plan has: 5 ms are 5 ms.
         assert one.set_exposure(5e-3).actual == 5e-3
@@ -176,12 +176,12 @@ def test_a_light_that_shows_no_step_is_said():
 
 def test_latencies_of_levels():
     step = [(0, 10.0), (1, 10.0), (2, 25.0), *[(i, 40.0) for i in range(3, 12)]]
-    assert latency_of(10.0, step) == 3
-    assert latency_of(10.0, [(i, 40.0) for i in range(12)]) == 0
+    assert count_old_frames(10.0, step) == 3
+    assert count_old_frames(10.0, [(i, 40.0) for i in range(12)]) == 0
     with pytest.raises(ValueError, match="too few"):
-        latency_of(10.0, step[:5])
+        count_old_frames(10.0, step[:5])
     with pytest.raises(ValueError, match="don't settle"):
-        latency_of(10.0, [(i, 40.0 * (1 + i % 2)) for i in range(12)])
+        count_old_frames(10.0, [(i, 40.0 * (1 + i % 2)) for i in range(12)])
 
 
 def test_a_stream_that_stops_is_named_within_a_second_and_begins_again(monkeypatch):
@@ -262,7 +262,11 @@ COMMANDS = {
 def hurried(monkeypatch):
     """Faults are waited for a fifth of a second here; a machine that is busy may need longer."""
     with monkeypatch.context() as patch:
-        for name in ("camera._STALL", "camera._SETTING", "connection._ENDING"):
+        for name in (
+            "camera._STALL_MARGIN",
+            "camera._SET_TIMEOUT_MARGIN",
+            "camera_connection._STOP_TIMEOUT",
+        ):
             patch.setattr(f"drivers.uvc.{name}", 0.2)
         patch.setattr("uvc_camera_machine._SELECT", 0.2)
         yield
@@ -282,7 +286,7 @@ def test_every_command_under_every_fault_is_right_or_a_device_error(monkeypatch,
                 answer = COMMANDS[name](one)
                 if name == "capture":
                     assert answer.image[0, 0] == round(answer.exposure / UNIT)
-            assert not one.dead
+            assert not one.failure_reason
             strike.join()
             behind.fault = ""
             with contextlib.suppress(DeviceError):
@@ -345,7 +349,7 @@ def test_numbers_of_pixels_come_through_every_format(pixel_format):
 @pytest.mark.parametrize("pixel_format", ["YUYV", "MJPG", "Y16 ", "RGGB"])
 def test_frames_of_another_size_are_refused(pixel_format):
     with pytest.raises(ValueError, match=r"a frame of .* came"):
-        to_numbers(np.zeros((5, 7), np.uint8), pixel_format, (4, 6))
+        decode_pixels(np.zeros((5, 7), np.uint8), pixel_format, (4, 6))
 
 
 def test_broken_frames_are_a_device_error():
@@ -373,7 +377,7 @@ def test_with_the_real_opencv_what_is_no_camera_is_named(tmp_path):
 def test_it_lives_in_a_process_of_its_own():
     options = {"width": 6, "height": 4, "pixel_format": "Y16 ", "source": "uvc_hosted:source"}
     here = Surroundings(RealClock())
-    with Hosted(here, "uvc", "drivers.uvc:UVCCamera", options) as one:
+    with HostedDevice(here, "uvc", "drivers.uvc:UVCCamera", options) as one:
         one.set_exposure(7e-4)
         assert one.capture(never).image[0, 0] == 7
         assert one.shape == (4, 6)
@@ -399,8 +403,8 @@ def test_a_camera_whose_file_has_gone_is_gone(tmp_path):
     path = tmp_path / "video0"
     path.touch()
     with camera(machine(), device=str(path)) as one:
-        assert one.gone() == ""
+        assert one.unplugged_reason() == ""
         path.unlink()
-        assert one.gone() == f"{path} isn't there any more"
+        assert one.unplugged_reason() == f"{path} isn't there any more"
         path.touch()
-        assert one.gone() == ""
+        assert one.unplugged_reason() == ""

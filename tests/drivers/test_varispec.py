@@ -15,17 +15,17 @@ from hypothesis import strategies as st
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import SpectralFilter, Surroundings
-from drivers.supervised import Supervised
+from drivers.supervised import SupervisedDevice
 from drivers.varispec import VariSpec
-from drivers.varispec.settling import slowdown
+from drivers.varispec.settling import settling_factor
 from simulator.clock import VirtualClock
 from simulator.machines.machine import Reply
 from simulator.machines.varispec import VariSpecMachine
-from simulator.wire import Line, WireFault, plug_in, unplug
-from simulator.wire.pty import ServedLine
+from simulator.wire import SimulatedLine, WireFault, plug_in, unplug
+from simulator.wire.pty import PtyLine
 
 
-class Recorded(Line):
+class Recorded(SimulatedLine):
     """A line that writes down what the host sends and what it is given."""
 
     def __init__(self, machine, **options) -> None:
@@ -119,7 +119,7 @@ class Scripted:
         self.left.pop(0)
         return [Reply(t, answer)]
 
-    def suffer(self, kind):
+    def set_fault(self, kind):
         pass
 
 
@@ -135,7 +135,7 @@ def test_the_driver_says_what_the_manual_says_and_reads_what_it_answers():
 
 
 def test_the_machine_answers_the_driver_byte_for_byte():
-    bench = Bench(heat=lambda t: 25.0)
+    bench = Bench(temperature=lambda t: 25.0)
     with bench.filter() as device:
         assert bench.line.since() == joined(_OPENING)
         device.set_wavelength(633e-9)
@@ -144,12 +144,12 @@ def test_the_machine_answers_the_driver_byte_for_byte():
 
 def test_it_is_a_spectral_filter_that_tunes_the_light():
     tuned = []
-    bench = Bench(tuned=tuned.append)
+    bench = Bench(on_tuned=tuned.append)
     with bench.filter(bandwidth_nm=7.0, settling_ms=150.0) as device:
         checked: SpectralFilter = device
         before = bench.clock.now()
         setting = checked.set_wavelength(532.004e-9)
-        assert (setting.asked, setting.actual) == (532.004e-9, 532e-9)
+        assert (setting.request, setting.actual) == (532.004e-9, 532e-9)
         assert tuned[-1] == checked.wavelength == 532e-9
         assert before + 0.15 < setting.ready_at <= bench.clock.now() + 0.15
         assert checked.bandwidth == pytest.approx(7e-9)
@@ -173,8 +173,8 @@ def test_what_is_out_of_range_is_not_even_sent():
 @pytest.mark.parametrize(("celsius", "slower"), [(20, 1), (35, 1), (10, 1.6535), (5, 2.155)])
 def test_settling_takes_longer_in_the_cold(celsius, slower):
     # By hand: exp(ln 2 (1/T - 1/293.15) / (1/293.15 - 1/308.15)).
-    assert slowdown(celsius) == pytest.approx(slower, abs=0.001)
-    bench = Bench(heat=lambda t: celsius)
+    assert settling_factor(celsius) == pytest.approx(slower, abs=0.001)
+    bench = Bench(temperature=lambda t: celsius)
     with bench.filter() as device:
         assert device.settling == pytest.approx(0.05 * slower, rel=0.01)
 
@@ -210,7 +210,7 @@ def test_opening_may_always_initialise_or_only_correct():
 
 def test_it_advises_to_initialise_after_eight_hours_or_three_degrees():
     heat = [22.0]
-    bench = Bench(heat=lambda t: heat[0])
+    bench = Bench(temperature=lambda t: heat[0])
     with bench.filter() as device:
         assert device.health()["advice"] == "none"
         heat[0] = 25.5
@@ -274,7 +274,7 @@ def test_it_sleeps_and_is_awakened():
 
 def test_the_temperature_is_read_again_after_ten_minutes():
     heat = [20.0]
-    bench = Bench(heat=lambda t: heat[0])
+    bench = Bench(temperature=lambda t: heat[0])
     with bench.filter() as device:
         heat[0] = 10.0
         device.set_wavelength(500e-9)
@@ -339,7 +339,7 @@ def test_a_plug_that_was_out_while_it_calculated_costs_one_command_only():
         bench.line.inject(WireFault("disconnect", bench.clock.now() + 0.03, 1.0))
         with pytest.raises(DeviceError, match="Plug"):
             device.set_wavelength(500e-9)
-        bench.line.mend()
+        bench.line.clear_faults()
         assert device.set_wavelength(510e-9).actual == 510e-9
 
 
@@ -356,7 +356,7 @@ def test_refreshing_waits_for_a_power_up():
 def test_refreshing_leaves_the_filter_at_its_wavelength(completely):
     """Who goes on measuring sees the light that was set, and waits as the cold asks for now."""
     tuned, heat = [], [25.0]
-    bench = Bench(tuned=tuned.append, heat=lambda t: heat[0])
+    bench = Bench(on_tuned=tuned.append, temperature=lambda t: heat[0])
     with bench.filter(settling_ms=100.0) as device:
         device.set_wavelength(633e-9)
         tuned.clear()
@@ -364,13 +364,13 @@ def test_refreshing_leaves_the_filter_at_its_wavelength(completely):
         device.refresh(completely=completely)
         assert set(tuned) == {633e-9}
         assert device.wavelength == 633e-9
-        assert device.settling == pytest.approx(0.1 * slowdown(5.0))
-    assert slowdown(5.0) > 1.2
+        assert device.settling == pytest.approx(0.1 * settling_factor(5.0))
+    assert settling_factor(5.0) > 1.2
 
 
 def test_a_filter_that_lost_its_power_is_ready_once_opened_again():
     bench = Bench()
-    supervised = Supervised("filter", bench.filter)
+    supervised = SupervisedDevice("filter", bench.filter)
     with supervised:
         lose_power(bench, supervised)
         supervised.revive()
@@ -384,14 +384,14 @@ def test_every_error_code_is_told_in_words():
         bench.line.inject(WireFault("error code"))
         with pytest.raises(DeviceError, match="error 8: it could not calculate its drive levels"):
             device.set_wavelength(500e-9)
-        bench.line.mend()
+        bench.line.clear_faults()
         assert device.set_wavelength(500e-9).actual == 500e-9
         bench.line.inject(WireFault("uninitialised"))
         with pytest.raises(DeviceError, match=r"error 4: it is not initialised. Initialise it"):
             device.set_wavelength(510e-9)
         with pytest.raises(DeviceError, match="it is not tuned"):
             _ = device.wavelength
-        bench.line.mend()
+        bench.line.clear_faults()
 
 
 def test_a_late_answer_is_never_taken_for_another_ones():
@@ -405,7 +405,7 @@ def test_a_late_answer_is_never_taken_for_another_ones():
                 except DeviceError:
                     continue
                 assert bench.machine.state.wavelength == nm
-            bench.line.mend()
+            bench.line.clear_faults()
 
 
 def test_a_wrong_echo_is_an_error_that_shows_both():
@@ -415,12 +415,12 @@ def test_a_wrong_echo_is_an_error_that_shows_both():
         with pytest.raises(DeviceError, match="is echoed as") as e:
             device.set_wavelength(500e-9)
         assert "cable" in e.value.remedy
-        bench.line.mend()
+        bench.line.clear_faults()
 
 
 def test_a_temperature_is_believed_once_three_answers_agree():
     told = iter([20.0, 28.0, 20.0, 28.0, 28.1, 28.0])
-    bench = Bench(heat=lambda t: 25.0)
+    bench = Bench(temperature=lambda t: 25.0)
     with bench.filter() as device:
         bench.machine._heat = lambda t: next(told)
         assert device.temperature == 28.0
@@ -432,7 +432,7 @@ def test_a_temperature_is_believed_once_three_answers_agree():
 
 def test_a_call_that_goes_on_is_ended_by_kill():
     clock = RealClock()
-    line = Line(VariSpecMachine(), baudrate=115200)
+    line = SimulatedLine(VariSpecMachine(), baudrate=115200)
     device = VariSpec(Surroundings(clock), port=plug_in("varispec", line, clock), baudrate=115200)
     device.__enter__()
     line.inject(WireFault("busy forever"))
@@ -445,9 +445,9 @@ def test_a_call_that_goes_on_is_ended_by_kill():
 def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
     clock, path = RealClock(), tmp_path / "varispec"
     machine = VariSpecMachine()
-    line = Line(machine, baudrate=115200)
+    line = SimulatedLine(machine, baudrate=115200)
     with (
-        ServedLine(line, path, clock),
+        PtyLine(line, path, clock),
         VariSpec(Surroundings(clock), port=str(path), baudrate=115200) as device,
     ):
         assert device.set_wavelength(500e-9).actual == 500e-9
@@ -458,13 +458,13 @@ def test_over_a_pseudo_terminal_it_is_the_same(tmp_path):
             except DeviceError:
                 continue
             assert machine.state.wavelength == nm
-        line.mend()
+        line.clear_faults()
         line.inject(WireFault("disconnect"))
         while path.exists():
             clock.wait_until(clock.now() + 0.02, lambda: False)
         with pytest.raises(DeviceError, match="port"):
             device.set_wavelength(540e-9)
-        line.mend()
+        line.clear_faults()
         while not path.exists():
             clock.wait_until(clock.now() + 0.05, lambda: False)
         assert device.set_wavelength(550e-9).actual == 550e-9
@@ -518,7 +518,7 @@ class Babbling:
         due = self.said and data in b"!@\r"
         return [*echo, Reply(t, self.said.pop(0) or b"?")] if due else echo
 
-    def suffer(self, kind):
+    def set_fault(self, kind):
         pass
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, FilterWheel, Identity, Surroundings
-from drivers.wheel import Wheel, route, slots_from, steps_between
+from drivers.wheel import Wheel, parse_slots, plan_route, steps_between
 
 HERE = Surroundings(RealClock())
 FOUR = [[450, 10], [532, 10], [550, 20], [633, 5]]
@@ -31,38 +31,38 @@ def crossed(start: int, stops: Iterable[int], count: int) -> list[set[int]]:
 
 
 def test_a_wheel_turns_the_shorter_way_at_once():
-    assert route(2, 6, 6) == [6]
-    assert route(1, 4, 6) == [4]
-    assert route(3, 3, 6) == []
+    assert plan_route(2, 6, 6) == [6]
+    assert plan_route(1, 4, 6) == [4]
+    assert plan_route(3, 3, 6) == []
 
 
 def test_a_way_around_an_open_slot_has_a_stop():
     # Of 12 openings 1 is empty: from 2 to 12 the short way crosses it.
-    assert route(2, 12, 12, [1]) == [7, 12]
+    assert plan_route(2, 12, 12, [1]) == [7, 12]
     # Opposite slots: which way it goes nobody knows.
-    assert route(2, 8, 12, [1]) == [5, 8]
-    assert route(2, 5, 6, [1]) == [4, 5]
-    assert route(2, 6, 6, [1]) == [4, 6]
+    assert plan_route(2, 8, 12, [1]) == [5, 8]
+    assert plan_route(2, 5, 6, [1]) == [4, 5]
+    assert plan_route(2, 6, 6, [1]) == [4, 6]
 
 
 def test_what_cannot_be_avoided_is_said():
     with pytest.raises(ValueError, match=r"every way from slot 1 to slot 4 crosses \[3, 5\]"):
-        route(1, 4, 6, [3, 5])
+        plan_route(1, 4, 6, [3, 5])
     with pytest.raises(ValueError, match=r"slot 4 to slot 2 crosses \[5\]"):
-        route(4, 2, 6, [5], forward_only=True)
+        plan_route(4, 2, 6, [5], forward_only=True)
 
 
 def test_a_wheel_that_only_turns_forward_goes_around():
-    assert route(1, 7, 7, forward_only=True) == [7]
-    assert route(6, 2, 7, longest=1, forward_only=True) == [7, 1, 2]
+    assert plan_route(1, 7, 7, forward_only=True) == [7]
+    assert plan_route(6, 2, 7, max_leg=1, forward_only=True) == [7, 1, 2]
 
 
 @pytest.mark.parametrize("slot", [0, 7, -1])
 def test_slots_that_the_wheel_has_not_are_no_way(slot):
     with pytest.raises(ValueError, match=r"the wheel has 1 to 6"):
-        route(1, slot, 6)
+        plan_route(1, slot, 6)
     with pytest.raises(ValueError, match=r"the wheel has 1 to 6"):
-        route(slot, 1, 6)
+        plan_route(slot, 1, 6)
 
 
 @given(st.data())
@@ -76,7 +76,7 @@ def test_no_leg_of_a_route_crosses_what_is_avoided(data):
         for step in (1, -1)
     ]
     try:
-        stops = route(start, end, count, avoid, longest=longest)
+        stops = plan_route(start, end, count, avoid, max_leg=longest)
     except ValueError:
         assert all(way & avoid for way in free)
         return
@@ -92,11 +92,11 @@ def test_no_leg_of_a_route_crosses_what_is_avoided(data):
 
 
 def test_slots_come_from_nanometres():
-    one, two = slots_from([[450, 10], (532.1234, 7.5)])
+    one, two = parse_slots([[450, 10], (532.1234, 7.5)])
     assert (one.name, two.name) == ("450 nm", "532.123 nm")
     assert (one.wavelength, two.wavelength) == pytest.approx((450e-9, 532.123e-9), abs=1e-16)
     assert (one.bandwidth, two.bandwidth) == pytest.approx((10e-9, 7.5e-9))
-    assert [slot.name for slot in slots_from(FOUR, ["a", "b", "c", "d"])] == ["a", "b", "c", "d"]
+    assert [slot.name for slot in parse_slots(FOUR, ["a", "b", "c", "d"])] == ["a", "b", "c", "d"]
 
 
 @pytest.mark.parametrize(
@@ -106,13 +106,13 @@ def test_slots_come_from_nanometres():
 )  # fmt: skip
 def test_slots_that_are_none_are_refused(slots):
     with pytest.raises(ValueError, match="slots_nm"):
-        slots_from(slots)
+        parse_slots(slots)
 
 
 @pytest.mark.parametrize("names", [["a"], "abcd", ["a", "a", "b", "c"], [1, 2, 3, 4], ["", *"abc"]])
 def test_names_that_do_not_fit_are_refused(names):
     with pytest.raises(ValueError, match="names is"):
-        slots_from(FOUR, names)
+        parse_slots(FOUR, names)
 
 
 class Obedient(Wheel):
@@ -128,10 +128,10 @@ class Obedient(Wheel):
     def identity(self):
         return Identity(self.model, "", simulated=False)
 
-    def _where(self, command):
+    def _read_slot(self, command):
         return self.at
 
-    def _go(self, command, number):
+    def _turn_to(self, command, number):
         self.at = number
         self.went.append(number)
 
@@ -197,7 +197,7 @@ def test_bad_options_are_named(options):
 
 def test_an_error_in_the_block_is_not_hidden_by_one_at_the_end():
     class Broken(Obedient):
-        def _go(self, command, number):
+        def _turn_to(self, command, number):
             raise self._refuse(command, "broken", "Mend it")
 
     wheel = Broken(FOUR)

@@ -11,9 +11,9 @@ import pytest
 from xservers import wait_for, xvfb
 
 from drivers.errors import DeviceError
-from drivers.screen.identify import identify
+from drivers.screen.identify import identify_screens
 from drivers.x11 import ScreenReader, XConnection, XError
-from simulator.screens import started
+from simulator.screens import running_server
 
 pytestmark = pytest.mark.xvfb
 
@@ -53,7 +53,7 @@ def test_what_greets_too_late_is_let_go():
 
 def test_a_reader_without_shared_memory_keeps_none():
     """The server hasn't got the extension: what was fetched for it must be given back."""
-    with started(["Xvfb", "-screen", "0", "64x48x24", "-extension", "MIT-SHM"]) as plain:
+    with running_server(["Xvfb", "-screen", "0", "64x48x24", "-extension", "MIT-SHM"]) as plain:
 
         def segments():
             told = plain.run("ipcs", "-m", "-p").splitlines()
@@ -73,4 +73,4 @@ def test_windows_that_do_not_come_up_are_told_in_a_line(server, monkeypatch):
 
     monkeypatch.setattr(subprocess, "run", failed)
     with pytest.raises(DeviceError, match=r"^screens: identify: no Qt platform plugin\. Look"):
-        identify(server.display)
+        identify_screens(server.display)

@@ -76,7 +76,7 @@ def test_the_error_that_was_seen_on_a_real_wire_is_named():
 
 def test_it_goes_forward_slot_by_slot_as_far_as_anybody_knows():
     seen = []
-    machine = ZwoWheelMachine(step=0.1, turned=seen.append)
+    machine = ZwoWheelMachine(step=0.1, on_slot=seen.append)
     with Bench(machine) as bench, opened(bench) as wheel:
         wheel.set_slot(7)
         assert seen == [2, 3, 4, 5, 6, 7]
@@ -87,7 +87,7 @@ def test_it_goes_forward_slot_by_slot_as_far_as_anybody_knows():
 
 def test_one_that_turns_both_ways_takes_the_shorter_one():
     seen = []
-    machine = ZwoWheelMachine(step=0.1, both_ways=True, turned=seen.append)
+    machine = ZwoWheelMachine(step=0.1, both_ways=True, on_slot=seen.append)
     with Bench(machine) as bench, opened(bench, both_ways=True, avoid=[7]) as wheel:
         wheel.set_slot(6)
         assert seen == [2, 3, 4, 5, 6]
@@ -112,15 +112,15 @@ def test_a_wheel_of_another_size_is_refused():
 
 
 def test_a_stuck_wheel_is_named():
-    with Bench(ZwoWheelMachine(patience=0)) as bench, opened(bench) as wheel:
+    with Bench(ZwoWheelMachine(max_steps=0)) as bench, opened(bench) as wheel:
         bench.plug.inject(WireFault("stuck"))
         with pytest.raises(DeviceError, match=r"turn to slot 3: it stands at slot 1 after 22 s"):
             wheel.set_slot(3)
-        bench.plug.mend()
+        bench.plug.clear_faults()
         bench.plug.inject(WireFault("busy forever"))
         with pytest.raises(DeviceError, match=r"read the slot: it is still turning after 22 s"):
             _ = wheel.slot
-        bench.plug.mend()
+        bench.plug.clear_faults()
 
 
 def test_an_unplugged_wheel_is_named_within_a_second_and_works_again():
@@ -142,7 +142,7 @@ def test_an_unplugged_wheel_is_named_within_a_second_and_works_again():
     st.sampled_from(sorted(COMMANDS)),
 )
 def test_answers_of_any_bytes_are_survived(answers, name):
-    machine = ZwoWheelMachine(step=0.1, patience=0)
+    machine = ZwoWheelMachine(step=0.1, max_steps=0)
     with Bench(machine) as bench, opened(bench, step_ms=500) as wheel:
         left, control = list(answers), machine.control
 

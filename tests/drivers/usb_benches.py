@@ -5,7 +5,7 @@ from figures.usb_cases import USB_CASES
 
 from drivers.interfaces import Surroundings
 from simulator.clock import VirtualClock
-from simulator.wire.usb_backend import UsbBus, register, unregister
+from simulator.wire.usb_backend import UsbBus, register_bus, unregister_bus
 
 SEVEN = [[400 + 10 * i, 5] for i in range(7)]
 
@@ -18,7 +18,7 @@ class Bench:
         self.machine = machine
         self.bus = UsbBus(self.clock, seed)
         self.plug = self.bus.plug_in(machine)
-        self.backend = register(f"bench {id(self)}", self.bus)
+        self.backend = register_bus(f"bench {id(self)}", self.bus)
         self.surroundings = Surroundings(self.clock)
         self.sent = []
         """Reports from the host, and what the device gives back, as they went."""
@@ -44,7 +44,7 @@ class Bench:
     @property
     def place(self):
         """Where the wheel really stands; 0 while it turns."""
-        return self.machine.wheel.stands(self.clock.now())
+        return self.machine.wheel.reported_slot(self.clock.now())
 
     def wait(self, seconds):
         self.clock.wait_until(self.clock.now() + seconds, lambda: False)
@@ -53,7 +53,7 @@ class Bench:
         return self
 
     def __exit__(self, *error):
-        unregister(self.backend.partition("@")[2])
+        unregister_bus(self.backend.partition("@")[2])
 
 
 COMMANDS = {name: asked for name, asked in USB_CASES[0].commands.items() if name != "open"}

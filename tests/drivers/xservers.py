@@ -14,7 +14,7 @@ from drivers.screen import driver
 from simulator import screens
 from simulator.screens import NoXServer, XServer
 
-REPLYING = driver._CALL
+REPLYING = driver._CALL_TIMEOUT
 """Seconds that a panel's window is given in use."""
 
 PATIENCE = 60
@@ -30,7 +30,7 @@ def wait_for(seen: Callable[[], object], what: str) -> None:
 
 def be_patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a panel's windows the time that they may need on a busy machine."""
-    for name in ("_CALL", "_AGAIN"):
+    for name in ("_CALL_TIMEOUT", "_REOPEN_TIMEOUT"):
         monkeypatch.setattr(driver, name, 40.0)
 
 

@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import README, RESULTS, Section, Stamp, quote, update
-from labapp.common.console import out, print_json, say, table
-from labapp.common.threads import one_thread
+from labapp.common.console import out, print_json, print_message, print_table
+from labapp.common.threads import use_one_thread
 
 _MARKS = {True: "[green]met[/green]", False: "[red]missed[/red]", None: "not measured"}
 
@@ -23,9 +23,9 @@ def main() -> int:
     asked = _arguments()
     chosen = [name for name in MEASUREMENTS if _is_asked(name, asked.only)]
     if not chosen:
-        say(f"{' '.join(asked.only)}: no such figure. Choose {', '.join(MEASUREMENTS)}.")
+        print_message(f"{' '.join(asked.only)}: no such figure. Choose {', '.join(MEASUREMENTS)}.")
         return 2
-    one_thread()
+    use_one_thread()
     sections = list(_measured(chosen, keep=not asked.dry_run))
     if asked.json:
         print_json([asdict(section) for section in sections])
@@ -56,7 +56,7 @@ def _is_asked(name: str, only: list[str]) -> bool:
 def _measured(names: list[str], *, keep: bool) -> Iterator[Section]:
     """One after the other, each written as soon as it is there: a long run may be cut off."""
     for name in names:
-        say(f"measuring: {name}")
+        print_message(f"measuring: {name}")
         stamp = Stamp.now()
         with TemporaryDirectory(prefix="labapp-") as folder:
             section = Section(name, stamp, tuple(measurement(name)(Path(folder))))
@@ -69,7 +69,7 @@ def _measured(names: list[str], *, keep: bool) -> Iterator[Section]:
 def _print(sections: list[Section]) -> None:
     found: list[Figure] = [figure for section in sections for figure in section.figures]
     rows = [[f.name, f.measured, f.goal, _MARKS[f.met]] for f in found]
-    table("Figures", ["figure", "measured", "goal", ""], rows)
+    print_table("Figures", ["figure", "measured", "goal", ""], rows)
     out.print(sections[-1].stamp.machine, style="dim")
 
 

@@ -14,16 +14,16 @@ import scipy.ndimage
 import torch
 
 from figures import Figure
-from labapp.accuracy.blurs import Array, shake, taken
-from labapp.files.reading import bundled
+from labapp.accuracy.blurs import Array, shake, simulate_photograph
+from labapp.files.reading import bundled_path
 from optics.deconvolution.blind import find_kernel
-from optics.deconvolution.blind.found import FAIR
-from optics.deconvolution.measured import measured
+from optics.deconvolution.blind.kernel_estimate import FAIR
+from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
 
 _SHARED = Path(__file__).parents[3] / "shared/data"
-_PHOTOGRAPH = bundled("photograph.jpg")
+_PHOTOGRAPH = bundled_path("photograph.jpg")
 
 _SEED, _CASES, _SIDE, _NOISE = 20, 20, 255, 0.01
 
@@ -90,16 +90,16 @@ def _case(
     wide = _SIDE + max(kernel.shape) - 1
     y, x = (int(rng.integers(n - min(wide, n) + 1)) for n in picture.shape)
     scene = picture[y : y + wide, x : x + wide]
-    case = taken("", scene, kernel, _NOISE, int(rng.integers(1 << 31)))
-    found = find_kernel(torch.from_numpy(case.frame), max(kernel.shape))
-    return error_ratio(case.frame, np.asarray(found.psf), kernel, case.truth), found.score
+    case = simulate_photograph("", scene, kernel, _NOISE, int(rng.integers(1 << 31)))
+    found = find_kernel(torch.from_numpy(case.observation), max(kernel.shape))
+    return error_ratio(case.observation, np.asarray(found.psf), kernel, case.truth), found.score
 
 
 def error_ratio(seen: Array, found: Array, kernel: Array, truth: Array) -> float:
     """Squares of what is wrong in the picture restored with a found kernel, over those with the
     true one (Levin et al. 2009, doi 10.1109/CVPR.2009.5206815); both shifted to fit best."""
     ours, best = (
-        least_squares(np.asarray(total_variation(measured(seen, one)).image), truth)
+        least_squares(np.asarray(total_variation(build_observation(seen, one)).image), truth)
         for one in (found, kernel)
     )
     return ours / best

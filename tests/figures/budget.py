@@ -10,11 +10,11 @@ import numpy as np
 
 from figures import Figure
 from figures.photographs import squares
-from labapp.accuracy.blurs import BLURS, taken
+from labapp.accuracy.blurs import BLURS, simulate_photograph
 from labapp.accuracy.deconvolve import DeconvolutionRow, measure_deconvolution
 from labapp.common.speed import machine_speed
-from labapp.pictures.networks import packaged_denoiser
-from optics.deconvolution.choice import METHODS
+from labapp.pictures.networks import bundled_denoiser
+from optics.deconvolution.restoration_choice import METHODS
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -47,8 +47,8 @@ def budget_figure(folder: Path) -> list[Figure]:
     speed, chosen, gains = machine_speed(), list[_Chosen](), dict[tuple[str, int], list[float]]()
     for number, scene in enumerate(pictures):
         blur, noise = _NAMES[number % len(_NAMES)], _NOISES[number % len(_NOISES)]
-        case = taken(blur, scene, BLURS[blur](), noise, number)
-        before, *rows = measure_deconvolution(case, packaged_denoiser(), speed, Progress())
+        case = simulate_photograph(blur, scene, BLURS[blur](), noise, number)
+        before, *rows = measure_deconvolution(case, bundled_denoiser(), speed, Progress())
         for row in rows:
             gain = (row.psnr_db or 0) - (before.psnr_db or 0)
             gains.setdefault((row.method, row.iterations), []).append(gain)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from figures import Figure
 from labapp.bench.opening import BenchSetup, open_bench
-from labapp.calibration.calibrating import Calibrated, calibrate
-from labapp.calibration.request import Request
+from labapp.calibration.calibrating import CalibrationResult, calibrate
+from labapp.calibration.request import CalibrationRequest
 from labapp.files.bench_file import read_bench
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera
 
@@ -37,7 +37,7 @@ def calibration_figures(folder: Path) -> list[Figure]:
     """
     setup = _hidden()
     with open_bench(setup) as bench:
-        found = calibrate(bench, Request(wavelengths_nm=(_NM,)), folder / "calibration")
+        found = calibrate(bench, CalibrationRequest(wavelengths_nm=(_NM,)), folder / "calibration")
     described = setup.bench.build_camera()
     errors = _errors(found)
     overall, worst = _rms(errors), max(_rms(region) for region in errors)
@@ -82,11 +82,11 @@ def _hidden() -> BenchSetup:
         "targets": {"dark": {"kind": "dark"}, "star": star | {"offset_um": _OFFSET_UM}},
         "truth": truth,
     }
-    bench = read_bench(bundled("bench.toml"))
+    bench = read_bench(bundled_path("bench.toml"))
     return BenchSetup(bench, SceneFile.model_validate(scene), "bench.toml", "hidden scene")
 
 
-def _errors(found: Calibrated) -> NDArray[np.float64]:
+def _errors(found: CalibrationResult) -> NDArray[np.float64]:
     """Phase less the truth, radians, (regions, levels)."""
     (response,) = found.file.responses
     x = np.linspace(0, 1, len(response.curves[0].phase_rad))
@@ -99,7 +99,7 @@ def _rms(errors: NDArray[np.float64]) -> float:
     return float(np.sqrt((errors**2).mean()))
 
 
-def _pixel_error(found: Calibrated, described: Camera) -> float:
+def _pixel_error(found: CalibrationResult, described: Camera) -> float:
     """The largest distance between where gratings send light and where the registration has it,
     over the sensor's corners, edges and middle."""
     sensor, panel = described.sensor, described.panel
@@ -115,7 +115,7 @@ def _pixel_error(found: Calibrated, described: Camera) -> float:
     pixels = places * (np.array(sensor.shape) - 1)
     vectors = (pixels - centre) @ np.linalg.inv(matrix).T
     registration = found.file.registrations[0].build()
-    return float(np.hypot(*(registration.pixels(vectors) - pixels).T).max())
+    return float(np.hypot(*(registration.to_pixels(vectors) - pixels).T).max())
 
 
 MEASUREMENTS = {"calibration": calibration_figures}

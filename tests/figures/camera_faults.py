@@ -15,9 +15,9 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from figures import Figure
-from labapp.common.console import say
-from simulator.wire.camera_faults import KINDS, CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigE
+from labapp.common.console import print_message
+from simulator.wire.camera_faults import CAMERA_FAULT_KINDS, CameraFault, CameraFaultKind
+from simulator.wire.fake_gige import FakeGigECamera
 
 _SHAPE = (64, 64)
 _MOMENTS = 20
@@ -44,13 +44,13 @@ def disturbed(moments: int, seed: int = 0) -> Counter[str]:
     found: Counter[str] = Counter()
     rng = np.random.default_rng(seed)
     with (
-        FakeGigE(_picture, _SHAPE, "Mono12p") as fake,
+        FakeGigECamera(_picture, _SHAPE, "Mono12p") as fake,
         AravisCamera(
             Surroundings(RealClock()), fake.address, packet_size=576, frame_timeout_ms=300
         ) as camera,
     ):
-        for kind in KINDS:
-            say(f"  {kind}")
+        for kind in CAMERA_FAULT_KINDS:
+            print_message(f"  {kind}")
             for _ in range(moments):
                 for call in (_capture, _set_exposure, _health):
                     found[_one(fake, camera, kind, call, rng)] += 1
@@ -58,7 +58,7 @@ def disturbed(moments: int, seed: int = 0) -> Counter[str]:
 
 
 def _one(
-    fake: FakeGigE,
+    fake: FakeGigECamera,
     camera: AravisCamera,
     kind: CameraFaultKind,
     call: Callable[[AravisCamera, float], bool],
@@ -72,7 +72,7 @@ def _one(
     came = _suffered(camera, call, second)
     if time.monotonic() - now > allowed:
         came = f"{kind}, {call.__name__}: {time.monotonic() - now:.1f} s"
-    fake.mend()
+    fake.clear_faults()
     after = _suffered(camera, _capture, second)
     if after == "named":
         # What went wrong unnoticed is named once, by the call that meets it.

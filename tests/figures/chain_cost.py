@@ -56,7 +56,7 @@ def thesis_camera_cost(folder: Path) -> list[Figure]:
     errors = {tol: [0.0] for tol in _GOALS}
     for distance in _JUDGED:
         place = _DISTANCES.index(distance)
-        judge = _problem(distance, phase).judge(costs[min(costs)].light[place])
+        judge = _problem(distance, phase).build_reference(costs[min(costs)].light[place])
         for tol, cost in costs.items():
             errors[tol].append(judge.error(cost.light[place]))
     worst = {tol: max(found) for tol, found in errors.items()}
@@ -93,12 +93,12 @@ def _cubic() -> Array:
 
 
 def _problem(distance: float, phase: Array) -> ChainProblem:
-    pixels = _CAMERA.sensor.window((_SIDE, _SIDE))
+    pixels = _CAMERA.sensor.window_plane((_SIDE, _SIDE))
     return ChainProblem(_CAMERA, distance, _WAVELENGTH, pixels, True, min(_GOALS), phase)
 
 
 def _stack(tol: float, budget: Budget) -> PSFStack:
-    pixels = _CAMERA.sensor.window((_SIDE, _SIDE))
+    pixels = _CAMERA.sensor.window_plane((_SIDE, _SIDE))
     return PSFStack(_CAMERA, _DISTANCES, [_WAVELENGTH], pixels, tol=tol, budget=budget)
 
 

@@ -23,7 +23,7 @@ from figures.problems import (
     times_of,
 )
 from figures.regret import median_and_high, regret
-from labapp.accuracy.references.chain_psf import ChainProblem
+from labapp.accuracy.references.chain_problem import ChainProblem
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
@@ -151,22 +151,22 @@ def tally(
         except ToleranceError as refusal:
             found.refused += 1
             if why := unreal(problem, refusal, budget, most):
-                found.unreal += (f"{number}: {why}: {problem.words}",)
+                found.unreal += (f"{number}: {why}: {problem.description}",)
             continue
         if error is None:
             continue
         found.judged += 1
         found.worst = max(found.worst, error / problem.tol)
         if not error <= problem.tol:
-            found.wrong += (f"{number}: {error / problem.tol:.2f} tol: {problem.words}",)
+            found.wrong += (f"{number}: {error / problem.tol:.2f} tol: {problem.description}",)
     return found
 
 
 def judged(problem: ChainProblem, budget: Budget, most: float, **settings: Any) -> float | None:
     """The error of an answer, None where it takes the judge too long; raises ToleranceError."""
     light = problem.light(problem.operator(problem.tol, budget=budget, **settings))
-    judge = problem.judge(light)
-    return judge.error(light) if judge.terms <= most else None
+    judge = problem.build_reference(light)
+    return judge.error(light) if judge.product_count <= most else None
 
 
 def unreal(problem: ChainProblem, refusal: ToleranceError, budget: Budget, most: float) -> str:

@@ -14,10 +14,10 @@ from scipy.special import j0, j1
 from figures import Figure
 from figures.free_space import positions
 from optics.camera import Camera, Lens, Panel
+from optics.otf import lens_transfer_function
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.stop.aperture import Stop, rectangle
-from optics.transfer import lens_transfer
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def _sinc() -> float:
 def _transfer() -> float:
     v = np.linspace(0.01, 0.99, 50)
     truth = clear_stop(v)
-    value = lens_transfer(_LENS, 2.0, _WAVELENGTH, np.zeros(50), v * _CUTOFF, tol=_TOL)
+    value = lens_transfer_function(_LENS, 2.0, _WAVELENGTH, np.zeros(50), v * _CUTOFF, tol=_TOL)
     return float(np.abs(np.asarray(value) - truth).max())
 
 
@@ -84,7 +84,7 @@ def _hopkins() -> float:
     worst = 0.0
     for waves in (0.3, 2.0, 20.0):
         vergence = waves * 2 * _WAVELENGTH / _RADIUS**2
-        value = lens_transfer(
+        value = lens_transfer_function(
             _LENS, 1 / (0.5 + vergence), _WAVELENGTH, 0 * v, v * _CUTOFF, tol=_TOL
         )
         truth = [hopkins_series(one, waves) for one in v]

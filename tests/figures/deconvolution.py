@@ -13,15 +13,22 @@ import numpy as np
 from figures import Figure
 from figures.photographs import camera, squares
 from figures.stopwatch import processor_seconds
-from labapp.accuracy.blurs import BLURS, Array, Taken, circle, disk, taken
-from labapp.accuracy.deconvolve import inside
-from labapp.pictures.networks import packaged_denoiser
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.measured import measured
+from labapp.accuracy.blurs import (
+    BLURS,
+    Array,
+    SimulatedPhotograph,
+    circle,
+    disk,
+    simulate_photograph,
+)
+from labapp.accuracy.deconvolve import psnr_away_from_border
+from labapp.pictures.networks import bundled_denoiser
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation import Observation
 from optics.deconvolution.plug_and_play import plug_and_play
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.total_variation import first_weight, total_variation
+from optics.deconvolution.total_variation import initial_weight, total_variation
 from optics.deconvolution.wiener import wiener
 from optics.threads import single_threaded
 
@@ -45,22 +52,22 @@ def blur_figures(folder: Path) -> list[Figure]:
     if scene is None:
         return [Figure("camera seen through a disk of 7", "≥ 27.4 dB", _NONE, None)]
     tiled = np.pad(scene, ((0, 512), (0, 512)), mode="symmetric")
-    ring = taken("ring", scene, circle(12, 0.1), _NOISE, _SEED)
-    around = taken("ring", scene, circle(12, 0.1), _NOISE, _SEED, "periodic")
+    ring = simulate_photograph("ring", scene, circle(12, 0.1), _NOISE, _SEED)
+    around = simulate_photograph("ring", scene, circle(12, 0.1), _NOISE, _SEED, "periodic")
     return [
         _figure(
             "disk of 7, noise .01, 512², period known: total variation",
-            taken("512", scene, disk(7), _NOISE, _SEED, "periodic"),
+            simulate_photograph("512", scene, disk(7), _NOISE, _SEED, "periodic"),
             _QUICK, 27.4, 40,
         ),
         _figure(
             "disk of 7, noise .01, 1024², period known: total variation",
-            taken("1024", tiled, disk(7), _NOISE, _SEED, "periodic"),
+            simulate_photograph("1024", tiled, disk(7), _NOISE, _SEED, "periodic"),
             _QUICK, 27.5, 160,
         ),
         _figure(
             "disk of 7, noise .01, 512², as a camera sees it, whole frame: total variation",
-            taken("frame", scene, disk(7), _NOISE, _SEED),
+            simulate_photograph("frame", scene, disk(7), _NOISE, _SEED),
             _FRAMED, 27.4, 250,
         ),
         _figure(
@@ -75,11 +82,13 @@ def blur_figures(folder: Path) -> list[Figure]:
     ]  # fmt: skip
 
 
-def _figure(name: str, case: Taken, count: int, goal: float, most: float | None) -> Figure:
+def _figure(
+    name: str, case: SimulatedPhotograph, count: int, goal: float, most: float | None
+) -> Figure:
     """PSNR and processor time, noise and weight estimated; and the time with both told."""
     restored, ms = _timed(lambda: total_variation(case.problem, iterations=count))
     decibels, similar = case.quality(restored.image)
-    weight, problem = restored.weight, replace(case.problem, told=case.noise)
+    weight, problem = restored.weight, replace(case.problem, given_noise=case.noise)
     again, told = _timed(lambda: total_variation(_anew(problem), weight, iterations=count))
     words = (
         f"{decibels:.2f} dB, SSIM {similar:.3f}, {ms:.0f} ms; {told:.0f} ms and "
@@ -91,12 +100,12 @@ def _figure(name: str, case: Taken, count: int, goal: float, most: float | None)
     return Figure(name, f"≥ {goal} dB{limit}", words, met)
 
 
-def _anew(problem: Blurred) -> Blurred:
+def _anew(problem: Observation) -> Observation:
     """The same with nothing computed yet."""
     return replace(problem)
 
 
-def _timed(call: Callable[[], Restored]) -> tuple[Restored, float]:
+def _timed(call: Callable[[], RestoredImage]) -> tuple[RestoredImage, float]:
     """The answer and the median of its processor times in ms."""
     return call(), 1e3 * processor_seconds({"": call}, _REPEATS)[""]
 
@@ -106,10 +115,14 @@ def _highlights(scene: Array) -> Figure:
     rng, bright = np.random.default_rng(_SEED), scene.copy()
     for y, x in rng.integers(20, 489, (40, 2)):
         bright[y : y + 3, x : x + 3] = 8.0
-    case = taken("highlights", bright, disk(7), _NOISE, _SEED, "periodic")
-    clipped = case.frame >= 1
-    case = replace(case, frame=np.minimum(case.frame, 1), truth=np.minimum(case.truth, 1))
-    problem = measured(case.frame.astype(np.float32), case.psf, None, case.border, clipped=clipped)
+    case = simulate_photograph("highlights", bright, disk(7), _NOISE, _SEED, "periodic")
+    clipped = case.observation >= 1
+    case = replace(
+        case, observation=np.minimum(case.observation, 1), truth=np.minimum(case.truth, 1)
+    )
+    problem = build_observation(
+        case.observation.astype(np.float32), case.psf, None, case.border, clipped=clipped
+    )
     masked = case.quality(total_variation(problem, iterations=_MANY).image)[0]
     plain = case.quality(total_variation(case.problem, iterations=_MANY).image)[0]
     return Figure(
@@ -128,28 +141,28 @@ def against_scikit_image(folder: Path) -> list[Figure]:
     if scene is None:
         return [Figure("Richardson-Lucy beside scikit-image's, whole frame", goal, _NONE, None)]
     restoration: Any = importlib.import_module("skimage.restoration")
-    case = taken("frame", scene, disk(7), _NOISE, _SEED)
-    around = taken("period", scene, disk(7), _NOISE, _SEED, "periodic")
+    case = simulate_photograph("frame", scene, disk(7), _NOISE, _SEED)
+    around = simulate_photograph("period", scene, disk(7), _NOISE, _SEED, "periodic")
     balance = max(
         np.geomspace(1e-3, 1, 13),
-        key=lambda b: around.quality(restoration.wiener(around.frame, around.psf, b))[0],
+        key=lambda b: around.quality(restoration.wiener(around.observation, around.psf, b))[0],
     )
     weight = wiener(case.problem, steps=0).weight
-    told = replace(case.problem, told=_NOISE)
-    pairs: list[tuple[str, Callable[[], Array], Callable[[], Restored]]] = [
+    told = replace(case.problem, given_noise=_NOISE)
+    pairs: list[tuple[str, Callable[[], Array], Callable[[], RestoredImage]]] = [
         (
             "Wiener beside scikit-image's at the balance that is best of a period, whole frame",
-            lambda: restoration.wiener(case.frame, case.psf, balance),
+            lambda: restoration.wiener(case.observation, case.psf, balance),
             lambda: wiener(_anew(told), weight, steps=0),
         ),
         (
             "Wiener beside scikit-image's at the balance of its manual, .1, whole frame",
-            lambda: restoration.wiener(case.frame, case.psf, 0.1),
+            lambda: restoration.wiener(case.observation, case.psf, 0.1),
             lambda: wiener(_anew(told), weight, steps=0),
         ),
         (
             "Richardson-Lucy beside scikit-image's, whole frame",
-            lambda: restoration.richardson_lucy(case.frame, case.psf, num_iter=30),
+            lambda: restoration.richardson_lucy(case.observation, case.psf, num_iter=30),
             lambda: richardson_lucy(_anew(told), 10),
         ),
     ]
@@ -159,15 +172,15 @@ def against_scikit_image(folder: Path) -> list[Figure]:
 def _beside(
     name: str,
     goal: str,
-    case: Taken,
+    case: SimulatedPhotograph,
     theirs: Callable[[], Array],
-    ours: Callable[[], Restored],
+    ours: Callable[[], RestoredImage],
 ) -> Figure:
     spent = processor_seconds({"theirs": theirs, "ours": ours}, _REPEATS)
     ratio = spent["theirs"] / spent["ours"]
     them, us = np.asarray(theirs()), np.asarray(ours().image, dtype=np.float64)
     frame = case.quality(us)[0] - case.quality(them)[0]
-    within = (inside(case, us) or 0) - (inside(case, them) or 0)
+    within = (psnr_away_from_border(case, us) or 0) - (psnr_away_from_border(case, them) or 0)
     return Figure(
         name,
         goal,
@@ -188,22 +201,22 @@ def weights_figure(folder: Path) -> list[Figure]:
     for number, scene in enumerate(pictures):
         for blur in list(BLURS)[:12]:
             for noise in (0.003, 0.01, 0.03):
-                losses.append(_lost(taken(blur, scene, BLURS[blur](), noise, number)))
+                losses.append(_lost(simulate_photograph(blur, scene, BLURS[blur](), noise, number)))
     low, high = np.quantile(losses, (0.5, 0.9))
     told = f"median {low:.2f}, nine tenths below {high:.2f}; {len(losses)} cases {where}"
     return [Figure(name, goal, told, bool(low <= 0.3))]
 
 
-def _lost(case: Taken) -> float:
+def _lost(case: SimulatedPhotograph) -> float:
     """Decibels that a better weight would gain."""
     own = case.quality(total_variation(case.problem, iterations=_MANY).image)[0]
     return max(own, _best(case)) - own
 
 
-def _best(case: Taken) -> float:
+def _best(case: SimulatedPhotograph) -> float:
     """PSNR by total variation with the weight that serves best."""
-    told = replace(case.problem, told=case.noise)
-    first = first_weight(told)
+    told = replace(case.problem, given_noise=case.noise)
+    first = initial_weight(told)
     return max(
         case.quality(total_variation(told, first * share, iterations=_MANY).image)[0]
         for share in _AROUND
@@ -224,16 +237,16 @@ def learned_figure(folder: Path) -> list[Figure]:
     return [Figure(name, goal, told, bool(middle >= 0.5))]
 
 
-def _six(pictures: list[Array]) -> Iterator[Taken]:
+def _six(pictures: list[Array]) -> Iterator[SimulatedPhotograph]:
     names = ("disk of 7", "Gaussian of 3", "shake of 20", "ring of 12 and a tenth in its centre",
              "spiral of 10", "line of 15")  # fmt: skip
     for number, scene in enumerate(pictures):
         for blur in names:
-            yield taken(blur, scene, BLURS[blur](), _NOISE, number)
+            yield simulate_photograph(blur, scene, BLURS[blur](), _NOISE, number)
 
 
-def _gain(case: Taken) -> float:
-    learned = plug_and_play(case.problem, packaged_denoiser()).image
+def _gain(case: SimulatedPhotograph) -> float:
+    learned = plug_and_play(case.problem, bundled_denoiser()).image
     return case.quality(learned)[0] - _best(case)
 
 

@@ -14,13 +14,13 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum
 from optics.threads import single_threaded
-from simulator.formation import expected
+from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
 from simulator.mount import Mount
+from simulator.panel_content import PanelContent
 from simulator.recipe import Recipe
 from simulator.scene import Sheet, Sheets, Target
 from simulator.scene.polygons import Polygons, rectangle
-from simulator.shown import Shown
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ def three_things(distances: Distances) -> tuple[list[Thing], Target]:
     ]
     front, between = (Polygons((rectangle(*one),), (1.0,)) for one in (square, bar))
     wall = Polygons(tuple(rectangle(*one) for one in windows), (0.9, 0.9), 0.2)
-    light, dark = Spectrum.even(0.9), Spectrum.even(0.6)
+    light, dark = Spectrum.flat(0.9), Spectrum.flat(0.6)
     sheets = (
         Sheet(near, ((light, front),), front),
         Sheet(middle, ((dark, between),), between),
@@ -121,9 +121,9 @@ def _white() -> Target:
 
 
 def _light(target: Target, recipe: Recipe) -> Array:
-    neutral = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+    neutral = PanelContent.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
     s = Situation(CAMERA, Mount(), target, Band(550e-9, 5e-9), neutral, 0.0, 0.01, numerics=1e-4)
-    return expected(s, recipe, ByteCache(), Ledger()).double().numpy()
+    return expected_electrons(s, recipe, ByteCache(), Ledger()).double().numpy()
 
 
 MEASUREMENTS = {"depth": depth_figure}

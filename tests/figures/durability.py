@@ -15,9 +15,9 @@ from small_bench.setups import random_plan, small_setup
 from figures import Figure
 from figures.victim import Victims
 from labapp.bench.opening import open_bench
-from labapp.common.console import say
+from labapp.common.console import print_message
 from labapp.files.plan_file import PlanFile
-from labapp.runs.acquisition.runner import Outcome, resume_run, run_plan
+from labapp.runs.acquisition.runner import RunOutcome, resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 
@@ -42,7 +42,7 @@ def same_seed(folder: Path) -> list[Figure]:
     ]
 
 
-def run_small(plan: PlanFile, path: Path) -> Outcome:
+def run_small(plan: PlanFile, path: Path) -> RunOutcome:
     with open_bench(small_setup()) as bench:
         return run_plan(bench, plan, path)
 
@@ -50,7 +50,7 @@ def run_small(plan: PlanFile, path: Path) -> Outcome:
 def differing_arrays(first: Path, second: Path) -> list[str]:
     """Names of the arrays that aren't the same in two records, bit for bit."""
     with Record(first) as a, Record(second) as b:
-        left, right = a.arrays(), b.arrays()
+        left, right = a.seeded_arrays(), b.seeded_arrays()
     names = left.keys() | right.keys()
     return sorted(name for name in names if not _same(left.get(name), right.get(name)))
 
@@ -104,7 +104,7 @@ def kill_often(folder: Path, kills: int, seed: int = 0) -> list[Killed]:
             if killed is not None:
                 found.append(killed)
                 if len(found) % 20 == 0:
-                    say(f"  {len(found)} of {kills} kills")
+                    print_message(f"  {len(found)} of {kills} kills")
     return found
 
 
@@ -158,7 +158,7 @@ def _wait_for(path: Path) -> None:
 def _look(path: Path, acknowledged: Path) -> tuple[str, int]:
     """What is wrong with a killed record, and how many acknowledged frames it lacks."""
     with Record(path) as record:
-        state, missing = record.state, set(record.missing())
+        state, missing = record.state, set(record.missing_frames())
     # Killed between its last frame and its last word, a run may have said COMPLETE.
     right = state is State.INTERRUPTED or (state is State.COMPLETE and not missing)
     return "" if right else f"reads {state}", len(missing & set(_indices(acknowledged)))

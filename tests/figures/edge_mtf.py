@@ -11,14 +11,14 @@ import torch
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
-from optics.slanted_edge import slanted_edge
+from optics.slanted_edge import measure_edge_response
 from optics.system_mtf import system_mtf
 from optics.threads import single_threaded
 from simulator.imaging import Imaging
 from simulator.mount import Mount
+from simulator.panel_content import PanelContent
 from simulator.scene import Sheet, Sheets, Target
 from simulator.scene.charts import slanted_edge as chart
-from simulator.shown import Shown
 from simulator.situation import Situation
 
 _GOAL = 0.01
@@ -62,7 +62,7 @@ def edge_figure(folder: Path) -> list[Figure]:
 
 def mtf_error(distance: float, *, horizontal: bool) -> float:
     """The largest deviation up to Nyquist's frequency."""
-    found = slanted_edge(_pictured(_edge(distance, horizontal)))
+    found = measure_edge_response(_pictured(_edge(distance, horizontal)))
     inside = found.frequencies <= _HIGHEST
     frequencies = found.frequencies[inside]
     across = (math.pi / 2 if found.horizontal else 0.0) - found.angle
@@ -78,12 +78,12 @@ def _edge(distance: float, horizontal: bool) -> Target:
 
 def _pictured(target: Target) -> np.ndarray:
     """Electrons of each pixel, by frames of an exposure that half fills the wells."""
-    neutral = Shown.of(np.zeros((1, *CAMERA.panel.shape), np.uint8), math.inf)
+    neutral = PanelContent.of(np.zeros((1, *CAMERA.panel.shape), np.uint8), math.inf)
     unit = Situation(
         CAMERA, Mount(), target, Band(_WAVELENGTH, 2e-9), neutral, 0.0, 1e-3, numerics=1e-4
     )
     sensor = CAMERA.sensor
-    brightest = unit.picture.brightest
+    brightest = unit.picture_probe.brightest
     s = Situation(
         CAMERA, Mount(), target, unit.band, neutral, 0.0, 0.5 * sensor.full_well / brightest,
         numerics=1e-4,

@@ -14,11 +14,11 @@ import torch
 
 from figures import Figure
 from figures.random_pictures import Case, TooLong, cases, deviation, everything
-from labapp.common.console import say
+from labapp.common.console import print_message
 from optics.threads import single_threaded
-from simulator.effects.on_pixels import deep
-from simulator.imaging import Imaging, Picture
-from simulator.planning import Audited, EffectPlan, audit
+from simulator.effects.electron_bounds import without_clipping
+from simulator.imaging import Imaging, PictureMoments
+from simulator.planning import AuditResult, EffectPlan, audit
 from simulator.recipe import Recipe
 
 T = TypeVar("T")
@@ -53,17 +53,17 @@ class Tally:
     work: list[float] = field(default_factory=list)
 
 
-def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, Picture]]:
+def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, PictureMoments]]:
     """With the picture with everything on, where that doesn't take too long."""
     for case in drawn:
         try:
             yield case, everything(case, _PATIENCE)
         except TooLong:
-            say(f"left out, for everything takes over {_PATIENCE:g} s: {case.words}")
+            print_message(f"left out, for everything takes over {_PATIENCE:g} s: {case.words}")
 
 
 def swept(
-    drawn: Iterable[tuple[Case, Picture]], tolerances: tuple[float, ...] = TOLERANCES
+    drawn: Iterable[tuple[Case, PictureMoments]], tolerances: tuple[float, ...] = TOLERANCES
 ) -> Tally:
     """Every case's picture by the plan for each tolerance, against the one with everything on."""
     found = Tally()
@@ -84,13 +84,13 @@ def swept(
     return found
 
 
-def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[Audited, ...]:
+def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[AuditResult, ...]:
     """Everything that a plan leaves out put back, singly and in some pairs drawn by chance."""
     s, imaging = case.at(tol), Imaging(tol, case.forced)
     plan = imaging.plan(s)
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
-        picture = imaging.picture(s, deep(s, recipe))
+        picture = imaging.picture_moments(s, without_clipping(s, recipe))
         return picture.mean, picture.variance
 
     return audit(case.effects, s, plan, render, pairs=_drawn_pairs(case, plan, pairs, seed))
@@ -107,7 +107,7 @@ def _told(drawn: Iterable[T], count: int) -> Iterator[T]:
     """They take long: every twentieth says so."""
     for number, one in enumerate(itertools.islice(drawn, count)):
         if number and not number % 20:
-            say(f"{number} of {count} pictures")
+            print_message(f"{number} of {count} pictures")
         yield one
 
 
@@ -116,18 +116,17 @@ def effects_figures(folder: Path) -> list[Figure]:
     """Two hundred pictures; sixty of them, the quickest, are audited."""
     found = swept(_told(judged(cases(_SEED, _MOST_WORK)), _COUNT))
     for line in found.wrong:
-        say(line)
+        print_message(line)
     singles, doubles, broken = 0, 0, []
     for case in _told(cases(_SEED + 1, _AUDITED_WORK), _AUDITED):
         for one in audited(case, _AUDITED_TOL, _PAIRS, _SEED):
             singles += len(one.effects) == 1
             doubles += len(one.effects) == 2
-            if one.broken:
-                broken.append(
-                    f"{' + '.join(one.effects)}: {one.share:.2f} of the bound; {case.words}"
-                )
+            if one.is_broken:
+                share = f"{one.measured_over_bound:.2f} of the bound"
+                broken.append(f"{' + '.join(one.effects)}: {share}; {case.words}")
     for line in broken:
-        say(line)
+        print_message(line)
     return [
         Figure(
             "200 random scenes and benches, tol 1e-1 / 1e-2 / 1e-3: picture and noise, planned",

@@ -13,9 +13,9 @@ from judges.star import Star, star_picture
 
 from figures import Figure
 from labapp.files.scene_file import StarTable
-from labapp.pictures.report.analysis import analyse
+from labapp.pictures.report.record_analysis import analyse_record
 from labapp.runs.record.reader import Record
-from labapp.studies.demo import first_light
+from labapp.studies.demo import run_first_light
 
 _SECONDS_GOAL, _GAIN_GOAL, _ERROR_GOAL = 60.0, 3.0, 0.05
 
@@ -45,7 +45,7 @@ def demo_figures(folder: Path) -> list[Figure]:
 
 def prediction_figure(folder: Path) -> list[Figure]:
     """Relative L2 between the measured full PSF and a direct quadrature of the same star."""
-    first_light(folder)
+    run_first_light(folder)
     error = prediction_error(folder / "run.h5")
     return [
         Figure(
@@ -59,7 +59,7 @@ def prediction_figure(folder: Path) -> list[Figure]:
 
 def prediction_error(path: Path) -> float:
     """|measured - predicted| / |predicted| in the measured window, without a fitted scale."""
-    analysis = analyse(path)
+    analysis = analyse_record(path)
     assert analysis.psf is not None
     measured = analysis.psf.measured
     with Record(path) as record:

@@ -21,7 +21,7 @@ from scipy.special import erfc, j0, roots_hermite
 
 from figures import Figure
 from optics.plane import Plane
-from optics.propagation.operator import METHODS, FreeSpace
+from optics.propagation.free_space_operator import METHODS, FreeSpace
 from optics.threads import single_threaded
 
 _TOL = 1e-8

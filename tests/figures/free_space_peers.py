@@ -8,8 +8,8 @@ from labapp_peers.free_space import candidates as peer_candidates
 
 from figures import Figure
 from figures.peers import told_ratios
-from labapp.accuracy.propagate import Reference, asked_field, candidates
-from labapp.accuracy.rows import measure
+from labapp.accuracy.propagate import FieldReference, candidates, field_case_from_options
+from labapp.accuracy.work_precision import measure
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.plane import Plane
@@ -29,11 +29,13 @@ def against_peers(folder: Path) -> list[Figure]:
     budget, told, met = Budget(speed=machine_speed()), [], []
     for distance in _DISTANCES:
         for paraxial in (False, True):
-            case = asked_field("smooth", _PLANE, _PLANE, distance, 550e-9, paraxial=paraxial)
-            reference = Reference(case)
+            case = field_case_from_options(
+                "smooth", _PLANE, _PLANE, distance, 550e-9, paraxial=paraxial
+            )
+            reference = FieldReference(case)
             ours = list(candidates(case, reference, budget))
-            theirs = list(peer_candidates(case, reference.of))
-            rows = measure([*ours, *theirs], reference.truth, Progress()).rows
+            theirs = list(peer_candidates(case, reference.samples_of))
+            rows = measure([*ours, *theirs], reference.exact_samples, Progress()).rows
             words, ahead = told_ratios(rows[: len(ours)], rows[len(ours) :], _ALIKE)
             model = "Fresnel" if paraxial else "scalar"
             told.append(f"{1e3 * distance:g} mm, {model}: {words}")

@@ -30,7 +30,7 @@ from figures.stopwatch import processor_seconds
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
-from optics.propagation.operator import METHODS, FreeSpace
+from optics.propagation.free_space_operator import METHODS, FreeSpace
 from optics.threads import single_threaded
 
 _PROBLEMS = 120

@@ -22,8 +22,8 @@ from figures import Figure
 from figures.durability import differing_arrays, run_small
 from figures.where import ENVIRONMENT, ROOT
 from labapp.bench.opening import open_bench
-from labapp.runs.acquisition import keeping
-from labapp.runs.acquisition.runner import Outcome, run_plan
+from labapp.runs.acquisition import frame_storage
+from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
@@ -105,7 +105,7 @@ def _fill_once(
         file.unlink(missing_ok=True)
     run_small(plan, reference)
     with Record(reference) as whole:
-        frames = whole.frames
+        frames = whole.frame_count
     filler = _Filler(disk, path, reference, int(rng.integers(frames - 1)), rng.random() < 0.5)
     with open_bench(small_setup()) as bench, _blindfolded(not watched):
         outcome = run_plan(bench, plan, path, on_frame=filler.after_frame)
@@ -116,13 +116,13 @@ def _fill_once(
 @contextlib.contextmanager
 def _blindfolded(blind: bool) -> Iterator[None]:
     """While the block runs, the disk seems to have room, as it does with a quota."""
-    original = keeping.free_bytes
+    original = frame_storage.free_bytes
     if blind:
-        keeping.free_bytes = lambda path: 1 << 40
+        frame_storage.free_bytes = lambda path: 1 << 40
     try:
         yield
     finally:
-        keeping.free_bytes = original
+        frame_storage.free_bytes = original
 
 
 class _Filler:
@@ -186,7 +186,7 @@ class _Filler:
     def _look(self, told: list[int]) -> None:
         """What was acknowledged is there now, as a fresh handle reads it."""
         with Record(self._path) as record, Record(self._reference) as whole:
-            missing = set(record.missing())
+            missing = set(record.missing_frames())
             for index in told:
                 if index in missing:
                     self.trouble = f"frame {index} was acknowledged and is lost"
@@ -194,7 +194,7 @@ class _Filler:
                     self.trouble = f"frame {index} was acknowledged and is wrong"
 
 
-def _judge(outcome: Outcome, reference: Path, path: Path) -> str:
+def _judge(outcome: RunOutcome, reference: Path, path: Path) -> str:
     if outcome.state is not State.COMPLETE:
         return f"{outcome.state}: {outcome.message}"
     differing = differing_arrays(reference, path)

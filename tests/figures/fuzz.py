@@ -13,7 +13,7 @@ from figures import Figure
 from figures.fuzzed_machine import FuzzedMachine
 from figures.serial_cases import SERIAL_CASES
 from figures.wire_case import Rng, WireCase, unheard
-from labapp.common.console import say
+from labapp.common.console import print_message
 from simulator.clock import VirtualClock
 
 _REPLIES = 100_000
@@ -46,7 +46,7 @@ def _figure(case: WireCase) -> Figure:
                 wrong.append(ended)
         if changed >= told + _TOLD:
             told = changed
-            say(f"  {case.name}: {changed} changed")
+            print_message(f"  {case.name}: {changed} changed")
         if changed >= _REPLIES:
             break
     measured = (

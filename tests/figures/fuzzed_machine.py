@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from simulator.machines.machine import Machine, Reply
+from simulator.machines.machine import Reply, SerialMachine
 
 _KEPT = 16
 
@@ -20,14 +20,14 @@ class FuzzedMachine:
 
     own_faults: tuple[str, ...] = ()
 
-    def __init__(self, machine: Machine, rng: np.random.Generator, share: float) -> None:
+    def __init__(self, machine: SerialMachine, rng: np.random.Generator, share: float) -> None:
         self.machine = machine
         self.share = share
         self.changed = 0
         self._rng = rng
         self._said: deque[bytes] = deque(maxlen=_KEPT)
 
-    def suffer(self, kind: str | None) -> None:
+    def set_fault(self, kind: str | None) -> None:
         """Nothing besides."""
 
     def feed(self, data: bytes, t: float) -> list[Reply]:

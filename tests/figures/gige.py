@@ -12,7 +12,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from figures import Figure
-from simulator.wire.fake_gige import FakeGigE
+from simulator.wire.fake_gige import FakeGigECamera
 
 _SHAPE = (2048, 2048)
 _RATE = 30.0
@@ -34,11 +34,11 @@ def gige_figure(folder: Path) -> list[Figure]:
     goal = f"≥ {_GOAL:.0f} frames/s, 0 unreported drops"
     try:
         with (
-            FakeGigE(
+            FakeGigECamera(
                 lambda exposure, gain: pictures[next(made) % _PICTURES],
                 _SHAPE,
                 "Mono8",
-                cycle=_PICTURES,
+                cycle_length=_PICTURES,
             ) as fake,
             AravisCamera(
                 Surroundings(RealClock()),

@@ -14,10 +14,10 @@ from drivers.interfaces import Surroundings
 from figures import Figure
 from labapp.bench.opening import BenchFiles, read_scene
 from labapp.files.bench_file import BenchFile
-from labapp.files.reading import bundled, read_file
+from labapp.files.reading import bundled_path, read_file
 from optics.patterns import fresnel_lens
 from optics.slm import phase_to_grey
-from simulator.devices.camera import SimulatedCamera
+from simulator.devices.simulated_camera import SimulatedCamera
 from simulator.world import World
 
 _SHAPE = (2048, 2448)
@@ -92,8 +92,8 @@ def measured(world: World, frames: int) -> Live:
 
 
 def _world(shape: tuple[int, int]) -> World:
-    files = BenchFiles.default()
-    data = read_file(bundled("bench.toml"), BenchFile).model_dump(mode="json")
+    files = BenchFiles.with_defaults()
+    data = read_file(bundled_path("bench.toml"), BenchFile).model_dump(mode="json")
     # A well that holds the electrons that are asked for.
     changes = {"height": shape[0], "width": shape[1], "full_well_electrons": 6 * _ELECTRONS}
     data["sensor"] |= changes | {"gain_electrons_per_dn": 1.0, "bits": 16}
@@ -104,7 +104,7 @@ def _world(shape: tuple[int, int]) -> World:
 def _exposure(world: World) -> float:
     """At which the mean pixel holds as many electrons as are asked for, or the brightest as many
     as are read without clipping."""
-    rate = world.light(_TRIAL)[0]
+    rate = world.electron_rates(_TRIAL)[0]
     well = world.camera.sensor.full_well
     return min(_ELECTRONS / float(rate.mean()), 0.95 * well / float(rate.max()))
 

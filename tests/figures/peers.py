@@ -9,17 +9,17 @@ from pathlib import Path
 from labapp_peers.psf import candidates as peer_candidates
 
 from figures import Figure
-from labapp.accuracy.psf import candidates, exact
-from labapp.accuracy.rows import Row, measure
+from labapp.accuracy.psf import candidates, exact_psf
+from labapp.accuracy.work_precision import Row, measure
 from labapp.common.speed import machine_speed
-from labapp.light.asked import Case
+from labapp.light.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_CASE = Case(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, Plane((256, 256), (3.45e-6, 3.45e-6)))
+_CASE = LensCase(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, Plane((256, 256), (3.45e-6, 3.45e-6)))
 
 _WRONG = 0.5
 """A picture further than this from the truth is none to be compared with."""
@@ -29,7 +29,7 @@ _WRONG = 0.5
 def against_peers(folder: Path) -> list[Figure]:
     """Each library's every setting against our fastest that is at least as accurate."""
     ours = [c for c in candidates(_CASE, Budget(speed=machine_speed())) if c.row.tol is not None]
-    measured = measure([*ours, *peer_candidates(_CASE)], exact(_CASE, Progress()), Progress())
+    measured = measure([*ours, *peer_candidates(_CASE)], exact_psf(_CASE, Progress()), Progress())
     words, met = told_ratios(measured.rows[: len(ours)], measured.rows[len(ours) :])
     return [
         Figure(

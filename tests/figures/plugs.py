@@ -24,17 +24,17 @@ from drivers.x11 import ScreenReader, XError
 from labapp.bench.opening import BenchSetup
 from labapp.files.bench_file import DeviceTable
 from labapp.runs.steps import Shot
-from simulator.machines.machine import Machine
+from simulator.machines.machine import SerialMachine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.screens import xvfb
-from simulator.wire import Line, WireFault
+from simulator.wire import SimulatedLine, WireFault
 from simulator.wire.camera_faults import CameraFault
-from simulator.wire.fake_gige import FakeGigE
-from simulator.wire.pty import ServedLine
+from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.pty import PtyLine
 from simulator.wire.usb_backend import UsbBus
-from simulator.wire.usb_remote import UsbServer, option
+from simulator.wire.usb_remote import UsbServer, backend_option
 
 _SLOTS = [[450, 10], [500, 10], [550, 10], [600, 10], [650, 10], [700, 10]]
 _ADDRESS = "127.0.0.1"
@@ -69,7 +69,7 @@ class Plug:
 def varispec(folder: Path) -> Iterator[Plug]:
     """A tunable filter behind a serial line."""
     tuned: list[float] = []
-    with _on_a_line(VariSpecMachine(tuned=tuned.append), 9600, folder) as (port, pull):
+    with _on_a_line(VariSpecMachine(on_tuned=tuned.append), 9600, folder) as (port, pull):
         yield _filter("varispec", {"port": port}, pull, lambda: tuned[-1])
 
 
@@ -77,7 +77,7 @@ def varispec(folder: Path) -> Iterator[Plug]:
 def thorlabs(folder: Path) -> Iterator[Plug]:
     """A filter wheel behind a serial line."""
     turned = [1]
-    machine = ThorlabsWheelMachine(6, step=(0.4, 0.3), turned=turned.append)
+    machine = ThorlabsWheelMachine(6, step=(0.4, 0.3), on_slot=turned.append)
     with _on_a_line(machine, 115200, folder) as (port, pull):
         options = {"port": port, "slots_nm": _SLOTS}
         yield _filter("thorlabs-wheel", options, pull, lambda: _SLOTS[turned[-1] - 1][0] * 1e-9)
@@ -88,11 +88,11 @@ def zwo(folder: Path) -> Iterator[Plug]:
     """A filter wheel on a USB."""
     turned, clock = [1], RealClock()
     bus = UsbBus(clock)
-    plug = bus.plug_in(ZwoWheelMachine(6, step=0.3, turned=turned.append))
+    plug = bus.plug_in(ZwoWheelMachine(6, step=0.3, on_slot=turned.append))
     with UsbServer(bus, folder / "usb"):
         yield _filter(
             "zwo-wheel",
-            {"backend": option(folder / "usb"), "slots_nm": _SLOTS},
+            {"backend": backend_option(folder / "usb"), "slots_nm": _SLOTS},
             lambda seconds: plug.inject(WireFault("disconnect", clock.now(), seconds)),
             lambda: _SLOTS[turned[-1] - 1][0] * 1e-9,
         )
@@ -114,7 +114,7 @@ def gige(folder: Path) -> Iterator[Plug]:
         return np.array_equal(frame.image, picture(shot.exposure, 0.0))
 
     clock = RealClock()
-    with FakeGigE(picture, shape, "Mono12", address=_ADDRESS, clock=clock) as camera:
+    with FakeGigECamera(picture, shape, "Mono12", address=_ADDRESS, clock=clock) as camera:
         options = {"address": _ADDRESS, "pixel_format": "Mono12", "latency_frames": 0}
 
         def pull(seconds: float) -> None:
@@ -196,11 +196,11 @@ def _filter(
 
 @contextmanager
 def _on_a_line(
-    machine: Machine, baudrate: int, folder: Path
+    machine: SerialMachine, baudrate: int, folder: Path
 ) -> Iterator[tuple[str, Callable[[float], None]]]:
     """Its port, and what pulls its plug."""
-    line = Line(machine, baudrate=baudrate)
-    with ServedLine(line, folder / "port") as served:
+    line = SimulatedLine(machine, baudrate=baudrate)
+    with PtyLine(line, folder / "port") as served:
 
         def pull(seconds: float) -> None:
             line.inject(WireFault("disconnect", served.clock.now(), seconds))

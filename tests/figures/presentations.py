@@ -12,8 +12,8 @@ import numpy as np
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from drivers.screen import ScreenSLM
-from drivers.screen.choosing import Wanted, choose
-from drivers.screen.identify import screens
+from drivers.screen.identify import list_screens
+from drivers.screen.screen_choice import ScreenRequest, choose_screen
 from figures import Figure
 from figures.screen import TROUBLES
 from figures.video_eye import Verdict, judge, watch
@@ -58,8 +58,8 @@ def watched_video(
     surroundings = Surroundings(RealClock(0.0))
     with ScreenSLM(surroundings, display=server.display) as slm:
         height, width = slm.shape
-        wanted = Wanted("", width, height, 1 / slm.frame_time, allow_primary=False)
-        region = choose(wanted, screens(server.display)).region
+        wanted = ScreenRequest("", width, height, 1 / slm.frame_time, allow_primary=False)
+        region = choose_screen(wanted, list_screens(server.display)).region
         video = rng.integers(0, 256, (_FRAMES, *slm.shape), np.uint8)
         window = int(slm.health()["window's process"])
         slm.play("video", video)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from figures import Figure
 from figures.regret import median_and_high, regret
 from figures.stopwatch import processor_seconds
-from labapp.accuracy.references.lens import terms
-from labapp.accuracy.references.psf import Judge, Problem, farthest
+from labapp.accuracy.references.lens_integral import node_count
+from labapp.accuracy.references.psf_problem import PSFProblem, PSFReference, window_corner_distance
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
@@ -36,7 +36,7 @@ _TIMED_TERMS = 2e6
 """Nodes of the judge beyond which methods take minutes to plan."""
 
 
-def problems(seed: int = _SEED) -> Iterator[Problem]:
+def problems(seed: int = _SEED) -> Iterator[PSFProblem]:
     """Without end: focal length 10 mm to 1 m, f/1.4 to f/32, 400 to 1000 nm, object from 0.1 m
     to infinity, pixels of 1 to 20 µm, windows of 32 to 1024, stops, aberrations, SLM phase."""
     rng = np.random.default_rng(seed)
@@ -64,9 +64,9 @@ def problems(seed: int = _SEED) -> Iterator[Problem]:
         if rng.random() < 0.25:
             camera, phase = _behind_panel(rng, lens)
             if pupil_amplitude(camera).any():
-                yield Problem(camera, distance, wavelength, pixels, integrate, tol, phase)
+                yield PSFProblem(camera, distance, wavelength, pixels, integrate, tol, phase)
         else:
-            yield Problem(lens, distance, wavelength, pixels, integrate, tol)
+            yield PSFProblem(lens, distance, wavelength, pixels, integrate, tol)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -135,8 +135,8 @@ def tolerance_figure(folder: Path) -> list[Figure]:
             continue
         accepted += 1
         light = problem.light(operator)
-        judge = Judge(problem, light)
-        if judge.terms > _JUDGED_TERMS:
+        judge = PSFReference(problem, light)
+        if judge.product_count > _JUDGED_TERMS:
             continue
         judged += 1
         share = judge.error(light) / problem.tol
@@ -164,7 +164,7 @@ def tolerance_figure(folder: Path) -> list[Figure]:
     ]
 
 
-def floor_is_real(problem: Problem, refusal: ToleranceError, budget: Budget) -> bool:
+def floor_is_real(problem: PSFProblem, refusal: ToleranceError, budget: Budget) -> bool:
     """Whether a refused problem is beyond what the memory or the arithmetic allow.
 
     Where memory ran out, the judge too takes more terms than could be held; where a larger
@@ -172,16 +172,16 @@ def floor_is_real(problem: Problem, refusal: ToleranceError, budget: Budget) -> 
     """
     words = str(refusal)
     if "ask for tol" not in words:
-        corner = farthest(problem)
+        corner = window_corner_distance(problem)
         if isinstance(problem.optics, Camera) or "pixels needs" in words:
             return True
-        needed = terms(problem.lens, problem.distance, problem.wavelength, corner)
+        needed = node_count(problem.lens, problem.distance, problem.wavelength, corner)
         return 16 * needed > budget.memory
     advised = float(words.split("ask for tol ")[1].split()[0])
     operator = problem.operator(advised, budget=budget)
     light = problem.light(operator)
-    judge = Judge(problem, light)
-    if judge.terms <= _JUDGED_TERMS and judge.error(light) > advised:
+    judge = PSFReference(problem, light)
+    if judge.product_count <= _JUDGED_TERMS and judge.error(light) > advised:
         return False
     return advised <= 1e-7
 
@@ -210,15 +210,20 @@ def regret_figure(folder: Path) -> list[Figure]:
     ]
 
 
-def _times(problem: Problem, budget: Budget) -> Iterator[tuple[str, float]]:
+def _times(problem: PSFProblem, budget: Budget) -> Iterator[tuple[str, float]]:
     """times_of(), where the judge takes no minutes."""
-    if terms(problem.lens, problem.distance, problem.wavelength, farthest(problem)) > _TIMED_TERMS:
+    if (
+        node_count(
+            problem.lens, problem.distance, problem.wavelength, window_corner_distance(problem)
+        )
+        > _TIMED_TERMS
+    ):
         return
     yield from times_of(problem, budget)
 
 
 def times_of(
-    problem: Problem, budget: Budget, predicted: tuple[float, float] = (0.003, 0.2)
+    problem: PSFProblem, budget: Budget, predicted: tuple[float, float] = (0.003, 0.2)
 ) -> Iterator[tuple[str, float]]:
     """Seconds of every way that meets tol, the one that is chosen by itself first.
 

@@ -19,7 +19,7 @@ from drivers.interfaces import Frame
 from figures import Figure
 from labapp.bench.opening import Bench, BenchSetup, open_bench
 from labapp.files.plan_file import PlanFile
-from labapp.files.writing import to_disk
+from labapp.files.writing import sync_to_disk
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -102,7 +102,7 @@ def cancel_seconds(folder: Path, setup: BenchSetup, number: int) -> float:
         outcome = run_plan(bench, plan_of([30_000], 2), path, progress=progress)
         watcher.join()
         assert outcome.state is State.CANCELLED, outcome
-        assert bench.slm.shown == "neutral"
+        assert bench.slm.displayed_pattern == "neutral"
     return moments["ended"] - moments["asked"]
 
 
@@ -205,7 +205,7 @@ def _plain(path: Path, frames: list[NDArray[np.uint16]]) -> float:
             file.flush()
             if index == 0:
                 began = time.perf_counter()
-        to_disk(path)
+        sync_to_disk(path)
         seconds = time.perf_counter() - began
     path.unlink()
     return seconds
@@ -218,7 +218,7 @@ def _engine(path: Path, frames: list[NDArray[np.uint16]]) -> float:
 
     def tell(shot: Shot, frame: Frame) -> None:
         if shot.index == _SUSTAINED - 1:
-            to_disk(path)
+            sync_to_disk(path)
         told.append(time.perf_counter())
 
     with open_bench(small_setup(_BIG, reply_s=60.0)) as bench, _ready_pictures(frames):

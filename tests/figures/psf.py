@@ -15,7 +15,7 @@ from judges import View, by_rings
 
 from figures import Figure
 from optics.camera import Camera, Lens, Panel
-from optics.fourier import ChirpTransform, Geometry, MatrixTransform, plan_transform
+from optics.fourier import ChirpTransform, FourierGeometry, MatrixTransform, plan_transform
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.threads import single_threaded
@@ -65,7 +65,7 @@ def psf_cost(folder: Path) -> list[Figure]:
 def pixelated_cost(folder: Path) -> list[Figure]:
     """From an SLM pupil of 2232² pixels to 512² samples, in single precision."""
     panel = Plane((2232, 2232), (8e-6, 8e-6))
-    geometry = Geometry(panel, Plane((512, 512), (_PITCH, _PITCH)), _WAVELENGTH * 0.1)
+    geometry = FourierGeometry(panel, Plane((512, 512), (_PITCH, _PITCH)), _WAVELENGTH * 0.1)
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, panel.shape)
     field = torch.from_numpy(np.exp(1j * phase))
     truth = MatrixTransform(geometry, torch.complex128)(field)
@@ -103,7 +103,7 @@ def _median(call: Callable[[], object]) -> float:
 def single_precision(folder: Path) -> list[Figure]:
     """Intensities and gradients behind a panel of 1080 x 1920 pixels, by every transform."""
     camera, rng = Camera(Panel(unmodulated=0.0), Lens(0.1, 5.6, 2.0)), np.random.default_rng(0)
-    pixels = camera.sensor.window((128, 128))
+    pixels = camera.sensor.window_plane((128, 128))
     phase = torch.from_numpy(rng.uniform(0, 2 * np.pi, camera.panel.shape))
     plan = partial(PSFOperator, camera, 2.0, _WAVELENGTH, pixels, integrate=False)
     truth, truth_slope = _with_slope(plan(tol=1e-9, method=MatrixTransform.name), phase)

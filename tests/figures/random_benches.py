@@ -17,10 +17,10 @@ from optics.light import Band, Spectrum
 from optics.patterns import axicon, binary_grating, blazed_grating, fresnel_lens
 from optics.polarisation import PathEffect
 from optics.sensor import Mosaic
-from optics.slm import Map, Response, phase_to_grey
+from optics.slm import PanelMap, PhaseResponse, phase_to_grey
 from optics.stop.aperture import Stop
 from simulator.mount import Mount
-from simulator.shown import Shown
+from simulator.panel_content import PanelContent
 
 _FOCAL_LENGTH = 0.05
 _LETTERS = {"R": 600e-9, "G": 540e-9, "B": 460e-9}
@@ -33,7 +33,7 @@ class RandomBench:
     camera: Camera
     mount: Mount
     band: Band
-    shown: Shown
+    shown: PanelContent
     path: PathEffect | None
     distance: float
 
@@ -79,16 +79,16 @@ def _panel(rng: np.random.Generator, wavelength: float) -> Panel:
     shape = (int(rng.integers(16, 33)), int(rng.integers(20, 41)))
     y, x = np.mgrid[-1:1:5j, -1:1:6j]
     data: dict[str, Any] = {
-        "illumination": Map(np.exp(-(x**2) - y**2) * rng.uniform(0.5, 2) + 0.1),
+        "illumination": PanelMap(np.exp(-(x**2) - y**2) * rng.uniform(0.5, 2) + 0.1),
         "front_reflection": log_uniform(rng, 1e-4, 0.05),
-        "response": Response.tabulated(
+        "response": PhaseResponse.from_curve(
             wavelength, rng.uniform(0.9, 1.1) * (np.arange(256) / 255) ** rng.uniform(0.8, 1.3)
         ),
         "coupling": log_uniform(rng, 5e-7, 15e-6),
         "flicker": log_uniform(rng, 1e-3, 0.1),
         "jitter": log_uniform(rng, 3e-3, 0.3),
         "gap_reflection": rng.uniform(0.05, 0.7),
-        "flatness": Map((x**2 - y + x * y) * log_uniform(rng, 1e-9, 60e-9)),
+        "flatness": PanelMap((x**2 - y + x * y) * log_uniform(rng, 1e-9, 60e-9)),
         "unmodulated": log_uniform(rng, 1e-4, 0.1),
         "response_time": log_uniform(rng, 5e-4, 8e-3),
     }
@@ -147,13 +147,13 @@ def _path(rng: np.random.Generator, panel: Panel) -> PathEffect | None:
     return PathEffect(torch.tensor(1.0), torch.tensor(u), torch.tensor(complex(beat)))
 
 
-def _shown(rng: np.random.Generator, camera: Camera, wavelength: float) -> Shown:
+def _shown(rng: np.random.Generator, camera: Camera, wavelength: float) -> PanelContent:
     """One picture, or a video of two to four."""
     if rng.random() < 0.75:
-        return Shown.of(_pattern(rng, camera, wavelength)[None], math.inf)
+        return PanelContent.of(_pattern(rng, camera, wavelength)[None], math.inf)
     count = int(rng.integers(2, 5))
     frames = [_pattern(rng, camera, wavelength) for _ in range(count)]
-    return Shown.of(np.stack(frames), 1 / camera.panel.frame_rate)
+    return PanelContent.of(np.stack(frames), 1 / camera.panel.frame_rate)
 
 
 def _pattern(rng: np.random.Generator, camera: Camera, wavelength: float) -> NDArray[np.uint8]:

@@ -14,14 +14,14 @@ import numpy as np
 from figures.problems import log_uniform
 from figures.random_benches import random_bench
 from figures.random_targets import Chance
-from labapp.light.simulating.everything import FINE, Deviation
+from labapp.light.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
 from optics.pupil import pupil_amplitude
-from simulator.effects.on_pixels import deep
+from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
-from simulator.imaging import Imaging, Picture
+from simulator.imaging import Imaging, PictureMoments
 from simulator.planning import Effect, EffectPlan
-from simulator.planning.plan import EFFECTS_SHARE, recipe_of
+from simulator.planning.effect_plan import EFFECTS_SHARE, build_recipe
 from simulator.recipe import Recipe
 from simulator.scene import Target
 from simulator.situation import Situation
@@ -55,7 +55,7 @@ class Case:
         return [
             one
             for one in EFFECTS
-            if one.caused(self.situation) and (self.orders or one.name != _ORDERS)
+            if one.is_present(self.situation) and (self.orders or one.name != _ORDERS)
         ]
 
     @property
@@ -65,7 +65,7 @@ class Case:
     @property
     def finest(self) -> dict[str, int]:
         """Level of every effect."""
-        return {one.name: one.finest(self.situation) for one in self.effects}
+        return {one.name: one.finest_level(self.situation) for one in self.effects}
 
     @property
     def finest_work(self) -> float:
@@ -75,11 +75,11 @@ class Case:
 
     @property
     def finest_recipe(self) -> Recipe:
-        return recipe_of(self.effects, self.situation, self.finest)
+        return build_recipe(self.effects, self.situation, self.finest)
 
     def at(self, tol: float) -> Situation:
         """With the arithmetic that goes with a tolerance."""
-        return replace(self.situation, numerics=max((1 - EFFECTS_SHARE) * tol, FINE))
+        return replace(self.situation, numerics=max((1 - EFFECTS_SHARE) * tol, REFERENCE_TOL))
 
     @property
     def words(self) -> str:
@@ -125,7 +125,7 @@ def random_situation(rng: np.random.Generator) -> Situation:
         bench.path,
     )
     wanted = bench.camera.sensor.full_well * log_uniform(rng, 0.02, 3.0)
-    unit = replace(s, target=lit(target, 1.0)).picture
+    unit = replace(s, target=lit(target, 1.0)).picture_probe
     brightest = min(unit.brightest, unit.total / _SPOT) * exposure
     glare = log_uniform(rng, 1e-3, 0.3) if rng.random() < 0.5 else 0.0
     s = replace(s, camera=replace(s.camera, glare=glare))
@@ -138,7 +138,7 @@ def lit(target: Target, radiance: float) -> Target:
     return replace(target, **changes)
 
 
-def everything(case: Case, patience: float = math.inf) -> Picture:
+def everything(case: Case, patience: float = math.inf) -> PictureMoments:
     """With every effect at its finest, and the finest arithmetic that can be kept: where hardly
     any light meets the sensor, a stop's edge takes some of it.
 
@@ -150,15 +150,15 @@ def everything(case: Case, patience: float = math.inf) -> Picture:
         if time.process_time() - begun > patience:
             raise TooLong(case.words)
 
-    for numerics in (FINE, _COARSER, 10 * _COARSER):
+    for numerics in (REFERENCE_TOL, _COARSER, 10 * _COARSER):
         s = replace(case.situation, numerics=numerics)
         with contextlib.suppress(ToleranceError):
-            return Imaging(0.0).picture(s, deep(s, case.finest_recipe), check)
+            return Imaging(0.0).picture_moments(s, without_clipping(s, case.finest_recipe), check)
     raise ToleranceError(f"no tolerance can be kept of {case.words}")
 
 
-def deviation(case: Case, tol: float, truth: Picture) -> tuple[Deviation, EffectPlan]:
+def deviation(case: Case, tol: float, truth: PictureMoments) -> tuple[Deviation, EffectPlan]:
     """Of the picture by the plan for a tolerance from one with everything on."""
     s, imaging = case.at(tol), Imaging(tol, case.forced)
     plan = imaging.plan(s)
-    return Deviation.of(imaging.picture(s, deep(s, plan.recipe)), truth), plan
+    return Deviation.of(imaging.picture_moments(s, without_clipping(s, plan.recipe)), truth), plan

@@ -18,15 +18,15 @@ from simulator.scene import (
     Dark,
     Display,
     Drawable,
-    Even,
     Flat,
-    Photograph,
+    PhotographPrint,
     Pinhole,
     Relief,
     Sheet,
     Sheets,
     Star,
     Target,
+    UniformLight,
     display_primaries,
 )
 from simulator.scene.bricks import brick
@@ -64,7 +64,7 @@ class Chance:
         if rng.random() < 0.2:
             more["velocity"] = tuple(rng.normal(0, self._side, 2))
         if rng.random() < 0.15:
-            more["polarised"] = rng.uniform(0, math.pi)
+            more["polarisation_angle"] = rng.uniform(0, math.pi)
         return replace(drawn, **more)
 
     def _lamp(self, wavelength: float) -> Spectrum | None:
@@ -116,7 +116,7 @@ class Chance:
 
     def _photograph(self) -> Target:
         cover = log_uniform(self._rng, 0.4, 2.0)
-        return Photograph(self._image(), self._distance, 1.0, cover=cover)
+        return PhotographPrint(self._image(), self._distance, 1.0, cover=cover)
 
     def _cube(self) -> Target:
         image = self._image(len(_NODES))
@@ -155,7 +155,7 @@ class Chance:
             paint = ((self._paint(), picture),)
             sheets.append(Sheet(float(step * self._distance), paint, cover))
         if rng.random() < 0.7:
-            wall = Sheet(1.3 * self._distance, ((self._paint(), Even()),))
+            wall = Sheet(1.3 * self._distance, ((self._paint(), UniformLight()),))
             sheets.append(wall)
         return Sheets(tuple(sheets), 1.0)
 

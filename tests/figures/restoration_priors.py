@@ -8,22 +8,22 @@ from pathlib import Path
 
 from figures import Figure
 from figures.photographs import camera
-from labapp.accuracy.blurs import Taken, disk, taken
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.bounded import bounded
+from labapp.accuracy.blurs import SimulatedPhotograph, disk, simulate_photograph
+from optics.deconvolution.bounded import restore_within_bounds
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.restored import Restored
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
 
-_WAYS: dict[str, tuple[float, Callable[[Blurred], Restored]]] = {
+_WAYS: dict[str, tuple[float, Callable[[Observation], RestoredImage]]] = {
     "hyper-Laplacian restoration, disk of 7, noise .01, period known and not": (
         27.3,
         hyper_laplacian,
     ),
     "total variation within 0 to 1 by L-BFGS-B, disk of 7, noise .01, period known and not": (
         27.0,
-        lambda seen: bounded(seen, upper=1.0, iterations=100),
+        lambda seen: restore_within_bounds(seen, upper=1.0, iterations=100),
     ),
 }
 """With the PSNR that is asked of each, in dB."""
@@ -40,8 +40,8 @@ def restoration_figures(folder: Path) -> list[Figure]:
             figures.append(Figure(name, asked, "not measured: no scikit-image", None))
             continue
         cases = [
-            taken("period", scene, disk(7), 0.01, 0, "periodic"),
-            taken("frame", scene, disk(7), 0.01, 0),
+            simulate_photograph("period", scene, disk(7), 0.01, 0, "periodic"),
+            simulate_photograph("frame", scene, disk(7), 0.01, 0),
         ]
         found = [(case, *_judged(case, way), *_judged(case, total_variation)) for case in cases]
         told = "; ".join(
@@ -53,7 +53,9 @@ def restoration_figures(folder: Path) -> list[Figure]:
     return figures
 
 
-def _judged(case: Taken, way: Callable[[Blurred], Restored]) -> tuple[float, float]:
+def _judged(
+    case: SimulatedPhotograph, way: Callable[[Observation], RestoredImage]
+) -> tuple[float, float]:
     """PSNR of the whole frame, and milliseconds of the processor."""
     begun = time.process_time()
     image = way(case.problem).image

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from figures import Figure
 from figures.measurements import MEASUREMENTS
-from labapp.accuracy.writing import machine
-from labapp.files.writing import write_whole
+from labapp.accuracy.row_output import describe_machine
+from labapp.files.writing import write_atomically
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 README = Path(__file__).parents[2] / "README.md"
@@ -46,7 +46,7 @@ class Stamp:
 
     @staticmethod
     def now() -> Stamp:
-        return Stamp(datetime.date.today().isoformat(), _commit(), machine())
+        return Stamp(datetime.date.today().isoformat(), _commit(), describe_machine())
 
     def __str__(self) -> str:
         return f"{self.date}, {self.commit}, {self.machine}"
@@ -72,7 +72,7 @@ def update(section: Section, path: Path = RESULTS) -> None:
     """Put a section in its place, and leave all others as they are."""
     sections = read_sections(path)
     sections[section.name] = str(section)
-    write_whole(path, _page(sections, list(MEASUREMENTS)).encode())
+    write_atomically(path, _page(sections, list(MEASUREMENTS)).encode())
 
 
 def read_sections(path: Path = RESULTS) -> dict[str, str]:
@@ -95,7 +95,7 @@ def quote(path: Path, results: Path = RESULTS) -> None:
     text = path.read_text()
     changed = _QUOTED.sub(newer, text)
     if changed != text:
-        write_whole(path, changed.encode())
+        write_atomically(path, changed.encode())
 
 
 def quoted_rows(path: Path) -> dict[str, str]:

@@ -17,13 +17,19 @@ from figures import Figure
 from figures.stopwatch import processor_seconds
 from labapp.common.speed import machine_speed
 from optics.camera import Camera, Panel
-from optics.fourier import CommensurateTransform, Geometry
+from optics.fourier import CommensurateTransform, FourierGeometry
 from optics.plane import Plane, centred_crop
-from optics.retrieval import Quality, Retrieved, design_plane, retrieve, window_for
+from optics.retrieval import (
+    PatternQuality,
+    RetrievalResult,
+    design_plane,
+    retrieve,
+    window_for_reach,
+)
 from optics.retrieval.far_field import FarField
-from optics.retrieval.goal import Goal
-from optics.retrieval.judging import judge
-from optics.retrieval.slow_crystal import shown_light
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.quality import measure_quality
+from optics.retrieval.slow_crystal import displayed_psf
 from optics.targets import Target, ring, spiral
 from optics.threads import single_threaded
 
@@ -53,7 +59,7 @@ def iteration_cost(folder: Path) -> list[Figure]:
     whole[: shape[0], : shape[1]] = start
 
     def ours() -> torch.Tensor:
-        return far_field.bounce(torch.sgn(field) * amplitude)
+        return far_field.round_trip(torch.sgn(field) * amplitude)
 
     def pair() -> Field:
         return np.asarray(scipy.fft.ifft2(scipy.fft.fft2(whole)))
@@ -114,23 +120,23 @@ def _phase_difference(start: Field, amplitude: NDArray[Any], far_field: FarField
         whole = (back / np.maximum(np.abs(back), 1e-30)).astype(np.complex64)
         asked = torch.sgn(field) * torch.from_numpy(amplitude)
         if iteration < 29:
-            field = far_field.bounce(asked)
+            field = far_field.round_trip(asked)
         else:
-            pruned = far_field.back(asked)
+            pruned = far_field.adjoint(asked)
     difference = np.abs(np.angle(pruned.numpy() * whole.conj()))
     return float(np.percentile(difference, 99.9))
 
 
-def _target(shape: Target[..., Any], *sizes: float) -> Callable[[Camera], Goal]:
+def _target(shape: Target[..., Any], *sizes: float) -> Callable[[Camera], RetrievalGoal]:
     """A target of sizes in units of the panel's diffraction limit, wavelength z / width."""
 
-    def goal(camera: Camera) -> Goal:
+    def goal(camera: Camera) -> RetrievalGoal:
         width = max(camera.panel.shape) * camera.panel.pitch
         unit = _WAVELENGTH * camera.lens.image_distance / width
         lengths = [size * unit for size in sizes]
-        window = window_for(camera, _WAVELENGTH, shape.reach(*lengths))
+        window = window_for_reach(camera, _WAVELENGTH, shape.reach(*lengths))
         plane = design_plane(camera, _WAVELENGTH, window)
-        return Goal(camera, shape(plane, *lengths), plane, _WAVELENGTH)
+        return RetrievalGoal(camera, shape(plane, *lengths), plane, _WAVELENGTH)
 
     return goal
 
@@ -140,7 +146,7 @@ _RING = _target(ring, 25.0, 3.1)
 """The thesis' sizes: 50 samples to the spiral's end, 25 to the ring, of 1920."""
 
 
-def _retrieved(goal: Goal, **options: Any) -> Retrieved:
+def _retrieved(goal: RetrievalGoal, **options: Any) -> RetrievalResult:
     generator = torch.Generator().manual_seed(1)
     return retrieve(
         goal.camera,
@@ -158,7 +164,7 @@ def _warm() -> None:
     _retrieved(_RING(_CAMERA), iterations=2)
 
 
-def _told(found: Retrieved) -> str:
+def _told(found: RetrievalResult) -> str:
     q = found.quality
     return (
         f"efficiency {q.efficiency:.3f}, contrast {q.contrast:.4f}, NRMSE {q.nrmse:.3f} "
@@ -188,7 +194,9 @@ def single_frames(folder: Path) -> list[Figure]:
     ]
 
 
-def _good(quality: Quality, efficiency: float, contrast: float, nrmse: float = np.inf) -> bool:
+def _good(
+    quality: PatternQuality, efficiency: float, contrast: float, nrmse: float = np.inf
+) -> bool:
     return (
         quality.efficiency >= efficiency and quality.contrast <= contrast and quality.nrmse <= nrmse
     )
@@ -223,7 +231,7 @@ def slow_crystal(folder: Path) -> list[Figure]:
     still, moving = _SPIRAL(_CAMERA), _SPIRAL(slow)
     blind = _retrieved(still, frames=8, iterations=100)
     aware = _retrieved(moving, frames=8, iterations=100)
-    shown = judge(moving, shown_light(moving, blind.phases, 1))
+    shown = measure_quality(moving, displayed_psf(moving, blind.phases, 1))
     lost = blind.quality.efficiency - shown.efficiency
     recovered = (aware.quality.efficiency - shown.efficiency) / lost
     return [
@@ -257,7 +265,7 @@ def _correlation(where: Path, iteration: str) -> float:
     )
     window = Plane((200, 200), (1e-6, 1e-6))
     pupil = Plane(_CAMERA.panel.shape, (8e-6, 8e-6))
-    transform = CommensurateTransform(Geometry(pupil, window, 1920 * 8e-12), torch.complex64)
+    transform = CommensurateTransform(FourierGeometry(pupil, window, 1920 * 8e-12), torch.complex64)
     phase = torch.from_numpy(pattern).to(torch.float64) * (2 * np.pi / 255)
     field = transform(torch.polar(torch.ones_like(phase), phase))
     light = (field.real**2 + field.imag**2).numpy().ravel()

@@ -124,7 +124,7 @@ def _desktop(server: XServer, scale: float, *, manager: bool) -> Iterator[None]:
     with ExitStack() as stack:
         stack.enter_context(_environment(scaling))
         stack.callback(server.run, "xrdb", "-remove")
-        server.run("xrdb", "-nocpp", "-merge", given=f"Xft.dpi: {dots}\n")
+        server.run("xrdb", "-nocpp", "-merge", stdin=f"Xft.dpi: {dots}\n")
         stack.callback(server.run, "xsetroot", "-solid", "black")
         server.run("xsetroot", *_WALLPAPER)
         if manager:

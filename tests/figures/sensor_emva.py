@@ -13,7 +13,7 @@ from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.sensor import emva1288
 from optics.threads import single_threaded
-from simulator.devices.camera import SimulatedCamera
+from simulator.devices.simulated_camera import SimulatedCamera
 from simulator.scene import Dark, Flat, Scene
 from simulator.world import World
 
@@ -85,7 +85,7 @@ def _bench() -> tuple[Bench, float]:
     electrons per second that were asked for, as the world tells them before any frame."""
     lens = Lens(0.125, 40.0, 2.0)
     camera = Camera(_PANEL, lens, SENSOR)
-    unit = World(camera, Scene({"even": Flat(2.0, 1.0)}), tol=_TOL).light()[0]
+    unit = World(camera, Scene({"even": Flat(2.0, 1.0)}), tol=_TOL).electron_rates()[0]
     wanted = 1.1 * SENSOR.full_well / _LONGEST
     radiance = wanted / float(unit.mean())
     scene = Scene({"dark": Dark(), "even": Flat(2.0, radiance)})
@@ -98,7 +98,7 @@ def _measured(bench: Bench) -> emva1288.Characteristics:
     lit, dark = (
         {time: _pair(bench, target, time) for time in exposures} for target in ("even", "dark")
     )
-    return emva1288.measure(lit, dark)
+    return emva1288.measure_characteristics(lit, dark)
 
 
 def _pair(

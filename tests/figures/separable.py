@@ -15,14 +15,14 @@ from scipy.signal import fftconvolve
 
 from figures import Figure
 from figures.stopwatch import processor_seconds
-from labapp.accuracy.blurs import Array, taken
-from labapp.files.reading import bundled
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.depths import depths, pasted
-from optics.deconvolution.layered import layered
-from optics.deconvolution.measured import measured
-from optics.deconvolution.restored import Restored
-from optics.deconvolution.separable import SeparableFilter, separable, separable_parts
+from labapp.accuracy.blurs import Array, simulate_photograph
+from labapp.files.reading import bundled_path
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.layered_observation import build_layered_observation
+from optics.deconvolution.layered_restoration import paste_layers, restore_layers
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.separable import SeparableFilter, restore_separable, separable_parts
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
 from optics.threads import single_threaded
@@ -52,29 +52,31 @@ def separable_figure(folder: Path) -> list[Figure]:
     """The same filter, the same weight, an unknown border: by both ways, interleaved."""
     down, along = cubic_kernel(_STRENGTH, _WAVES), cubic_kernel(_STRENGTH, 0.0)
     psf = np.outer(down, along)
-    case = taken("cubic plate", _photograph(_SIDE + _KERNEL - 1), psf, _NOISE, _SEED)
-    truth, frame = case.truth, case.frame
+    case = simulate_photograph("cubic plate", _photograph(_SIDE + _KERNEL - 1), psf, _NOISE, _SEED)
+    truth, frame = case.truth, case.observation
     seen = _fresh(frame, psf)
     weight = wiener(seen, None, "flat").weight
     assert weight is not None
     planned = SeparableFilter(*separable_parts(torch.from_numpy(psf)), (_SIDE, _SIDE))
-    data = seen.data - seen.data.mean()
-    full = _same_as(planned(data, weight) + seen.data.mean(), seen, weight)
+    data = seen.normalised_image - seen.normalised_image.mean()
+    full = _same_as(planned(data, weight) + seen.normalised_image.mean(), seen, weight)
     ways: dict[str, Callable[[], object]] = {
         "separable": lambda: planned(data, weight),
         "2-D": lambda: wiener(_fresh(frame, psf), weight, "flat", steps=full.iterations - 1),
         "planning": lambda: SeparableFilter(down, along, (_SIDE, _SIDE)),
     }
     spent = processor_seconds(ways, _REPEATS)
-    answer = (planned(data, weight) + seen.data.mean()).numpy()
+    answer = (planned(data, weight) + seen.normalised_image.mean()).numpy()
     difference = float(np.linalg.norm(answer - full.image.numpy()) / np.linalg.norm(answer))
     largest = float(np.abs(answer - full.image.numpy()).max())
-    work = _transform_work(seen.whole, full.iterations)
+    work = _transform_work(seen.period_shape, full.iterations)
     quality = {
         "blurred": frame,
         "flat": answer,
-        "neighbours": separable(seen, prior="neighbours").image.numpy(),
-        "each axis by itself": separable(seen, prior="neighbours", joint=False).image.numpy(),
+        "neighbours": restore_separable(seen, prior="neighbours").image.numpy(),
+        "each axis by itself": restore_separable(
+            seen, prior="neighbours", joint=False
+        ).image.numpy(),
         "2-D gradient": wiener(seen).image.numpy(),
     }
     return [
@@ -97,7 +99,7 @@ def separable_figure(folder: Path) -> list[Figure]:
     ]
 
 
-def _same_as(answer: torch.Tensor, seen: Blurred, weight: float) -> Restored:
+def _same_as(answer: torch.Tensor, seen: Observation, weight: float) -> RestoredImage:
     """The two-dimensional restoration by as few steps as come so near."""
     for steps in (5, 10, 15, 20, 30, 40, 80, 160, 320):
         full = wiener(seen, weight, "flat", steps=steps)
@@ -107,9 +109,9 @@ def _same_as(answer: torch.Tensor, seen: Blurred, weight: float) -> Restored:
     return full
 
 
-def _fresh(frame: Array, psf: Array) -> Blurred:
+def _fresh(frame: Array, psf: Array) -> Observation:
     """With nothing computed yet."""
-    return measured(frame.astype(np.float32), psf, _NOISE)
+    return build_observation(frame.astype(np.float32), psf, _NOISE)
 
 
 def _transform_work(shape: tuple[int, int], steps: int) -> float:
@@ -133,11 +135,11 @@ def depths_figure(folder: Path) -> list[Figure]:
     light += past * fftconvolve(far, psfs[1], mode="same")
     truth, layers = _cut(cover * near + (1 - cover) * far), _cut(1 - cover).astype(np.int64)
     frame = _noisy(_cut(light))
-    seen = layered(frame.astype(np.float32), psfs, layers)
+    seen = build_layered_observation(frame.astype(np.float32), psfs, layers)
     ways: dict[str, Callable[[], torch.Tensor]] = {
         "one PSF": lambda: total_variation(_fresh(frame, psfs[1])).image,
-        "pasted": lambda: pasted(seen, total_variation),
-        "together": lambda: depths(seen).image,
+        "pasted": lambda: paste_layers(seen, total_variation),
+        "together": lambda: restore_layers(seen).image,
     }
     edge = cv2.GaussianBlur(_cut(cover), (0, 0), 3)
     at = (edge > 0.02) & (edge < 0.98)
@@ -167,7 +169,7 @@ def _noisy(frame: Array) -> Array:
 
 def _photograph(side: int) -> Array:
     """The bundled one in grey, mirrored where it is too small."""
-    grey = cv2.imread(str(bundled("photograph.jpg")), cv2.IMREAD_GRAYSCALE)
+    grey = cv2.imread(str(bundled_path("photograph.jpg")), cv2.IMREAD_GRAYSCALE)
     if grey is None:
         raise FileNotFoundError("photograph.jpg isn't in labapp's data; install labapp again")
     rows, columns = (max(side - n, 0) for n in grey.shape)

@@ -37,7 +37,7 @@ def _metres(nm: float) -> float:
 
 
 def _is_tuned(setting: Any, machine: Any) -> bool:
-    near = abs(setting.asked - setting.actual) < 0.6e-11
+    near = abs(setting.request - setting.actual) < 0.6e-11
     return near and setting.actual == _metres(machine.state.wavelength)
 
 
@@ -99,7 +99,7 @@ THORLABS = {
     "open": Command(lambda device, rng: device.__enter__(), _is_set, 60.0),
     **WHEEL,
     "health": Command(lambda d, rng: d.health(), _wheel_is_healthy),
-    "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved == m.settings),
+    "save": Command(lambda d, rng: d.save(), lambda told, m: m.saved_settings == m.settings),
 }
 
 
@@ -121,16 +121,18 @@ def _light(wavelengths: Any) -> Any:
 
 
 def _is_the_light(told: Any, machine: Any) -> bool:
-    if machine.measured is None or machine.is_measuring:
+    if machine.measured_radiance is None or machine.is_measuring:
         return False
     conditions = machine.conditions.split(",")
-    same = np.allclose(told.radiance, machine.measured * 1e9, rtol=1e-6, atol=0)
-    times = round(told.integration * 1e6) == int(conditions[2])
-    return bool(same and times and told.dimmed == (conditions[3] == "1"))
+    same = np.allclose(told.radiance, machine.measured_radiance * 1e9, rtol=1e-6, atol=0)
+    times = round(told.integration_time * 1e6) == int(conditions[2])
+    return bool(same and times and told.nd_filter_used == (conditions[3] == "1"))
 
 
 def _are_the_colours(told: Any, machine: Any) -> bool:
-    return bool(np.allclose(told, tristimulus(WAVELENGTHS, machine.measured * 1e9), rtol=1e-6))
+    return bool(
+        np.allclose(told, tristimulus(WAVELENGTHS, machine.measured_radiance * 1e9), rtol=1e-6)
+    )
 
 
 def _colours(device: Any, rng: Rng) -> Any:

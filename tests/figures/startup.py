@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from figures import Figure
-from labapp.bench.opening import GROUP
+from labapp.bench.opening import DRIVER_GROUP
 from simulator.screens import NoXServer, xvfb
 
 _REPEATS = 5
@@ -38,7 +38,7 @@ def help_time(folder: Path) -> list[Figure]:
 
 def import_time(folder: Path) -> list[Figure]:
     """Median processor time that importing all drivers takes, and what comes with them."""
-    drivers = sorted({entry.value.partition(":")[0] for entry in entry_points(group=GROUP)})
+    drivers = sorted({entry.value.partition(":")[0] for entry in entry_points(group=DRIVER_GROUP)})
     ours = [name for name in drivers if name.startswith("drivers")]
     done = [_imported(ours) for _ in range(_REPEATS)]
     median = statistics.median(seconds for seconds, _ in done)

@@ -13,8 +13,8 @@ from small_bench.setups import random_plan, small_setup
 from figures import Figure
 from figures.durability import differing_arrays, run_small
 from labapp.bench.opening import open_bench
-from labapp.common.console import say
-from labapp.runs.acquisition.runner import Outcome, resume_run, run_plan
+from labapp.common.console import print_message
+from labapp.runs.acquisition.runner import RunOutcome, resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from simulator.faults import FRAME_KINDS, Fault, Kind, Role
@@ -42,7 +42,7 @@ def fault_figure(folder: Path) -> list[Figure]:
     """Each kind of fault at random moments of random plans; passing ones and lasting ones."""
     found = []
     for kind in get_args(Kind):
-        say(f"  {kind}")
+        print_message(f"  {kind}")
         found += suffer(folder, [kind], _MOMENTS)
     wrong = [f"{one.fault}: {one.wrong}" for one in found if one.wrong]
     complete = sum(one.state is State.COMPLETE for one in found)
@@ -85,7 +85,7 @@ def _suffer_one(folder: Path, kind: Kind, rng: np.random.Generator) -> Suffered:
         script = bench.world.faults
         # A fault may come after the last frame, when the bench is made safe.
         outcome = run_plan(
-            bench, plan, path, on_frame=lambda shot, frame: spared.append(script.untouched)
+            bench, plan, path, on_frame=lambda shot, frame: spared.append(script.is_unused)
         )
     harmless = outcome.state is State.COMPLETE and spared[-1]
     helps = not lasting or harmless or kind in _PASSING
@@ -97,22 +97,22 @@ def _suffer_one(folder: Path, kind: Kind, rng: np.random.Generator) -> Suffered:
 def _fault(kind: Kind, lasting: bool, reference: Path, rng: np.random.Generator) -> Fault:
     roles: list[Role] = ["camera"] if kind in FRAME_KINDS else list(get_args(Role))
     with Record(reference) as record:
-        frame = int(rng.integers(record.frames))
+        frame = int(rng.integers(record.frame_count))
     gone = _FOR_EVER if lasting else 0.1
     times = _FOR_EVER if lasting and kind != "disconnect" else 1
     return Fault(roles[rng.integers(len(roles))], kind, frame, times, gone)
 
 
-def _judge(outcome: Outcome, expected: State, reference: Path, path: Path) -> str:
+def _judge(outcome: RunOutcome, expected: State, reference: Path, path: Path) -> str:
     """Nothing stored may differ from the undisturbed run, and what isn't there is named."""
     if outcome.state is not expected:
         return f"{outcome.state} instead of {expected}: {outcome.message}"
     with Record(reference) as whole, Record(path) as record:
-        if record.state is not outcome.state or record.missing() != outcome.missing:
-            return f"the file says {record.state}, {len(record.missing())} missing"
+        if record.state is not outcome.state or record.missing_frames() != outcome.missing:
+            return f"the file says {record.state}, {len(record.missing_frames())} missing"
         if bool(outcome.missing) == (outcome.state is State.COMPLETE):
             return f"{outcome.state} with {len(outcome.missing)} frames missing"
-        for index in sorted(set(range(record.frames)) - set(outcome.missing)):
+        for index in sorted(set(range(record.frame_count)) - set(outcome.missing)):
             if not np.array_equal(record.image(index), whole.image(index)):
                 return f"frame {index} isn't the one that was planned"
             for column in ("exposure", "wavelength"):

@@ -115,7 +115,7 @@ def unplugged_run(
                 threading.Timer(later, pull).start()
 
         began = time.monotonic() - bench.clock.now()
-        names = {plug.role, bench.watched[plug.role].identity.model}
+        names = {plug.role, bench.supervised_devices[plug.role].identity.model}
         with _first_word(told, pulled, names):
             outcome = run_plan(
                 bench,

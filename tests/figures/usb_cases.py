@@ -56,7 +56,7 @@ def _commands(healthy: Any, opening: float = 0.0) -> dict[str, Command]:
 def _starlight(name: str, counted: bool = True, **options: Any) -> WireCase:
     return WireCase(
         f"Starlight Xpress{name}",
-        partial(StarlightWheelMachine, _SLOTS, _AT, step=0.2, counted=counted, serial=_SERIAL),
+        partial(StarlightWheelMachine, _SLOTS, _AT, step=0.2, slots_known=counted, serial=_SERIAL),
         usb,
         lambda surroundings, backend: StarlightWheel(
             surroundings, slots_nm(_SLOTS), step_ms=400.0, backend=backend, **options
@@ -73,7 +73,7 @@ def _zwo(name: str, both_ways: bool = False, **options: Any) -> WireCase:
     return WireCase(
         f"ZWO EFW{name}",
         partial(
-            ZwoWheelMachine, _SLOTS, _AT, step=0.2, both_ways=both_ways, patience=0, serial=_SERIAL
+            ZwoWheelMachine, _SLOTS, _AT, step=0.2, both_ways=both_ways, max_steps=0, serial=_SERIAL
         ),
         usb,
         lambda surroundings, backend: ZwoWheel(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.screen import Presentations
-from drivers.screen.refreshes import Refresh, Refreshes
+from drivers.screen.refreshes import Refresh, RefreshEvents
 from drivers.x11 import ScreenReader, XConnection
 
 _PAUSE = 0.5e-3
@@ -66,9 +66,9 @@ def watch(
             while (before := time.monotonic()) < late:
                 column = reader.grey().tobytes()
                 looks.append(Look(before, time.monotonic(), known.get(column, -1)))
-                if (told := clock.told()) is not None:
+                if (told := clock.poll_refresh()) is not None:
                     refreshes.append(told)
-                    clock.ask_for(told.number + 1)
+                    clock.request_refresh(told.number + 1)
                 meanwhile(before)
                 time.sleep(_PAUSE)
         finally:
@@ -76,11 +76,11 @@ def watch(
     return Seen(looks, refreshes)
 
 
-def _refreshes_of(display: str) -> Refreshes:
+def _refreshes_of(display: str) -> RefreshEvents:
     with XConnection(display) as x:
         root = x.setup.root
-    clock = Refreshes(display, root)
-    clock.ask_for(0)
+    clock = RefreshEvents(display, root)
+    clock.request_refresh(0)
     return clock
 
 

@@ -29,7 +29,7 @@ def _turn_by_wavelength(device: Any, rng: Rng) -> Any:
 
 
 def _stands(setting: Any, wheel: Any) -> bool:
-    return setting.asked == setting.actual == wheel.position
+    return setting.request == setting.actual == wheel.position
 
 
 def _is_near(wavelength: float, wheel: Any) -> bool:
@@ -39,7 +39,8 @@ def _is_near(wavelength: float, wheel: Any) -> bool:
 WHEEL = {
     "set_slot": Command(_turn, _stands),
     "set_wavelength": Command(
-        _turn_by_wavelength, lambda told, w: told.asked == told.actual and _is_near(told.actual, w)
+        _turn_by_wavelength,
+        lambda told, w: told.request == told.actual and _is_near(told.actual, w),
     ),
     "slot": Command(lambda d, rng: d.slot, lambda told, w: told == w.position),
     "wavelength": Command(lambda d, rng: d.wavelength, _is_near),

@@ -64,7 +64,7 @@ def report_on_window(began: float) -> None:
     """Open a window, report on it, and return when it is closed; SystemExit if its bench fails."""
     application, window, connection = open_window()
     watcher = _Watcher(window, began)
-    connection.received.connect(watcher.hear)
+    connection.report_received.connect(watcher.hear)
     if status := application.exec():
         sys.exit(status)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from drivers.interfaces import Clock, Surroundings
-from simulator.wire import Line, WireFault, plug_in, unplug
+from simulator.wire import SimulatedLine, WireFault, plug_in, unplug
 
 Rng = np.random.Generator
 
@@ -72,10 +72,10 @@ def serial(baudrate: int) -> Plugging:
 
     @contextmanager
     def plugged(machine: Any, clock: Clock, seed: int) -> Iterator[Cable]:
-        line = Line(machine, baudrate=baudrate, seed=seed)
+        line = SimulatedLine(machine, baudrate=baudrate, seed=seed)
         name = f"figure-{next(_NAMES)}"
         try:
-            yield Cable(plug_in(name, line, clock), line.inject, line.mend, machine)
+            yield Cable(plug_in(name, line, clock), line.inject, line.clear_faults, machine)
         finally:
             unplug(name)
 
@@ -86,15 +86,17 @@ def serial(baudrate: int) -> Plugging:
 def usb(machine: Any, clock: Clock, seed: int) -> Iterator[Cable]:
     """By a USB bus of its own."""
     # It needs pyusb, which serial machines don't.
-    from simulator.wire.usb_backend import UsbBus, register, unregister
+    from simulator.wire.usb_backend import UsbBus, register_bus, unregister_bus
 
     bus = UsbBus(clock, seed)
     plug = bus.plug_in(machine)
     name = f"figure-{next(_NAMES)}"
     try:
-        yield Cable(register(name, bus), plug.inject, plug.mend, WheelNow(machine, clock))
+        yield Cable(
+            register_bus(name, bus), plug.inject, plug.clear_faults, WheelNow(machine, clock)
+        )
     finally:
-        unregister(name)
+        unregister_bus(name)
 
 
 @contextmanager
@@ -119,10 +121,10 @@ class WheelNow:
     @property
     def position(self) -> int:
         """Where it stands; 0 while it turns."""
-        at: int = self.machine.wheel.rests(self._clock.now())
+        at: int = self.machine.wheel.resting_slot(self._clock.now())
         return at
 
     @property
     def says_it_turns(self) -> bool:
         """Which one that is broken says for ever."""
-        return not self.machine.wheel.stands(self._clock.now())
+        return not self.machine.wheel.reported_slot(self._clock.now())

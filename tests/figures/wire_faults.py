@@ -15,9 +15,9 @@ from figures import Figure
 from figures.serial_cases import SERIAL_CASES
 from figures.usb_cases import USB_CASES
 from figures.wire_case import Cable, Command, Rng, WireCase, unheard
-from labapp.common.console import say
+from labapp.common.console import print_message
 from simulator.clock import VirtualClock
-from simulator.wire import WIRE_KINDS, WireFault
+from simulator.wire import WIRE_FAULT_KINDS, WireFault
 
 _MOMENTS = 20
 
@@ -57,7 +57,7 @@ def _figures(name: str, cases: Iterable[WireCase]) -> list[Figure]:
     for case in cases:
         found = []
         for kind in kinds(case):
-            say(f"  {case.name}: {kind}")
+            print_message(f"  {case.name}: {kind}")
             found += list(suffer(case, kind, _MOMENTS))
         wrong = [f"{one.command}, {one.fault}: {one.wrong}" for one in found if one.wrong]
         failed = sum(one.failed for one in found)
@@ -78,7 +78,7 @@ def _figures(name: str, cases: Iterable[WireCase]) -> list[Figure]:
 
 def kinds(case: WireCase) -> tuple[str, ...]:
     """All that can go wrong with a case."""
-    return (*WIRE_KINDS, *case.machine().own_faults)
+    return (*WIRE_FAULT_KINDS, *case.machine().own_faults)
 
 
 def suffer(case: WireCase, kind: str, moments: int, seed: int = 0) -> Iterator[Suffered]:

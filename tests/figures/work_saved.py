@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from figures import Figure
-from labapp.common.console import say
-from labapp.files.finding import ready_scenes
-from labapp.files.reading import bundled
-from labapp.light.simulating.asked import AskedPicture, stage_of
-from labapp.light.simulating.everything import by_plan, finest_levels, with_everything
-from labapp.light.simulating.quick import changed_setup
+from labapp.common.console import print_message
+from labapp.files.file_lookup import bundled_scenes
+from labapp.files.reading import bundled_path
+from labapp.light.simulating.all_effects import finest_levels, render_all_effects, render_by_plan
+from labapp.light.simulating.picture_request import PictureRequest, prepare_bench_scene
+from labapp.light.simulating.small_bench import modified_bench_setup
 from optics.light import Band
 from optics.progress import Progress
 from optics.threads import single_threaded
-from simulator.effects.costs import BAND, SAMPLING
 from simulator.effects.registry import EFFECTS
+from simulator.effects.rendering_work import FILTER_BANDWIDTH, LIGHT_SAMPLING
 from simulator.imaging import Imaging
-from simulator.scene import Photograph
+from simulator.scene import PhotographPrint
 from simulator.situation import Situation
 
 _TOL = 1e-2
@@ -30,7 +30,7 @@ _PART = {"sensor": {"width": 256, "height": 256}}
 
 _SIMPLE_GOAL, _BUNDLED_GOAL = 10.0, 5.0
 
-_CHOSEN = (BAND, SAMPLING)
+_CHOSEN = (FILTER_BANDWIDTH, LIGHT_SAMPLING)
 """Effects whose fineness somebody has to choose once for all scenes who doesn't decide for each:
 all others are on, or off, by what there is."""
 
@@ -59,16 +59,16 @@ def work_figures(folder: Path) -> list[Figure]:
     finer = {name: max(levels) for name, levels in _demanded().items()}
     with _staged(None, "photograph") as s:
         simple = saved(simple_picture(s), finer)
-    say(f"simple: {simple}")
+    print_message(f"simple: {simple}")
     told, measured = [], []
     for path, name in _targets():
         with _staged(path, name) as s:
             everything = _work(s, finest_levels(s, finer))
             told.append(_times(everything, Imaging(_TOL).plan(s).work))
-            say(f"{path.stem} {name}: {told[-1]:.1f} times told")
+            print_message(f"{path.stem} {name}: {told[-1]:.1f} times told")
             if everything < _MOST_WORK:
                 measured.append(saved(s, finer))
-                say(f"{path.stem} {name}: {measured[-1]}")
+                print_message(f"{path.stem} {name}: {measured[-1]}")
     counted, cpu = (
         statistics.median(getattr(one, what) for one in measured) for what in ("counted", "cpu")
     )
@@ -91,8 +91,8 @@ def work_figures(folder: Path) -> list[Figure]:
 
 
 def _targets() -> Iterator[tuple[Path, str]]:
-    for path in (bundled("scene.toml"), *ready_scenes().values()):
-        scene = changed_setup(path, _PART).scene
+    for path in (bundled_path("scene.toml"), *bundled_scenes().values()):
+        scene = modified_bench_setup(path, _PART).scene
         assert scene is not None
         yield from ((path, name) for name in scene.targets)
 
@@ -115,18 +115,20 @@ def _work(s: Situation, levels: Mapping[str, int]) -> float:
 
 @contextmanager
 def _staged(scene: Path | None, target: str) -> Iterator[Situation]:
-    with stage_of(changed_setup(scene, _PART), AskedPicture(target=target), Progress()) as staged:
+    with prepare_bench_scene(
+        modified_bench_setup(scene, _PART), PictureRequest(target=target), Progress()
+    ) as staged:
         yield staged.situation
 
 
 def simple_picture(s: Situation) -> Situation:
     """Of a photograph in focus and in light of one wavelength, four fifths of the well full."""
     target = s.target
-    assert isinstance(target, Photograph)
+    assert isinstance(target, PhotographPrint)
     grey = target.image.mean(-1, keepdim=True).expand(-1, -1, 3).contiguous()
     bright = replace(target, image=grey.clamp(0.2, 1), distance=s.camera.lens.focus_distance)
     lit = replace(s, target=bright, band=Band(s.wavelength, 0.1e-9))
-    fill = 0.8 * s.camera.sensor.full_well / (lit.picture.brightest * s.exposure)
+    fill = 0.8 * s.camera.sensor.full_well / (lit.picture_probe.brightest * s.exposure)
     return replace(lit, exposure=s.exposure * fill)
 
 
@@ -135,14 +137,14 @@ def saved(s: Situation, finer: Mapping[str, int] | None = None, tol: float = _TO
     everything that are finer than this picture asks for."""
     # The first of all also loads what is only loaded once. What a situation knows of itself is
     # found out again each time.
-    first = by_plan(replace(s), tol)
-    whole = with_everything(s, finer=finer)
-    again = by_plan(replace(s), tol)
+    first = render_by_plan(replace(s), tol)
+    whole = render_all_effects(s, finer=finer)
+    again = render_by_plan(replace(s), tol)
     planned = min(first, again, key=lambda one: one.cpu)
     return Saved(
         _times(whole.operations, planned.operations),
         _times(whole.cpu, planned.cpu),
-        planned.deciding / planned.cpu,
+        planned.planning_cpu / planned.cpu,
     )
 
 

@@ -14,8 +14,8 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from figures import Figure
-from labapp.common.console import say
-from simulator.wire.fake_gige import FakeGigE
+from labapp.common.console import print_message
+from simulator.wire.fake_gige import FakeGigECamera
 
 _SHAPE = (64, 64)
 _BRACKETS = 100
@@ -42,7 +42,7 @@ def wrong_exposures_figure(folder: Path) -> list[Figure]:
     """A camera that obeys late, a reader that sleeps: triggered and free-running."""
     found = []
     for trigger in ("software", "free"):
-        say(f"  {trigger}")
+        print_message(f"  {trigger}")
         name = f"{_NAME}, {trigger}"
         try:
             came = brackets(trigger, _BRACKETS)
@@ -61,7 +61,7 @@ def brackets(trigger: Literal["software", "free"], count: int, seed: int = 0) ->
     rate = 100.0 if trigger == "free" else 0.0
     taken = wrong = refused = 0
     with (
-        FakeGigE(_picture, _SHAPE, "Mono16") as fake,
+        FakeGigECamera(_picture, _SHAPE, "Mono16") as fake,
         AravisCamera(
             Surroundings(RealClock()), fake.address, trigger=trigger, frame_rate=rate
         ) as camera,
@@ -75,7 +75,7 @@ def brackets(trigger: Literal["software", "free"], count: int, seed: int = 0) ->
                     setting = camera.set_exposure(float(exposure))
                     frame = camera.capture(lambda: False)
                 except DeviceError as error:
-                    say(f"  {error}")
+                    print_message(f"  {error}")
                     refused += 1
                     continue
                 taken += 1

@@ -29,7 +29,7 @@ __all__ = ["DEVNULL", "PIPE", "STDOUT", "CompletedProcess", "Popen", "TimeoutExp
 
 LOADED = (
     "labapp.cli",
-    "labapp.runs.running",
+    "labapp.runs.run_commands",
     "labapp.runs.record.checks",
     "labapp.studies.command",
     "labapp.bench.virtual_bench.serving",

@@ -29,7 +29,7 @@ from hard_cases.panels import CAMERA, camera, random, stop_of, window
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Holds, Slope, require_close
 from hard_cases.transforms import ways
 from optics.camera import Camera, Lens
-from optics.fourier import Geometry
+from optics.fourier import FourierGeometry
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF
 from optics.stop.aperture import Circle, rectangle
@@ -251,7 +251,7 @@ PUPIL, IMAGE = (
     Plane((4, 5), (2e-6, 3e-6), (1e-5, -2e-5)),
 )
 FIELD = np.random.default_rng(2).normal(size=(2, 7, 6))
-BETWEEN = Geometry(PUPIL, IMAGE, 1e-9)
+BETWEEN = FourierGeometry(PUPIL, IMAGE, 1e-9)
 
 
 def stretched(tol: float) -> torch.Tensor:

@@ -30,10 +30,10 @@ from hard_cases.table import (
 from optics.camera import Camera, Lens, Sensor
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import (
-    Map,
     Modulator,
     Panel,
-    Response,
+    PanelMap,
+    PhaseResponse,
     grey_to_phase,
     max_phase,
     phase_to_grey,
@@ -55,8 +55,8 @@ EVERYTHING: dict[str, Any] = {
     "jitter": 0.2,
     "front_reflection": 0.005,
     "gap_reflection": 0.3,
-    "flatness": Map(np.linspace(-3e-7, 3e-7, 6).reshape(2, 3)),
-    "illumination": Map(np.linspace(0, 2, 6).reshape(2, 3)),
+    "flatness": PanelMap(np.linspace(-3e-7, 3e-7, 6).reshape(2, 3)),
+    "illumination": PanelMap(np.linspace(0, 2, 6).reshape(2, 3)),
 }
 
 
@@ -68,7 +68,7 @@ def random(*shape: int, waves: float = 1.0, tol: float = DOUBLE) -> torch.Tensor
 
 def light(modulator: Modulator, video: torch.Tensor) -> torch.Tensor:
     """Mean over a cycle of what lies far away."""
-    cycle = modulator.cycle(video, FRAME)
+    cycle = modulator.video_cycle_fields(video, FRAME)
     parts = [share * torch.fft.fft2(field).abs() ** 2 for _, share, field in cycle]
     return torch.stack(parts).sum(0)
 
@@ -110,7 +110,7 @@ def all_flickers(tol: float) -> None:
     modulator = made(flicker=1.0)
     grey = torch.full(PANEL.shape, 255, dtype=torch.uint8)
     phase = float(modulator.phase(grey)[0, 0])
-    nodes = modulator.still(grey, dtype=dtype_for(tol))
+    nodes = modulator.still_fields(grey, dtype=dtype_for(tol))
     mean = torch.stack([share * field for share, field in nodes]).sum(0)
     left = mean * np.exp(-1j * phase)
     assert float((left - j0(phase)).abs().max()) <= 1e-3 + 1e-5
@@ -149,7 +149,7 @@ def dark_places(tol: float) -> None:
     """Zero light on some pixels, and a finite gradient there."""
     beam = torch.zeros(PANEL.shape)
     beam[2, 3] = 5.0
-    modulator = made(illumination=Map(beam), coupling=8e-6)
+    modulator = made(illumination=PanelMap(beam), coupling=8e-6)
     field = modulator.modulation(random(tol=tol))
     assert int((field != 0).sum()) == 1
     require_finite_gradient(modulator.modulation, random(tol=tol))
@@ -158,7 +158,7 @@ def dark_places(tol: float) -> None:
 def dead_levels(tol: float) -> None:
     """Half of the levels do nothing: the others' phases come back to half a step."""
     shares = torch.cat([torch.zeros(128), torch.linspace(0, 1, 128)]).double()
-    panel = replace(PANEL, response=Response.tabulated(WAVELENGTH, shares))
+    panel = replace(PANEL, response=PhaseResponse.from_curve(WAVELENGTH, shares))
     phase = random(waves=100, tol=tol)
     shown = grey_to_phase(panel, phase_to_grey(panel, phase, WAVELENGTH), WAVELENGTH)
     miss = torch.angle(torch.exp(1j * (shown - phase)))
@@ -170,7 +170,7 @@ def below_the_first_level(tol: float) -> None:
     """A region whose curve begins a rounding error above zero shows zero by its first level,
     not by a whole wave."""
     curves = LEVELS + torch.tensor([0.0, 1e-12]).double()[:, None]
-    panel = replace(PANEL, response=Response((WAVELENGTH,), curves[None, None]))
+    panel = replace(PANEL, response=PhaseResponse((WAVELENGTH,), curves[None, None]))
     assert not phase_to_grey(panel, torch.zeros(PANEL.shape, dtype=dtype_for(tol)), 5e-7).any()
 
 
@@ -185,7 +185,7 @@ OPTICS = Camera(PANEL, Lens(0.125, 5.0, 2.0), Sensor((20, 21), 20e-6))
 
 def hardly_a_jitter(tol: float) -> None:
     """1 - exp(-1e-18) isn't zero, and changes no picture."""
-    assert abs(made(jitter=1e-9).scattered / 1e-18 - 1) <= 1e-9
+    assert abs(made(jitter=1e-9).jitter_scatter_share / 1e-18 - 1) <= 1e-9
     require_close(seen(jitter=1e-9), seen(), 1e-6)
 
 
@@ -199,7 +199,7 @@ def nothing_but_jitter(tol: float) -> None:
 
 def seen(**effects: Any) -> torch.Tensor:
     """A PSF behind the panel, on 3 x 3 pixels."""
-    pixels = OPTICS.sensor.window((3, 3))
+    pixels = OPTICS.sensor.window_plane((3, 3))
     operator = PSFOperator(OPTICS, 2.0, WAVELENGTH, pixels, unmodulated=0.0)
     modulator = made(**effects)
     return modulated_psf(operator, modulator, [(1.0, modulator.modulation(random()))])
@@ -266,9 +266,9 @@ CASES: list[Case] = [
         "orders 4", lambda: made().grey(random(), 4), "orders is 4; .* choose 1 to 3",
         lambda tol: made().grey(random(), 3)),
     Refused("a response that falls", "two levels of one phase, and a search that finds neither",
-        "level 100", lambda: Response.tabulated(5e-7, LEVELS - 0.1 * (LEVELS > 100.5 / 255)),
+        "level 100", lambda: PhaseResponse.from_curve(5e-7, LEVELS - 0.1 * (LEVELS > 100.5 / 255)),
         "falls from level 100 to 101 .* smooth the measurement",
-        lambda tol: Response.tabulated(5e-7, LEVELS).shares),
+        lambda tol: PhaseResponse.from_curve(5e-7, LEVELS).shares),
     Refused("a video faster than anything follows", "a mean over thousands of turns",
         "1e4 rad a frame",
         lambda: light(made(response_time=5e-3), 1e4 * random(2)),

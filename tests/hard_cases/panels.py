@@ -36,7 +36,7 @@ def stop_of(diameter: float, **lens: Any) -> dict[str, Any]:
 
 
 def window(rows: int, columns: int, y: float = 0.0, x: float = 0.0) -> Plane:
-    return CAMERA.sensor.window((rows, columns), centre=(y, x))
+    return CAMERA.sensor.window_plane((rows, columns), centre=(y, x))
 
 
 def random(optics: Camera = CAMERA, waves: float = 1.0, seed: int = 0) -> NDArray[np.float64]:

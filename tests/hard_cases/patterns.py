@@ -48,7 +48,7 @@ def steep_lens_by_digits() -> NDArray[np.float64]:
 
 
 def high_polynomial(tol: float) -> torch.Tensor:
-    return patterns.aberrated(PANEL, [(40, 4, 1e-9)], 2.1e-4, WAVELENGTH)
+    return patterns.zernike_pattern(PANEL, [(40, 4, 1e-9)], 2.1e-4, WAVELENGTH)
 
 
 def high_polynomial_by_sum() -> NDArray[np.float64]:
@@ -64,17 +64,17 @@ def one_pixel(tol: float) -> None:
     for shape in ((1, 1), (1, 9), (9, 1)):
         panel = Panel(shape=shape)
         for phase in (
-            patterns.constant(panel),
+            patterns.constant_phase(panel),
             patterns.fresnel_lens(panel, 1.0, WAVELENGTH, (1e-6, 0.0)),
             patterns.axicon(panel, 1e-5, 0.1, WAVELENGTH),
-            patterns.cubic(panel, 0.1),
+            patterns.cubic_phase_mask(panel, 0.1),
             patterns.blazed_grating(panel, 3.0, 0.3),
-            patterns.steered(panel, (1e-5, 1e-5), 0.1, WAVELENGTH),
+            patterns.steering_grating(panel, (1e-5, 1e-5), 0.1, WAVELENGTH),
             patterns.binary_grating(panel, 2.0, 1.0),
-            patterns.sine(panel, 1.0, 4.0),
+            patterns.sine_grating(panel, 1.0, 4.0),
             patterns.random_patches(panel, shape, generator),
-            patterns.aberrated(panel, [(4, 0, 1e-9), (3, -1, 1e-9)], 1e-4, WAVELENGTH),
-            patterns.superposed(panel),
+            patterns.zernike_pattern(panel, [(4, 0, 1e-9), (3, -1, 1e-9)], 1e-4, WAVELENGTH),
+            patterns.superpose(panel),
         ):
             assert phase.shape == shape
             assert torch.isfinite(phase).all()
@@ -109,7 +109,7 @@ def odd_and_even(tol: float) -> None:
             for light in (
                 targets.ring(plane, 40e-6, 3e-6),
                 targets.infinity(plane, 40e-6, 3e-6),
-                targets.dots(plane, targets.on_ring(5, 40e-6), 3e-6),
+                targets.dots(plane, targets.ring_positions(5, 40e-6), 3e-6),
             ):
                 for axis in (y, x):
                     assert abs(float((light * axis).sum())) < 1e-9
@@ -165,24 +165,24 @@ CASES: list[Case] = [
             "focal_length changes the phase by 1.12 pi .* choose at least 0.224 m",
             lambda: patterns.fresnel_lens(FULL, 0.224, WAVELENGTH)),
     refused("a sine of two pixels", "sampled at its zeros it is nothing at all",
-            "2 pixels", lambda: patterns.sine(PANEL, 0.5, 2.0),
+            "2 pixels", lambda: patterns.sine_grating(PANEL, 0.5, 2.0),
             "period is 2 pixels; choose at least 4",
-            lambda: patterns.sine(PANEL, 0.5, 4.0)),
+            lambda: patterns.sine_grating(PANEL, 0.5, 4.0)),
     refused("rings thinner than pixels", "they alias to other rings",
-            "100 rings", lambda: patterns.annular(PANEL, 100, 0.1),
-            "rings is 100; choose 1 to 12", lambda: patterns.annular(PANEL, 12, 0.1)),
+            "100 rings", lambda: patterns.annular_phase_mask(PANEL, 100, 0.1),
+            "rings is 100; choose 1 to 12", lambda: patterns.annular_phase_mask(PANEL, 12, 0.1)),
     refused("a sum that is steeper than its parts", "each part passes by itself",
-            "two blazes of 3 pixels", lambda: patterns.superposed(PANEL, *HALVES),
+            "two blazes of 3 pixels", lambda: patterns.superpose(PANEL, *HALVES),
             r"the sum changes the phase by 1.33 pi .* all by 0.75",
-            lambda: patterns.superposed(PANEL, *(0.749 * half for half in HALVES))),
+            lambda: patterns.superpose(PANEL, *(0.749 * half for half in HALVES))),
     refused("polynomials far beyond their disc", "r to the 80th power overflows",
             "(80, 0), a disc of 10 nm",
-            lambda: patterns.aberrated(PANEL, [(80, 0, 1e-9)], 1e-8, WAVELENGTH),
+            lambda: patterns.zernike_pattern(PANEL, [(80, 0, 1e-9)], 1e-8, WAVELENGTH),
             "radius is 1e-08 m; the polynomials overflow",
-            lambda: patterns.aberrated(PANEL, [(80, 0, 1e-12)], 2e-4, WAVELENGTH)),
+            lambda: patterns.zernike_pattern(PANEL, [(80, 0, 1e-12)], 2e-4, WAVELENGTH)),
     refused("a number that is none", "NaN compares with nothing",
-            "strength NaN", lambda: patterns.cubic(PANEL, math.nan), "strength is nan",
-            lambda: patterns.cubic(PANEL, 1.0)),
+            "strength NaN", lambda: patterns.cubic_phase_mask(PANEL, math.nan), "strength is nan",
+            lambda: patterns.cubic_phase_mask(PANEL, 1.0)),
     Holds("turns that merge", "strokes that overlap add up, or divide by nothing",
           "6 turns, 12 µm", merging_turns, "one stroke's brightness", tols=ONCE),
     Holds("targets on odd and even grids", "the axis is a sample, or between two",

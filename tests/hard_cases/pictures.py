@@ -16,19 +16,19 @@ from hard_cases.table import ONCE, Agrees, Case, Holds, Refused, require_finite_
 from optics.formation import (
     form_coherent_image,
     form_image,
-    frequencies,
+    rfft2_frequencies,
     spectrum_of_disc,
     spectrum_of_samples,
 )
-from optics.plane import Plane
-from optics.psf import PSFOperator
-from optics.transfer import (
-    ambiguity,
-    defocused_transfer,
-    lens_transfer,
-    modulation,
+from optics.otf import (
+    ambiguity_function,
+    defocused_transfer_function,
+    lens_transfer_function,
+    modulation_transfer,
     transfer_function,
 )
+from optics.plane import Plane
+from optics.psf import PSFOperator
 
 PLANE = Plane((24, 24), (1e-6, 1e-6))
 CUTOFF = LENS.stop_diameter / (WAVELENGTH * LENS.image_distance)
@@ -122,7 +122,7 @@ V = np.array([0.0, 1e-9, 1e-4, 0.02, 0.3, 0.77, 0.999, 1 - 1e-9, 1.0, 1.3])
 def at(v: NDArray[np.float64], waves_off: float, tol: float) -> torch.Tensor:
     f = torch.from_numpy(v) * CUTOFF
     distance = defocused(LENS, waves_off)
-    return lens_transfer(LENS, distance, WAVELENGTH, 0.6 * f, 0.8 * f, tol=tol)
+    return lens_transfer_function(LENS, distance, WAVELENGTH, 0.6 * f, 0.8 * f, tol=tol)
 
 
 def overlap(v: NDArray[np.float64], waves_off: float) -> NDArray[np.float64]:
@@ -166,14 +166,14 @@ def of_the_psf(tol: float) -> NDArray[Any]:
 
 
 def of_the_lens() -> NDArray[Any]:
-    fy, fx = frequencies(WINDOW)
-    return lens_transfer(LENS, defocused(LENS, 2), WAVELENGTH, fy, fx).numpy()
+    fy, fx = rfft2_frequencies(WINDOW)
+    return lens_transfer_function(LENS, defocused(LENS, 2), WAVELENGTH, fy, fx).numpy()
 
 
 def gradient_at_zero(tol: float) -> None:
     """Finite, and right beside it: 1 for 1e-30, (-3 + 4i) / 5."""
     transfer = torch.tensor([0, 1e-30j, -3 + 4j], dtype=torch.complex128, requires_grad=True)
-    modulation(transfer).sum().backward()
+    modulation_transfer(transfer).sum().backward()
     assert transfer.grad is not None
     assert np.allclose(transfer.grad.numpy(), [0, 1j, -0.6 + 0.8j], rtol=1e-12, atol=0)
 
@@ -181,7 +181,7 @@ def gradient_at_zero(tol: float) -> None:
 def two_stars(tol: float) -> None:
     """A PSF that cancels at its highest frequency has a modulation of 0 and a gradient."""
     psf = torch.tensor([[0.0, 1.0, 1.0, 0.0]], requires_grad=True)
-    value = modulation(transfer_function(psf, Plane((1, 4), (1e-6, 1e-6))))
+    value = modulation_transfer(transfer_function(psf, Plane((1, 4), (1e-6, 1e-6))))
     value.sum().backward()
     assert float(value[0, 2].detach()) == 0
     assert psf.grad is not None
@@ -217,10 +217,10 @@ CASES: list[Case] = [
     Agrees("the transfer function of a PSF", "light beside the window wraps around, or is missing",
            "2 waves, 150x151 points", of_the_psf, of_the_lens, "the lens' own", tols=(1e-2,)),
     Agrees("an ambiguity function at its ends", "sinc(0), an overlap of nothing, 1e3 cycles",
-           "slit, |u| up to 2.5", lambda tol: ambiguity(None, U, FAR, tol=tol),
+           "slit, |u| up to 2.5", lambda tol: ambiguity_function(None, U, FAR, tol=tol),
            lambda: slit(U, FAR), "the closed form", tols=(1e-6, 1e-11)),
     Agrees("a slit a thousand waves out of focus", "the polar display's steepest line",
-           "± 1000 waves", lambda tol: defocused_transfer(None, U, FAR, tol=tol),
+           "± 1000 waves", lambda tol: defocused_transfer_function(None, U, FAR, tol=tol),
            lambda: slit(U, 2 * U * FAR), "the closed form", tols=(1e-6, 1e-11)),
     Holds("the modulus of zero", "the gradient of sqrt(re² + im²) is 0 / 0",
           "0, 1e-30 i, -3 + 4 i", gradient_at_zero, "z / |z|", tols=ONCE),
@@ -228,9 +228,10 @@ CASES: list[Case] = [
           "4 samples", two_stars, "0, with a finite gradient", tols=ONCE),
     # Refusals
     Refused("an ambiguity function of a hundred thousand cycles", "16 384 nodes see four a cycle",
-            "1e5 cycles", lambda: ambiguity(None, np.zeros(1), np.full(1, 100000.3), tol=1e-9),
+            "1e5 cycles",
+            lambda: ambiguity_function(None, np.zeros(1), np.full(1, 100000.3), tol=1e-9),
             r"can't be kept by 16384 nodes .*less steep or smoother",
-            lambda tol: ambiguity(None, np.zeros(1), np.full(1, 1e3), tol=1e-9)),
+            lambda tol: ambiguity_function(None, np.zeros(1), np.full(1, 1e3), tol=1e-9)),
     Refused("a PSF without light", "normalised by a sum of zero", "zeros",
             lambda: transfer_function(torch.zeros(24, 24), PLANE), "psf sums to 0; it needs light",
             lambda tol: transfer_function(torch.ones(24, 24), PLANE)),

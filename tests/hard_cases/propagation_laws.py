@@ -41,7 +41,7 @@ from hard_cases.ways import (
 )
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace
-from optics.propagation.transfer import transfer
+from optics.propagation.transfer_function import free_space_transfer_function
 
 # Laws
 
@@ -310,7 +310,7 @@ def grazing(tol: float) -> None:
         for z in (1e-9, -1e-6, 1.0):
             distance = torch.tensor(z, dtype=torch.float64, requires_grad=True)
             for y, x in ((f, 0 * f), (0.6 * f, 0.8 * f)):
-                wave = transfer(y, x, distance, wavelength)
+                wave = free_space_transfer_function(y, x, distance, wavelength)
                 found = torch.autograd.grad(
                     wave.real.sum() + wave.imag.sum(), (distance, wavelength)
                 )

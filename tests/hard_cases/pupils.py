@@ -19,7 +19,7 @@ from optics.plane import Plane
 from optics.pupil import defocus_path
 from optics.stop.aperture import Circle, Polygon, Shape, Stop, rectangle, regular_polygon
 from optics.stop.coverage import coverage
-from optics.stop.quadrature import Steepness, stop_rule
+from optics.stop.quadrature import PhaseSlopeBound, stop_rule
 from optics.zernike import zernike
 
 BY_LINES = "Gauss-Legendre along the lines that the stop leaves open"
@@ -49,7 +49,7 @@ def areas(
     """The area of a stop, from its boundary and from the weights of its nodes."""
 
     def both(tol: float) -> NDArray[np.float64]:
-        gentle = Steepness(lambda r: 0.0, lambda r: 0.0, 1.0)
+        gentle = PhaseSlopeBound(lambda r: 0.0, lambda r: 0.0, 1.0)
         return np.array([stop.area, float(stop_rule(stop, gentle, 1e-10).weight.sum())])
 
     return Agrees(
@@ -59,7 +59,7 @@ def areas(
 
 def moments(tol: float) -> NDArray[np.float64]:
     """Integrals of x^a y^b over a spider, by the nodes that a PSF would use."""
-    nodes = stop_rule(SPIDER, Steepness(lambda r: 20.0, lambda r: 20.0, 20.0), tol)
+    nodes = stop_rule(SPIDER, PhaseSlopeBound(lambda r: 20.0, lambda r: 20.0, 20.0), tol)
     powers = [(a, b) for a in range(5) for b in range(5)]
     y, x, weight = nodes.y.numpy(), nodes.x.numpy(), nodes.weight.numpy()
     return np.array([np.sum(weight * x**a * y**b) for a, b in powers])
@@ -132,7 +132,7 @@ def on_the_axis(tol: float) -> None:
 
 def orthogonal(tol: float) -> None:
     """Unit matrix of the mean products over the disc, up to degree 12."""
-    nodes = stop_rule(Stop(), Steepness(lambda r: 60.0, lambda r: 60.0, 0.0), 1e-13)
+    nodes = stop_rule(Stop(), PhaseSlopeBound(lambda r: 60.0, lambda r: 60.0, 0.0), 1e-13)
     y, x = nodes.y.numpy(), nodes.x.numpy()
     terms = np.array([zernike(n, m, y, x) for n in range(13) for m in range(-n, n + 1, 2)])
     mean = (terms * (nodes.weight.numpy() / math.pi)) @ terms.T

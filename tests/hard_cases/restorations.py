@@ -12,10 +12,10 @@ from judges import gaussian_psf, natural_image
 from numpy.typing import NDArray
 
 from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
-from labapp.pictures.networks import packaged_denoiser
-from optics.deconvolution.bounded import bounded
+from labapp.pictures.networks import bundled_denoiser
+from optics.deconvolution.bounded import restore_within_bounds
+from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.measured import measured
 from optics.deconvolution.plug_and_play import plug_and_play
 from optics.deconvolution.poisson import poisson_total_variation
 from optics.deconvolution.richardson_lucy import richardson_lucy
@@ -29,39 +29,39 @@ Restore = Callable[[Any, Any], Any]
 
 def filtered(image: Any, psf: Any, weight: float = 1e-3) -> Any:
     """By Wiener's flat filter; arrays for arrays."""
-    return _as_given(image, wiener(measured(image, psf, 0.0), weight, "flat").image)
+    return _as_given(image, wiener(build_observation(image, psf, 0.0), weight, "flat").image)
 
 
 def likeliest(image: Any, psf: Any, iterations: int = 30) -> Any:
     """By Richardson and Lucy's plain algorithm."""
-    seen = measured(image, psf, 0.0)
-    done = richardson_lucy(seen, iterations, accelerated=False, past_noise=True)
+    seen = build_observation(image, psf, 0.0)
+    done = richardson_lucy(seen, iterations, accelerate=False, continue_past_noise=True)
     return _as_given(image, done.image)
 
 
 def edged(image: Any, psf: Any) -> Any:
     """By total variation, noise and weight estimated."""
-    return _as_given(image, total_variation(measured(image, psf)).image)
+    return _as_given(image, total_variation(build_observation(image, psf)).image)
 
 
 def edged_photons(image: Any, psf: Any) -> Any:
     """By total variation under Poisson's likelihood, noise and weight estimated."""
-    return _as_given(image, poisson_total_variation(measured(image, psf)).image)
+    return _as_given(image, poisson_total_variation(build_observation(image, psf)).image)
 
 
 def heavy_tailed(image: Any, psf: Any) -> Any:
     """By gradients to the power 2/3, noise and weight estimated."""
-    return _as_given(image, hyper_laplacian(measured(image, psf)).image)
+    return _as_given(image, hyper_laplacian(build_observation(image, psf)).image)
 
 
 def within_bounds(image: Any, psf: Any) -> Any:
     """By L-BFGS-B, light never negative, noise and weight estimated."""
-    return _as_given(image, bounded(measured(image, psf)).image)
+    return _as_given(image, restore_within_bounds(build_observation(image, psf)).image)
 
 
 def by_a_denoiser(image: Any, psf: Any) -> Any:
     """By plug-and-play with the packaged network, noise estimated."""
-    return _as_given(image, plug_and_play(measured(image, psf), packaged_denoiser()).image)
+    return _as_given(image, plug_and_play(build_observation(image, psf), bundled_denoiser()).image)
 
 
 def _as_given(image: Any, restored: torch.Tensor) -> Any:

@@ -15,17 +15,21 @@ from numpy.typing import NDArray
 
 from hard_cases.table import ONCE, Case, Holds, Refused, require_close, require_finite
 from optics.camera import Camera, Lens, Panel
-from optics.retrieval import METHODS, Retrieved, design_plane, retrieve, window_for
-from optics.retrieval.branches import short_ways
-from optics.retrieval.descent import Descent
-from optics.retrieval.far_field import FarField, unit
-from optics.retrieval.frames import corrected
-from optics.retrieval.gerchberg_saxton import mixed_region, over_compensated, replaced
-from optics.retrieval.goal import Goal
-from optics.retrieval.grid import far_length
-from optics.retrieval.slow_crystal import shown_light
+from optics.retrieval import METHODS, RetrievalResult, design_plane, retrieve, window_for_reach
+from optics.retrieval.branches import shortest_phase_paths
+from optics.retrieval.descent import GradientDescent
+from optics.retrieval.far_field import FarField, unit_modulus
+from optics.retrieval.frame_averaging import correct_request
+from optics.retrieval.gerchberg_saxton import (
+    amplitude_constraint,
+    mixed_region_constraint,
+    over_compensated_constraint,
+)
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.grid import far_field_length
+from optics.retrieval.slow_crystal import displayed_psf
 from optics.retrieval.superpixel import Superpixels
-from optics.slm import Map
+from optics.slm import PanelMap
 from optics.stop.aperture import Stop, rectangle
 
 Array = NDArray[Any]
@@ -40,10 +44,10 @@ def camera(shape: tuple[int, int] = SMALL, lens: Lens | None = None, **panel: An
 
 def solved(
     method: str | None, target: Array, optics: Camera | None = None, **options: Any
-) -> Retrieved:
+) -> RetrievalResult:
     optics = optics or camera()
     generator = torch.Generator().manual_seed(1)
-    frames = METHODS[method].least if method else 1
+    frames = METHODS[method].min_frames if method else 1
     given = {"iterations": 4, "generator": generator, "frames": frames, **options}
     plane = design_plane(optics, WAVELENGTH, target.shape)
     return retrieve(optics, target, plane, WAVELENGTH, method=method, **given)
@@ -82,7 +86,7 @@ def share_at(phase: Array, length: int, y: int, x: int, amplitude: Array | float
 
 def on_target(phases: Array, optics: Camera, target: Array, stop: Array | float = 1.0) -> float:
     """Share of all light where the target exceeds 2 % of its peak, by whole FFTs."""
-    length, seen = far_length(optics), np.zeros(target.shape)
+    length, seen = far_field_length(optics), np.zeros(target.shape)
     for phase in phases:
         field = np.zeros((length, length), dtype=complex)
         field[: phase.shape[0], : phase.shape[1]] = stop * np.exp(1j * phase)
@@ -207,7 +211,7 @@ def a_pinhole(tol: float) -> None:
 def lit_from_one_side(tol: float) -> None:
     """Half of the panel is dark: as good as a panel of the other half."""
     light = np.repeat([[1.0, 1.0, 0.0, 0.0]], 24, axis=0).repeat(8, axis=1)
-    optics = camera(illumination=Map(light))
+    optics = camera(illumination=PanelMap(light))
     target = one_sample((16, 20), 5, -7)
     for name in ("over-compensated", "weighted", "joint", "descent"):
         phases = solved(name, target, optics).phases.double().numpy()
@@ -221,36 +225,42 @@ def a_field_of_zero(tol: float) -> None:
     """It has no phase: it stays zero, and its pattern is finite."""
     dtype = torch.complex64 if tol > 1e-7 else torch.complex128
     optics, shape = camera(), (16, 20)
-    goal = Goal(optics, torch.ones(shape), design_plane(optics, WAVELENGTH, shape), WAVELENGTH)
+    goal = RetrievalGoal(
+        optics, torch.ones(shape), design_plane(optics, WAVELENGTH, shape), WAVELENGTH
+    )
     pixels = Superpixels(goal, 2)
     zero = torch.zeros(shape, dtype=dtype)
-    assert not pixels.far_field.bounce(zero, pixels.uneven).any()
-    require_finite(pixels.pattern(zero))
-    target = pixels.intensity
-    for constrain in (replaced(target), over_compensated(target), mixed_region(target, 0.4)):
+    assert not pixels.far_field.round_trip(zero, pixels.uneven_amplitude).any()
+    require_finite(pixels.pixel_phases(zero))
+    target = pixels.target_intensity
+    for constrain in (
+        amplitude_constraint(target),
+        over_compensated_constraint(target),
+        mixed_region_constraint(target, 0.4),
+    ):
         require_finite(torch.view_as_real(constrain(zero)))
-    assert not unit(zero).any()
+    assert not unit_modulus(zero).any()
 
 
 def a_mean_of_zero(tol: float) -> None:
     """Dark frames ask for the target again, and a target's dark part for nothing."""
     for scale in (1e-30, 1.0, 1e30):
         target = torch.from_numpy(scale * ring((16, 20), 5)).float()
-        asked = corrected(target, target, torch.zeros(16, 20))
+        asked = correct_request(target, target, torch.zeros(16, 20))
         require_close(asked / scale, target / scale, 1e-5)
         half = target.clone()
         half[:, :10] = 0
-        require_finite(corrected(half, half, torch.zeros(16, 20)))
-        require_finite(corrected(target, target, half))
+        require_finite(correct_request(half, half, torch.zeros(16, 20)))
+        require_finite(correct_request(target, target, half))
 
 
 def flat_gradient(tol: float) -> None:
     """All phases equal: light on the axis alone, |0| everywhere else, and finite derivatives."""
     optics = camera(unmodulated=0.1, coupling=10e-6)
     plane = design_plane(optics, WAVELENGTH, (17, 20))
-    descent = Descent(Goal(optics, torch.ones(17, 20), plane, WAVELENGTH))
+    descent = GradientDescent(RetrievalGoal(optics, torch.ones(17, 20), plane, WAVELENGTH))
     phase = torch.zeros(SMALL, requires_grad=True)
-    light = descent.light(phase)
+    light = descent.frame_intensity(phase)
     torch.sqrt(light[light > 0]).sum().backward()
     require_finite(phase.grad)
     dtype = torch.complex64 if tol > 1e-7 else torch.complex128
@@ -266,13 +276,15 @@ def flat_gradient(tol: float) -> None:
 def video_on(response_time: float) -> tuple[Array, Array, Array]:
     """The mean light of a video as it is shown, of its standing frames, and of its mean phase."""
     optics, shape = camera(response_time=response_time), (17, 20)
-    goal = Goal(optics, torch.ones(shape), design_plane(optics, WAVELENGTH, shape), WAVELENGTH)
+    goal = RetrievalGoal(
+        optics, torch.ones(shape), design_plane(optics, WAVELENGTH, shape), WAVELENGTH
+    )
     # On the panel's own levels: 5.4 pi at 633 nm, and so on; rounded the same by every reader.
     phases = torch.from_numpy(np.random.default_rng(0).uniform(0.1, 6.1, (3, *SMALL)))
     still = replace(goal, camera=camera())
-    stand = shown_light(still, phases, 1)
-    mean = shown_light(still, phases.mean(0, keepdim=True), 1)
-    return tuple(each.numpy() for each in (shown_light(goal, phases, 1), stand, mean))
+    stand = displayed_psf(still, phases, 1)
+    mean = displayed_psf(still, phases.mean(0, keepdim=True), 1)
+    return tuple(each.numpy() for each in (displayed_psf(goal, phases, 1), stand, mean))
 
 
 def crystal_far_quicker(tol: float) -> None:
@@ -294,7 +306,7 @@ def a_still_video(tol: float) -> None:
     turn = 2 * math.pi
     edge = torch.tensor([0.0, turn, -1e-17, turn - 1e-12, 6 * turn, 1e4 * turn + 1.0])
     for reach in (turn, 3 * turn, 3.35 * turn):
-        ways = short_ways(edge.double().repeat(4, 1)[:, None], reach)
+        ways = shortest_phase_paths(edge.double().repeat(4, 1)[:, None], reach)
         assert not ways.diff(dim=0).any()
         assert float(ways.min()) >= 0
         assert float(ways.max()) <= reach * (1 + 1e-6)
@@ -377,9 +389,9 @@ CASES: list[Case] = [
             "target is dark on every second sample, .* choose another method",
             lambda: solved("gerchberg-saxton", one_sample((16, 20), 5, -7)).phases),
     refused("a target beyond the panel's reach", "light comes back from the other side",
-            "5 mm from the axis", lambda: window_for(camera(), WAVELENGTH, 5e-3),
+            "5 mm from the axis", lambda: window_for_reach(camera(), WAVELENGTH, 5e-3),
             r"panel steers light to \S+ µm at most; choose a smaller one",
-            lambda: solved(None, ring(window_for(camera(), WAVELENGTH, 5e-4), 20)).phases),
+            lambda: solved(None, ring(window_for_reach(camera(), WAVELENGTH, 5e-4), 20)).phases),
     refused("a window larger than the far field", "indices wrap", "65x64 of 64",
             lambda: solved(None, np.ones((65, 64))), r"window is \(65, 64\); .* 64 samples at most",
             lambda: solved(None, np.ones((64, 64))).phases),

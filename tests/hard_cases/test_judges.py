@@ -66,7 +66,7 @@ def test_a_panel_without_gaps_is_the_rectangle_that_it_is() -> None:
     lens = replace(optics.lens, stop=Stop(rectangle(rows, columns, middle)))
     view = View(optics, PIXELS, 1.2, phase=np.zeros(optics.panel.shape))
     assert relative(by_panel(view), by_fresnel(replace(view, optics=lens, phase=None))) <= 1e-11
-    square = replace(view, pixels=CAMERA.sensor.window((4, 5)))
+    square = replace(view, pixels=CAMERA.sensor.window_plane((4, 5)))
     flat = np.zeros(optics.panel.shape)
     truth = quadrature_psf(optics, flat, 1.2, WAVELENGTH, (4, 5), across_panel_pixel=12)
     assert relative(by_panel(square), truth) <= 1e-9
@@ -141,7 +141,7 @@ def test_a_chain_that_collapses_is_a_panel_in_a_lens() -> None:
     """A wide stop passes nearly all light of coarse pixels; the ray matrix knows the rest."""
     optics = apart(0.4, stop=8e-3, shape=(3, 4), pitch=150e-6, fill_factor=1.0)
     view = at(optics, 1.5, pixels=CHAIN_PIXELS)
-    lever, focus = optics.lever, optics.lens.focus_distance - 0.4
+    lever, focus = optics.ray_matrix_b, optics.lens.focus_distance - 0.4
     focal_length = 1 / (1 / lever + 1 / focus)
     thin = replace(optics.lens, focal_length=focal_length, focus_distance=focus,
                    f_number=focal_length / 8e-3)  # fmt: skip

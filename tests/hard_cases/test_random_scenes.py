@@ -17,9 +17,9 @@ import torch
 from figures.effects import TOLERANCES, audited, judged, swept
 from figures.random_pictures import Case, TooLong, cases, everything, random_situation
 
-from labapp.light.simulating.everything import Deviation
+from labapp.light.simulating.all_effects import Deviation
 from simulator.effects.registry import EFFECTS
-from simulator.imaging import Picture
+from simulator.imaging import PictureMoments
 
 SEED, COUNT, MOST_WORK = 7, 12, 6e8
 
@@ -44,7 +44,7 @@ def test_a_plans_picture_is_within_its_tolerance_of_everything_on(number: int) -
 @pytest.mark.parametrize("number", numbers((3, 6), range(0, COUNT, 3)))
 def test_no_bound_of_what_is_left_out_is_broken(number: int) -> None:
     case = drawn()[number]
-    broken = [one for one in audited(case, 1e-1, 3, SEED) if one.broken]
+    broken = [one for one in audited(case, 1e-1, 3, SEED) if one.is_broken]
     assert not broken, case.words
 
 
@@ -53,7 +53,7 @@ def test_the_same_seed_draws_the_same_picture() -> None:
     assert first.camera.lens == second.camera.lens
     assert first.camera.sensor == second.camera.sensor
     assert first.band == second.band
-    assert first.shown.names == second.shown.names
+    assert first.panel_content.names == second.panel_content.names
     assert first.exposure == second.exposure
     assert first.target.radiance == second.target.radiance
 
@@ -62,15 +62,15 @@ def test_draws_have_every_effect_somewhere_and_miss_nearly_every_one_elsewhere()
     """Of 60 draws: what is always or never there would leave pairs untried."""
     draws = [random_situation(np.random.default_rng([SEED, k])) for k in range(60)]
     kinds = {type(s.target).__name__ for s in draws}
-    assert {"Star", "Flat", "Photograph", "Sheets", "Relief", "Display", "Cube"} <= kinds
+    assert {"Star", "Flat", "PhotographPrint", "Sheets", "Relief", "Display", "Cube"} <= kinds
     data = {
-        "a video": [s.shown.moves for s in draws],
-        "motion": [s.target.moves for s in draws],
+        "a video": [s.panel_content.is_changing for s in draws],
+        "motion": [s.target.is_moving for s in draws],
         "a lamp": [s.target.lamp is not None for s in draws],
         "a mosaic": [s.camera.sensor.colour is not None for s in draws],
         "rolling": [s.camera.sensor.shutter == "rolling" for s in draws],
         "a leak": [s.band.leak > 0 for s in draws],
-        "a turned panel": [not s.mount.aligned for s in draws],
+        "a turned panel": [not s.mount.is_aligned for s in draws],
         "a path": [s.path is not None for s in draws],
         "separation": [s.camera.separation > 0 for s in draws],
         "aberrations": [bool(s.camera.lens.aberrations) for s in draws],
@@ -91,20 +91,20 @@ def test_every_effect_of_the_registry_is_caused_by_some_draw() -> None:
     missing = list(EFFECTS)
     for k in range(60):
         s = random_situation(np.random.default_rng([SEED, k]))
-        missing = [one for one in missing if not one.caused(s)]
+        missing = [one for one in missing if not one.is_present(s)]
     assert not [one.name for one in missing]
 
 
 def test_a_deviation_is_relative_and_by_the_root_of_the_variance() -> None:
     ones = torch.ones(4, 4)
-    truth = Picture(ones, 2 * ones, 4 * ones)
-    off = Picture(ones, 2.2 * ones, 9 * ones)
+    truth = PictureMoments(ones, 2 * ones, 4 * ones)
+    off = PictureMoments(ones, 2.2 * ones, 9 * ones)
     found = Deviation.of(off, truth)
     assert found.mean == pytest.approx(0.1)
     assert found.variance == pytest.approx(1.25)
     assert found.sigma == pytest.approx(0.5)
     assert found.worst == found.variance
-    dark = Picture(0 * ones, 0 * ones, 0 * ones)
+    dark = PictureMoments(0 * ones, 0 * ones, 0 * ones)
     assert Deviation.of(dark, dark).worst == 0
     assert Deviation.of(truth, dark).worst == 1
 

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused, require_close
 from optics.accuracy import Budget
-from optics.focal import focal_field
+from optics.focal_plane import focal_field
 from optics.fourier import (
     CommensurateTransform,
-    Geometry,
+    FourierGeometry,
     GriddedTransform,
     NonuniformTransform,
     plan_transform,
-    transforms,
+    valid_transforms,
 )
-from optics.plane import Lattice, Plane
+from optics.plane import Plane, RectilinearGrid
 
 TOLS = (2e-6, 1e-11)
 """Relative L2 errors of fields in single and in double precision."""
@@ -41,9 +41,9 @@ def random(shape: tuple[int, ...], seed: int = 0) -> Field:
     return rng.normal(size=shape) + 1j * rng.normal(size=shape)
 
 
-def ways(geometry: Geometry, tol: float) -> list[Any]:
+def ways(geometry: FourierGeometry, tol: float) -> list[Any]:
     """Every transform that is valid, the one with an error of its own among them."""
-    return transforms(geometry, dtype_for(tol), 1e-7 if tol > 1e-7 else 1e-13)
+    return valid_transforms(geometry, dtype_for(tol), 1e-7 if tol > 1e-7 else 1e-13)
 
 
 def every_way(
@@ -56,7 +56,7 @@ def every_way(
     **row: Any,
 ) -> Agrees:
     """All methods at once against the sum."""
-    geometry = Geometry(pupil, image, scale)
+    geometry = FourierGeometry(pupil, image, scale)
     given = random(pupil.shape) if field is None else field
     sizes = "{}x{} to {}x{} samples".format(*pupil.shape, *image.shape)
     return Agrees(
@@ -81,7 +81,7 @@ def corner(rows: int, columns: int) -> Field:
 
 
 def uneven(tol: float) -> torch.Tensor:
-    geometry = Geometry(Lattice(*_ROWS), Plane((5, 4), (3e-4, 2e-4)), 3e-7)
+    geometry = FourierGeometry(RectilinearGrid(*_ROWS), Plane((5, 4), (3e-4, 2e-4)), 3e-7)
     return torch.stack([way(torch.from_numpy(random((6, 7)))) for way in ways(geometry, tol)])
 
 
@@ -120,7 +120,7 @@ POINTS = RNG.uniform(-9e-3, 9e-3, (2, 60))
 
 def zero_field(tol: float) -> None:
     """Zeros, and a gradient without NaN, from every method."""
-    geometry = Geometry(Plane((5, 6), (1e-5, 1e-5)), Plane((4, 3), (1e-5, 2e-5)), 1e-9)
+    geometry = FourierGeometry(Plane((5, 6), (1e-5, 1e-5)), Plane((4, 3), (1e-5, 2e-5)), 1e-9)
     for way in ways(geometry, tol):
         field = torch.zeros(5, 6, dtype=way.dtype, requires_grad=True)
         answer = way(field)
@@ -132,7 +132,7 @@ def zero_field(tol: float) -> None:
 
 def strides(tol: float) -> None:
     """Transposed, conjugated and expanded fields are the numbers that they show."""
-    geometry = Geometry(Plane((5, 6), (1e-5, 1e-5)), Plane((4, 3), (1e-5, 2e-5)), 1e-9)
+    geometry = FourierGeometry(Plane((5, 6), (1e-5, 1e-5)), Plane((4, 3), (1e-5, 2e-5)), 1e-9)
     plain = torch.from_numpy(random((5, 6)))
     for way in ways(geometry, tol):
         for field in (plain.T.contiguous().T, plain.conj().resolve_conj().conj(),
@@ -142,7 +142,7 @@ def strides(tol: float) -> None:
 
 def adjoints(tol: float) -> None:
     """<A x, y> = <x, A* y>, off the axis on both sides, odd to even."""
-    geometry = Geometry(
+    geometry = FourierGeometry(
         Plane((7, 6), (1e-5, 1.3e-5), (2e-4, -1e-4)),
         Plane((4, 9), (1e-5, 2e-5), (1e-3, 3e-3)),
         1e-9,
@@ -157,10 +157,10 @@ def adjoints(tol: float) -> None:
 def nearly_fitting(tol: float) -> None:
     """A step of 1/16 that isn't quite: the FFT of 16 may not be taken."""
     pitch = 1e-9 / (16 * 1e-5) * (1 + 1e-9)
-    geometry = Geometry(Plane((40, 40), (1e-5, 1e-5)), Plane((40, 40), (pitch, pitch)), 1e-9)
-    assert not CommensurateTransform.fits(geometry)
-    almost = Geometry(geometry.pupil, Plane((40, 40), (pitch / (1 + 1e-9),) * 2), 1e-9)
-    assert CommensurateTransform.fits(almost)
+    geometry = FourierGeometry(Plane((40, 40), (1e-5, 1e-5)), Plane((40, 40), (pitch, pitch)), 1e-9)
+    assert not CommensurateTransform.is_commensurate(geometry)
+    almost = FourierGeometry(geometry.pupil, Plane((40, 40), (pitch / (1 + 1e-9),) * 2), 1e-9)
+    assert CommensurateTransform.is_commensurate(almost)
 
 
 # The focal plane
@@ -275,7 +275,9 @@ CASES: list[Case] = [
     Agrees(
         "a bell in a 2f system", "a curvature left over, or a sign of i, shows in no intensity",
         "before = f, 64x65 samples",
-        lambda tol: focal_field(bell(GAUSSIAN, 2e-4), GAUSSIAN, SPOT, FOCUS, WAVE, before=FOCUS),
+        lambda tol: focal_field(
+            bell(GAUSSIAN, 2e-4), GAUSSIAN, SPOT, FOCUS, WAVE, distance_before_lens=FOCUS
+        ),
         lambda: -1j * bell(SPOT, WAVE * FOCUS / 2e-4) * 4e-8 / (WAVE * FOCUS),
         "a Gaussian's own transform", tols=(1e-9,),
     ),
@@ -300,31 +302,31 @@ CASES: list[Case] = [
     *(
         Refused(
             f"a scale of {value:g} m²", "a phase of anything over it is 0, NaN or infinite",
-            f"{value:g}", lambda value=value: Geometry(SPOT, SPOT, value),
-            "must be positive and finite", lambda tol: Geometry(SPOT, SPOT, 1e-9).step(0),
+            f"{value:g}", lambda value=value: FourierGeometry(SPOT, SPOT, value),
+            "must be positive and finite", lambda tol: FourierGeometry(SPOT, SPOT, 1e-9).step(0),
         )
         for value in (0.0, math.nan, math.inf)
     ),
     Refused(
         "a transform that no memory holds", "allocating first and failing then",
         "1e5 x 1e5 samples",
-        lambda: plan_transform(Geometry(Plane((10**5, 10**5), (1e-6, 1e-6)),
+        lambda: plan_transform(FourierGeometry(Plane((10**5, 10**5), (1e-6, 1e-6)),
                                         Plane((10**5, 10**5), (1e-6, 1e-6)), 1e-9),
                                budget=Budget(memory=1 << 20)),
         r"needs \d+ MB at least and 1 MB are allowed",
-        lambda tol: plan_transform(Geometry(SPOT, SPOT, 1e-9))(torch.ones(9, 8)),
+        lambda tol: plan_transform(FourierGeometry(SPOT, SPOT, 1e-9))(torch.ones(9, 8)),
     ),
     Refused(
         "gridding below rounding", "a kernel so wide that its own digits are lost",
         "error 1e-15",
-        lambda: GriddedTransform(Geometry(SPOT, SPOT, 1e-9), torch.complex128, 1e-15),
+        lambda: GriddedTransform(FourierGeometry(SPOT, SPOT, 1e-9), torch.complex128, 1e-15),
         "gridding reaches 1e-13", lambda tol: GriddedTransform(
-            Geometry(SPOT, SPOT, 1e-9), torch.complex128, 1e-13)(torch.ones(9, 8)),
+            FourierGeometry(SPOT, SPOT, 1e-9), torch.complex128, 1e-13)(torch.ones(9, 8)),
     ),
     Refused(
         "a field of another shape", "72 samples either way", "8x9 for 9x8",
-        lambda: plan_transform(Geometry(SPOT, SPOT, 1e-9))(torch.ones(8, 9)),
+        lambda: plan_transform(FourierGeometry(SPOT, SPOT, 1e-9))(torch.ones(8, 9)),
         r"field is \(8, 9\); its plane has \(9, 8\) samples",
-        lambda tol: plan_transform(Geometry(SPOT, SPOT, 1e-9))(torch.ones(9, 8)),
+        lambda tol: plan_transform(FourierGeometry(SPOT, SPOT, 1e-9))(torch.ones(9, 8)),
     ),
 ]  # fmt: skip

@@ -38,8 +38,8 @@ def by_rings(view: View) -> Array:
     """Gauss-Legendre along the radius of the stop, with J0"""
     lens, scale = view.lens, scale_of(view)
     radius = float(lens.stop_diameter) / 2
-    assert lens.stop.rings is not None
-    inner, outer = lens.stop.rings
+    assert lens.stop.annulus_radii is not None
+    inner, outer = lens.stop.annulus_radii
     v, u, wv, wu = lines_of(view)
     s, place = np.unique(np.hypot(v[:, None], u), return_inverse=True)
     nodes, weights = gauss(node_count(outer - inner, steepest(view, radius) * radius))
@@ -62,8 +62,8 @@ def by_airy(view: View) -> Array:
     """Airy's (2 J1(v) / v)², less that of the obscuration"""
     lens, scale = view.lens, scale_of(view)
     radius = float(lens.stop_diameter) / 2
-    assert lens.stop.rings is not None
-    inner, outer = lens.stop.rings
+    assert lens.stop.annulus_radii is not None
+    inner, outer = lens.stop.annulus_radii
     v, u, wv, wu = lines_of(view)
     s = np.hypot(v[:, None], u)
 
@@ -80,10 +80,10 @@ def by_airy(view: View) -> Array:
 def by_fresnel(view: View) -> Array:
     """Fresnel's integrals along each side of a rectangle"""
     lens, scale = view.lens, scale_of(view)
-    assert lens.stop.sides is not None
+    assert lens.stop.rectangle_bounds is not None
     radius = float(lens.stop_diameter) / 2
     vergence = 1 / view.distance - 1 / lens.focus_distance
-    y0, y1, x0, x1 = (side * radius for side in lens.stop.sides)
+    y0, y1, x0, x1 = (side * radius for side in lens.stop.rectangle_bounds)
     v, u, wv, wu = lines_of(view)
 
     def line(at: Array, low: float, high: float) -> Array:

@@ -23,11 +23,11 @@ from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.pupil import open_area, pupil_amplitude
 from optics.slm import Modulator
-from optics.slm.dispersion import max_phase
-from optics.slm.dynamics import first_start, relaxed
+from optics.slm.dynamics import first_start_phase, relaxed_phase
 from optics.slm.jitter import scattered_share
-from optics.slm.reflection import front_share, unturned_share
-from optics.slm.response import Response
+from optics.slm.phase_range import max_phase
+from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from optics.slm.response import PhaseResponse
 from simulator.scene.drawable import Drawable
 from simulator.scene.target import Layer
 from simulator.situation import Situation
@@ -58,7 +58,8 @@ def reference(
 ) -> torch.Tensor:
     """Photo-electrons on each pixel over the exposure, (rows, columns) float64, in the mean.
 
-    Made for pictures of some ten thousand pixels and panels of as many; check: as in expected().
+    Made for pictures of some ten thousand pixels and panels of as many; check: as in
+    expected_electrons().
     """
     return _Reference(s, finest or Finest(), check).picture()
 
@@ -69,17 +70,19 @@ class _Reference:
         if s.camera.separation:
             raise ValueError("the reference has no panel apart from its lens; give separation 0")
         self._target = s.target.for_camera(s.camera)
-        self._camera = replace(s.camera, lens=s.mount.lens(s.camera.lens))
+        self._camera = replace(s.camera, lens=s.mount.lens_in_panel_axes(s.camera.lens))
         sensor = s.camera.sensor
         self._half = self._window_half()
         rows, columns = (n + 2 * self._half for n in sensor.shape)
-        self._plane = Plane((rows, columns), (sensor.pitch, sensor.pitch)).finer(finest.finer)
+        self._plane = Plane((rows, columns), (sensor.pitch, sensor.pitch)).with_finer_pitch(
+            finest.finer
+        )
 
     def _window_half(self) -> int:
         """Pixels from a point to the end of its outermost order, of the longest wavelength."""
         longest = max(w for w, _ in self._wavelengths())
         camera = self._s.camera
-        period = longest * float(camera.lever) / camera.panel.pitch
+        period = longest * float(camera.ray_matrix_b) / camera.panel.pitch
         return math.ceil((self._finest.orders + 0.5) * period / camera.sensor.pitch) + 1
 
     def picture(self) -> torch.Tensor:
@@ -111,13 +114,13 @@ class _Reference:
         sensor = self._s.camera.sensor
         if sensor.colour is not None:
             return sensor.colour.efficiencies[sensor.colour.channels[channel]]
-        return sensor.spectral_efficiency or Spectrum.even(sensor.quantum_efficiency)
+        return sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency)
 
     # Time.
 
     def _rows(self) -> Iterator[tuple[slice, float]]:
         """Rows that are exposed together, and when."""
-        sensor, moment = self._s.camera.sensor, self._s.moment
+        sensor, moment = self._s.camera.sensor, self._s.exposure_start
         if sensor.shutter == "global":
             yield slice(0, sensor.shape[0]), moment
             return
@@ -127,20 +130,22 @@ class _Reference:
     @property
     def _nodes_in_time(self) -> int:
         lamp = self._target.lamp
-        still = lamp is None or lamp.constant
-        return 1 if still and not self._target.moves and not self._follows else self._finest.times
+        still = lamp is None or lamp.is_constant
+        return (
+            1 if still and not self._target.is_moving and not self._follows else self._finest.times
+        )
 
     @property
     def _follows(self) -> bool:
-        return bool(self._s.camera.panel.response_time) and self._s.shown.moves
+        return bool(self._s.camera.panel.response_time) and self._s.panel_content.is_changing
 
     def _lamp(self, time: float) -> float:
         return 1.0 if self._target.lamp is None else float(self._target.lamp.at(time))
 
     def _stretches(self, moment: float) -> Iterator[tuple[float, float, int]]:
         """Parts of an exposure in which one frame is shown, and the frame."""
-        shown, end = self._s.shown, moment + self._s.exposure
-        if not shown.moves:
+        shown, end = self._s.panel_content, moment + self._s.exposure
+        if not shown.is_changing:
             yield moment, end, 0
             return
         count = math.floor(moment / shown.frame_time)
@@ -186,7 +191,7 @@ class _Reference:
         """A picture on samples, as its spectrum has it; it is in its place as the exposure
         begins."""
         vy, vx = self._target.velocity
-        time -= self._s.moment
+        time -= self._s.exposure_start
         scale = self._s.camera.magnification(layer.distance)
         spectrum = picture.spectrum(self._plane, scale, (vy * time, vx * time))
         light = np.fft.irfft2(spectrum.numpy().astype(np.complex128), self._plane.shape)
@@ -244,8 +249,8 @@ class _Reference:
     def _psf(self, time: float, frame: int, wavelength: float, distance: float) -> Array:
         camera, tol = self._camera, self._finest.tol
         side = 2 * self._half + 1
-        upright = camera.sensor.window((side, side)).finer(self._finest.finer)
-        plane = upright if self._s.mount.aligned else self._s.mount.plane(upright)
+        upright = camera.sensor.window_plane((side, side)).with_finer_pitch(self._finest.finer)
+        plane = upright if self._s.mount.is_aligned else self._s.mount.plane_in_panel_axes(upright)
         operator = PSFOperator(
             camera, distance, wavelength, plane, integrate=False, unmodulated=0.0, tol=tol
         )
@@ -253,7 +258,7 @@ class _Reference:
         modulator = Modulator(panel, wavelength)
         phase = self._phase(modulator, frame, time)
         light = np.zeros(plane.shape)
-        front, unturned = front_share(panel), unturned_share(panel)
+        front, unturned = front_reflection_share(panel), transmitted_unmodulated_share(panel)
         scattered = scattered_share(panel.jitter)
         swing = panel.flicker
         turns = 32 if swing else 1
@@ -265,12 +270,12 @@ class _Reference:
                 part = part + scattered * _one_pixel(camera, wavelength, plane, field)
             light += (1 - front - unturned) / turns * part
             light += self._beats(operator, modulator, field, scattered) / turns
-        for share, straight in modulator.straight:
+        for share, straight in modulator.unmodulated_fields:
             light += share * operator(None, _like(straight, panel.shape)).double().numpy()
         light = light * self._in_orders(plane, wavelength)
-        if self._s.mount.aligned:
+        if self._s.mount.is_aligned:
             return light
-        return self._s.mount.turned(torch.from_numpy(light), upright).numpy()
+        return self._s.mount.to_sensor_axes(torch.from_numpy(light), upright).numpy()
 
     def _beats(
         self, operator: PSFOperator, modulator: Modulator, field: torch.Tensor, scattered: float
@@ -279,8 +284,8 @@ class _Reference:
         if self._s.path is None or not abs(complex(self._s.path.interference)):
             return 0.0
         strength = complex(self._s.path.interference)
-        strength *= (1 - front_share(modulator.panel)) * math.sqrt(1 - scattered)
-        other = _like(modulator.straight[-1][1], modulator.panel.shape).to(field)
+        strength *= (1 - front_reflection_share(modulator.panel)) * math.sqrt(1 - scattered)
+        other = _like(modulator.unmodulated_fields[-1][1], modulator.panel.shape).to(field)
         # 4 Re(a conj(p) q) = |p + a' q|² - |p - a' q|², with a' of modulus 1.
         turn = strength / abs(strength)
         both = operator(None, field + turn * other) - operator(None, field - turn * other)
@@ -288,30 +293,30 @@ class _Reference:
 
     def _in_orders(self, plane: Plane, wavelength: float) -> Array:
         """Light of the orders that count."""
-        most = (self._finest.orders + 0.5) * wavelength * float(self._camera.lever)
+        most = (self._finest.orders + 0.5) * wavelength * float(self._camera.ray_matrix_b)
         most /= self._camera.panel.pitch
         y, x = (one.abs().numpy() for one in plane.mesh())
         return ((y < most) & (x < most)).astype(np.float64)
 
     def _phase(self, modulator: Modulator, frame: int, time: float) -> torch.Tensor:
         """What stands on the panel, or is on its way, radians."""
-        shown, tau = self._s.shown, modulator.panel.response_time
+        shown, tau = self._s.panel_content, modulator.panel.response_time
         settled = [
             torch.as_tensor(modulator.phase(torch.from_numpy(shown.pictures[name].copy())))
             for name in shown.names
         ]
         if not self._follows:
             return settled[frame]
-        start = first_start(torch.stack(settled), shown.frame_time, tau)
+        start = first_start_phase(torch.stack(settled), shown.frame_time, tau)
         for end in settled[:frame]:
-            start = relaxed(end, start, shown.frame_time, tau)
+            start = relaxed_phase(end, start, shown.frame_time, tau)
         since = time - math.floor(time / shown.frame_time) * shown.frame_time
-        return relaxed(settled[frame], start, since, tau)
+        return relaxed_phase(settled[frame], start, since, tau)
 
 
 def _one_pixel(camera: Camera, wavelength: float, plane: Plane, field: torch.Tensor) -> Array:
     """Light of every pixel by itself: a square's, summed over what is open of each."""
-    side, scale = camera.panel.active_side, wavelength * float(camera.lever)
+    side, scale = camera.panel.active_side, wavelength * float(camera.ray_matrix_b)
     y, x = (one.numpy() * side / scale for one in plane.mesh())
     opened = pupil_amplitude(camera).numpy()
     power = float((np.abs(field.numpy()) ** 2 * opened**2).sum() / opened.sum())
@@ -328,7 +333,7 @@ def _panel_at(panel: Panel, wavelength: float) -> Panel:
     end = low if wavelength < low else high
     response = panel.response
     if response is not None:
-        response = Response((wavelength,), response.at(end)[None])
+        response = PhaseResponse((wavelength,), response.at(end)[None])
     table = ((wavelength, max_phase(panel, end) * end / wavelength),)
     return replace(panel, max_phase=table, response=response)
 

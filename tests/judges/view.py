@@ -105,7 +105,7 @@ def _lens_in_words(lens: Lens) -> str:
     words = f"{float(lens.focal_length) * 1e3:.3g} mm f/{float(lens.f_number):.3g}"
     if lens.kind != "thin":
         words = f"{lens.kind} {words}"
-    if not lens.clear:
+    if not lens.has_clear_stop:
         shapes = (lens.stop.opening, *lens.stop.obscurations)
         words += " behind " + " less ".join(_shape_in_words(shape) for shape in shapes)
     for n, m, path in lens.aberrations:

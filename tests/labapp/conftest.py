@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from small_bench.files import SmallFiles, write_small, write_tiny
 
-from labapp.common.speed import keep
-from labapp.pictures.report.analysis import Analysis
-from labapp.studies.demo import first_light
+from labapp.common.speed import save_speed
+from labapp.pictures.report.record_analysis import RecordAnalysis
+from labapp.studies.demo import run_first_light
 from optics.accuracy import MachineSpeed
 from simulator.caching import Cache
-from simulator.imaging import Imaging, causes
+from simulator.imaging import Imaging, picture_key
 from simulator.planning import EffectPlan
 from simulator.situation import Situation
 
@@ -25,7 +25,7 @@ def kept_speed(tmp_path_factory):
     """A machine of the usual speed: nothing is measured, and nobody's cache is written."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        keep(MachineSpeed())
+        save_speed(MachineSpeed())
         yield
 
 
@@ -44,7 +44,7 @@ def kept_plans():
         if math.prod(s.camera.sensor.shape) > 1e4:
             return decided(self, s)
         forced = tuple(sorted(self.forced.items()))
-        return _plans.get((self.tol, forced, causes(s)), lambda: decided(self, s))
+        return _plans.get((self.tol, forced, picture_key(s)), lambda: decided(self, s))
 
     decided = Imaging.plan
     with pytest.MonkeyPatch.context() as patch:
@@ -65,7 +65,7 @@ def tiny(tmp_path: Path) -> SmallFiles:
 @dataclass(frozen=True)
 class Demo:
     folder: Path
-    analysis: Analysis
+    analysis: RecordAnalysis
 
     @property
     def record(self) -> Path:
@@ -76,7 +76,7 @@ class Demo:
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     """The demo as a user gets it, run once for all tests that look at it."""
     folder = tmp_path_factory.mktemp("demo")
-    return Demo(folder, first_light(folder))
+    return Demo(folder, run_first_light(folder))
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from labapp.files.plan_file import PlanFile
-from labapp.runs.abilities import Abilities
+from labapp.runs.capabilities import BenchCapabilities
 
 PATTERNS: dict[str, Any] = {
     "neutral": {"kind": "constant"},
@@ -16,7 +16,7 @@ PATTERNS: dict[str, Any] = {
 }
 
 
-def abilities(**changes: Any) -> Abilities:
+def abilities(**changes: Any) -> BenchCapabilities:
     """Of a wheel of four filters, the last two alike, and a 60 Hz panel."""
     settings: dict[str, Any] = {
         "targets": ("dark", "star", "photograph", "flat"),
@@ -32,10 +32,10 @@ def abilities(**changes: Any) -> Abilities:
         "slm_settling": 0.05,
         "filter_settling": 0.2,
     }
-    return Abilities(**settings | changes)
+    return BenchCapabilities(**settings | changes)
 
 
-def tunable(**changes: Any) -> Abilities:
+def tunable(**changes: Any) -> BenchCapabilities:
     """Of a tunable filter from 420 to 720 nm."""
     return abilities(**{"slots": (), "wavelength_range": (420e-9, 720e-9)} | changes)
 

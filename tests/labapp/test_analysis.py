@@ -9,8 +9,8 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.pictures.report.analysis import analyse
-from labapp.pictures.report.pictures import histogram_figure
+from labapp.pictures.report.figures import histogram_figure
+from labapp.pictures.report.record_analysis import analyse_record
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
@@ -29,7 +29,7 @@ def roles(**changes):
 
 
 def test_wavelengths_are_merged_apart(small, tmp_path):
-    analysis = analyse(acquire(small, tmp_path / "run.h5"))
+    analysis = analyse_record(acquire(small, tmp_path / "run.h5"))
     named = [(b.target, b.pattern, round(b.wavelength * 1e9)) for b in analysis.brackets]
     assert named == [("star", pattern, nm) for pattern in ("neutral", "lens") for nm in (540, 550)]
     assert all(b.exposures == [0.001, 0.008] for b in analysis.brackets)
@@ -40,8 +40,8 @@ def test_a_merged_rate_is_the_light_that_the_world_sent(small, tmp_path):
     path = acquire(small, tmp_path / "run.h5")
     with open_bench(small.bench_files) as bench:
         bench.world.target = "star"
-        light = bench.world.light()[0].numpy()
-    bracket = next(b for b in analyse(path).brackets if b.name == "star, neutral, 550 nm")
+        light = bench.world.electron_rates()[0].numpy()
+    bracket = next(b for b in analyse_record(path).brackets if b.name == "star, neutral, 550 nm")
     bright = light > 0.1 * light.max()
     assert bracket.rate[bright].sum() == pytest.approx(light[bright].sum(), rel=0.02)
 
@@ -49,17 +49,17 @@ def test_a_merged_rate_is_the_light_that_the_world_sent(small, tmp_path):
 def test_several_wavelengths_need_one_to_be_named(small, tmp_path):
     path = acquire(small, tmp_path / "run.h5", reconstruct=roles())
     with pytest.raises(UserError, match=r"540, 550 nm.*'wavelength_nm'"):
-        analyse(path)
+        analyse_record(path)
     path = acquire(small, tmp_path / "named.h5", reconstruct=roles(wavelength_nm=540))
     restored = {"wiener", "richardson-lucy", "total-variation", "poisson-tv"}
-    assert set(analyse(path).images) == {"neutral", "coded", *restored}
+    assert set(analyse_record(path).images) == {"neutral", "coded", *restored}
 
 
 @pytest.mark.parametrize("wrong", [{"photograph": "photograph"}, {"neutral": "ring"}])
 def test_a_part_that_the_plan_lacks_is_named(small, tmp_path, wrong):
     path = acquire(small, tmp_path / "run.h5", reconstruct=roles(wavelength_nm=540, **wrong))
     with pytest.raises(UserError, match=r"has no frames of .* at 540 nm"):
-        analyse(path)
+        analyse_record(path)
 
 
 def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
@@ -73,13 +73,13 @@ def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
             progress=progress,
             on_frame=lambda shot, frame: progress.cancel() if shot.index == 9 else None,
         )
-    (bracket,) = analyse(outcome.path).brackets
+    (bracket,) = analyse_record(outcome.path).brackets
     assert bracket.name == "star, neutral, 540 nm"
     cancelled = acquire(small, tmp_path / "whole.h5", reconstruct=roles(wavelength_nm=540))
     with RecordWriter(cancelled) as writer:
         writer.set_state(State.CANCELLED)
     with pytest.raises(UserError, match="CANCELLED, and a reconstruction needs all"):
-        analyse(cancelled)
+        analyse_record(cancelled)
 
 
 def test_without_dark_frames_the_sensors_data_stand_in_and_say_so(small, tmp_path):
@@ -95,7 +95,7 @@ def test_without_dark_frames_the_sensors_data_stand_in_and_say_so(small, tmp_pat
             }
         ],
     )
-    (bracket,) = analyse(path).brackets
+    (bracket,) = analyse_record(path).brackets
     assert bracket.dark_frames == 0
     assert abs(np.median(bracket.rate)) < 1000
 
@@ -104,7 +104,7 @@ def test_analysis_can_be_cancelled(small, tmp_path):
     path, progress = acquire(small, tmp_path / "run.h5"), Progress()
     progress.cancel()
     with pytest.raises(Cancelled):
-        analyse(path, progress)
+        analyse_record(path, progress)
 
 
 def test_a_record_without_a_reconstruction_has_a_gallery(labapp, small, tmp_path):
@@ -137,7 +137,7 @@ def test_a_star_out_of_focus_is_reported_and_not_an_error(labapp, small, tmp_pat
     code, printed, _ = labapp("report", path)
     assert code == 0
     assert "light of the star inside the window" in printed
-    assert 0 < analyse(path).psf.inside < 0.95
+    assert 0 < analyse_record(path).psf.share_in_window < 0.95
 
 
 def test_a_report_of_many_brackets_stays_readable(labapp, small, tmp_path):
@@ -151,7 +151,7 @@ def test_a_report_of_many_brackets_stays_readable(labapp, small, tmp_path):
     path = acquire(small, tmp_path / "run.h5", acquire=[block])
     code, _, errors = labapp("report", path, "--out", tmp_path)
     assert (code, errors) == (0, "")
-    figure = histogram_figure(analyse(path))
+    figure = histogram_figure(analyse_record(path))
     (axes,) = figure.axes
     assert axes.get_title() == "Exposures (the first 10 of 12)"
     assert len(axes.get_legend().get_texts()) == 10

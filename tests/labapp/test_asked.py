@@ -10,7 +10,13 @@ import pytest
 from judges import View, by_lines
 
 from labapp.common.errors import UserError
-from labapp.light.asked import Case, read_aberrations, read_centre, read_stop, read_window
+from labapp.light.lens_options import (
+    LensCase,
+    read_aberrations,
+    read_centre,
+    read_stop,
+    read_window,
+)
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
@@ -43,11 +49,11 @@ def test_what_cannot_be_read_is_refused_by_its_option(read, words):
 def test_a_case_is_named_by_what_is_special_about_it():
     lens = Lens(0.1, 5.6, math.inf)
     pixels = Plane((64, 64), (3.45e-6, 3.45e-6))
-    assert Case(lens, 2.0, 520e-9, pixels).name == (
+    assert LensCase(lens, 2.0, 520e-9, pixels).name == (
         "100 mm f/5.6, 520 nm, object at 2 m, focus at infinity, 64² of 3.45 µm"
     )
     odd = Lens(0.1, 5.6, 2.0, read_stop(6, 0.2, None), ((4, 0, 25e-9),), "stigmatic")
-    name = Case(odd, math.inf, 520e-9, Plane((8, 9), (1e-6, 1e-6), (0.0, 2e-5))).name
+    name = LensCase(odd, math.inf, 520e-9, Plane((8, 9), (1e-6, 1e-6), (0.0, 2e-5))).name
     for words in ("at infinity", "9x8", "stigmatic", "6 blades", "obscured", "Z(4, 0) 25 nm"):
         assert words in name
     assert name.endswith("centre 0, 20 µm")

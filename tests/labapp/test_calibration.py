@@ -15,16 +15,31 @@ import pytest
 from small_bench.files import Size, bench_text
 
 from drivers.interfaces import Identity
-from labapp.bench.in_force import doubts, summary, wavelength_doubts
+from labapp.bench.calibration_validity import (
+    calibration_summary,
+    validity_warnings,
+    wavelength_warnings,
+)
 from labapp.bench.opening import BenchFiles, open_bench
-from labapp.calibration.calibrating import Calibrated, calibrate, conclude, prepare_only
-from labapp.calibration.designing import sweep_levels
-from labapp.calibration.exposing import Found, Trial, exposures_of, first_bracket, judged
-from labapp.calibration.request import Request
-from labapp.calibration.telling import advice, rows
+from labapp.calibration.calibrating import (
+    CalibrationResult,
+    calibrate,
+    fit_and_write,
+    prepare_plan_only,
+)
+from labapp.calibration.exposure_search import (
+    StarExposure,
+    TrialFrame,
+    derive_exposures,
+    evaluate_trials,
+    first_bracket,
+)
+from labapp.calibration.plan_design import sweep_levels
+from labapp.calibration.request import CalibrationRequest
+from labapp.calibration.result_report import advice, result_rows
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench
-from labapp.files.calibration_file import CalibrationFile, as_json
+from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import as_toml
 from labapp.files.polarisation_table import PolarisationTable, PolariserTable
@@ -84,9 +99,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(files, folder) -> Calibrated:
+def found(files, folder) -> CalibrationResult:
     """One calibration that most tests look at: 33 frames."""
-    request = Request(wavelengths_nm=(532.0,), regions=(1, 2), levels=LEVELS)
+    request = CalibrationRequest(wavelengths_nm=(532.0,), regions=(1, 2), levels=LEVELS)
     with open_bench(files) as bench:
         return calibrate(bench, request, folder)
 
@@ -123,7 +138,7 @@ def test_the_registration_is_the_mount_and_the_lens(found):
         ],
         axis=1,
     )
-    assert np.abs(registration.pixels(corners) - turned).max() < 0.15
+    assert np.abs(registration.to_pixels(corners) - turned).max() < 0.15
     table = found.file.registrations[0]
     assert table.flip == "left-right"
     assert table.rotation_deg == pytest.approx(3.0, abs=0.05)
@@ -149,7 +164,7 @@ def test_the_folder_holds_an_ordinary_run(found, folder):
     with Record(folder / "run.h5") as record:
         assert record.plan == plan
         trials = sum(exposures.trials for exposures in found.fits.design.exposures)
-        assert record.frames + trials == found.file.frames <= 60
+        assert record.frame_count + trials == found.file.frames <= 60
         for name in record.pattern_names:
             shown = cv2.imread(str(folder / "patterns" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
             np.testing.assert_array_equal(record.pattern(name), shown)
@@ -157,7 +172,7 @@ def test_the_folder_holds_an_ordinary_run(found, folder):
 
 
 def test_nothing_in_the_sweep_is_clipped_and_the_star_is_bright(found, folder):
-    assert all(region.clipped == 0 for region in found.fits.responses[532.0])
+    assert all(region.clipped_frames == 0 for region in found.fits.responses[532.0])
     sensor = found.fits.camera.sensor
     with Record(folder / "run.h5") as record:
         (first, *_) = record.select(pattern="neutral", target=record.target_names[1])
@@ -172,7 +187,7 @@ def test_the_file_is_read_back_as_it_was_written(found, folder):
     assert read.record == "run.h5"
     assert read.devices["slm"].simulated
     assert read.panel["pitch_um"] == 160.0
-    text = as_json(found.file).decode()
+    text = calibration_to_json(found.file).decode()
     assert json.loads(text) == found.file.model_dump(mode="json")
     assert max(len(line) for line in text.splitlines()) > 1000
 
@@ -180,7 +195,7 @@ def test_the_file_is_read_back_as_it_was_written(found, folder):
 @pytest.mark.sweep
 def test_a_fit_of_the_record_gives_the_same_again(found, folder, tmp_path):
     shutil.copy(folder / "run.h5", tmp_path / "run.h5")
-    again = conclude(tmp_path / "run.h5").file
+    again = fit_and_write(tmp_path / "run.h5").file
     assert again.responses == found.file.responses
     assert again.registrations == found.file.registrations
     # The order of sums in a transform isn't always the same.
@@ -190,9 +205,9 @@ def test_a_fit_of_the_record_gives_the_same_again(found, folder, tmp_path):
 def test_in_force_it_replaces_response_flatness_and_unmodulated_light(found, calibrated_bench):
     with open_bench(calibrated_bench) as bench:
         panel = bench.description.panel
-        assert bench.doubts == ()
+        assert bench.calibration_warnings == ()
     assert panel.unmodulated == pytest.approx(found.file.zeroth[0].share)
-    assert panel.flatness.on(panel).std() == pytest.approx(26.8e-9, abs=8e-9)
+    assert panel.flatness.at_pixels(panel).std() == pytest.approx(26.8e-9, abs=8e-9)
     grey = np.full(panel.shape, 200, dtype=np.uint8)
     left = found.file.responses[0].curves[0].phase_rad
     phase = grey_to_phase(panel, grey, 532e-9)
@@ -224,7 +239,7 @@ def test_a_calibration_changes_nothing_in_the_world_and_is_in_the_record(
             run_plan(bench, plan, tmp_path / f"{name}.h5")
         with Record(tmp_path / f"{name}.h5") as record:
             taken.append(record.image(0))
-            in_force = record.bench.in_force
+            in_force = record.bench.active_calibration
     np.testing.assert_array_equal(*taken)
     assert in_force == found.file
 
@@ -233,13 +248,13 @@ def test_a_stale_calibration_is_said_when_the_bench_opens(
     found, calibrated_bench, folder, tmp_path, caplog
 ):
     old = found.file.model_copy(update={"date": datetime.now(UTC) - timedelta(days=31)})
-    (tmp_path / "old.json").write_bytes(as_json(old))
+    (tmp_path / "old.json").write_bytes(calibration_to_json(old))
     text = calibrated_bench.bench.read_text().replace(f"{folder}/calibration.json", "old.json")
     calibrated_bench.bench.write_text(text)
     with open_bench(calibrated_bench) as bench:
-        assert len(bench.doubts) == 1
-        assert len(bench.doubts_at([532e-9])) == 1
-        assert len(bench.doubts_at([532e-9, 633e-9])) == 2
+        assert len(bench.calibration_warnings) == 1
+        assert len(bench.calibration_warnings_at([532e-9])) == 1
+        assert len(bench.calibration_warnings_at([532e-9, 633e-9])) == 2
     assert "STALE CALIBRATION: the calibration is 31 days old" in caplog.text
     assert "labapp calibrate" in caplog.text
 
@@ -255,18 +270,18 @@ def identities(file, **changes):
 def test_every_reason_to_doubt_a_calibration_is_named(found, files):
     file, bench = found.file, read_bench(files.bench)
     same = identities(file)
-    assert doubts(file, bench, same) == []
-    (said,) = doubts(file, bench, same, now=file.date + timedelta(days=40))
+    assert validity_warnings(file, bench, same) == []
+    (said,) = validity_warnings(file, bench, same, now=file.date + timedelta(days=40))
     assert "40 days old" in said
     other = Identity("PLUTO", "0815", simulated=False)
-    (said,) = doubts(file, bench, same | {"slm": other})
+    (said,) = validity_warnings(file, bench, same | {"slm": other})
     assert "made with the slm simulated SLM" in said
     assert "this is PLUTO 0815" in said
-    assert doubts(file, bench, same | {"filter": other}) == []
-    (said,) = doubts(file, bench, same | {"camera": replace(other, model="Oryx")})
+    assert validity_warnings(file, bench, same | {"filter": other}) == []
+    (said,) = validity_warnings(file, bench, same | {"camera": replace(other, model="Oryx")})
     assert "Oryx 0815" in said
     lens = bench.lens.model_copy(update={"focal_length_mm": 150.0})
-    (said,) = doubts(file, bench.model_copy(update={"lens": lens}), same)
+    (said,) = validity_warnings(file, bench.model_copy(update={"lens": lens}), same)
     assert "lens has changed" in said
     assert "focal_length_mm was 125.0 and is 150.0" in said
     assert all("labapp calibrate" in line for line in [said])
@@ -276,10 +291,10 @@ def test_a_calibration_older_than_a_key_of_the_bench_file_is_not_doubted_for_it(
     file, bench = found.file, read_bench(files.bench)
     old = file.lens.keys() & {"focal_length_mm", "f_number", "focus_distance_m"}
     aged = file.model_copy(update={"lens": {key: file.lens[key] for key in old}})
-    assert doubts(aged, bench, identities(file)) == []
+    assert validity_warnings(aged, bench, identities(file)) == []
     lens = bench.lens.model_copy(update={"separation_mm": 50.0})
     for one in (file, aged):
-        (said,) = doubts(one, bench.model_copy(update={"lens": lens}), identities(file))
+        (said,) = validity_warnings(one, bench.model_copy(update={"lens": lens}), identities(file))
         assert "separation_mm was" in said
 
 
@@ -288,24 +303,26 @@ def test_a_turned_polariser_makes_a_calibration_doubtful(found, files):
     table = PolarisationTable(polariser=polariser)
     bench = read_bench(files.bench).model_copy(update={"polarisation": table})
     file = found.file.model_copy(update={"polarisation": table.model_dump(mode="json")})
-    assert doubts(file, bench, identities(file)) == []
+    assert validity_warnings(file, bench, identities(file)) == []
     turned = PolarisationTable(polariser=polariser.model_copy(update={"angle_deg": 15.0}))
-    (said,) = doubts(file, bench.model_copy(update={"polarisation": turned}), identities(file))
+    (said,) = validity_warnings(
+        file, bench.model_copy(update={"polarisation": turned}), identities(file)
+    )
     assert "polarisation has changed" in said
 
 
 def test_wavelengths_beyond_the_calibration_are_doubted(found):
-    assert wavelength_doubts(found.file, [532e-9, 540e-9]) == []
-    (said,) = wavelength_doubts(found.file, [532e-9, 633e-9])
+    assert wavelength_warnings(found.file, [532e-9, 540e-9]) == []
+    (said,) = wavelength_warnings(found.file, [532e-9, 633e-9])
     assert "calibrated at 532 nm, and 633 nm is used" in said
     assert "--wavelength-nm 633" in said
     bare = found.file.model_copy(update={"responses": ()})
-    assert wavelength_doubts(bare, [633e-9]) == []
-    assert "response at 532 nm" in summary(found.file)
+    assert wavelength_warnings(bare, [633e-9]) == []
+    assert "response at 532 nm" in calibration_summary(found.file)
 
 
 def test_the_table_says_how_well_and_advice_what_to_do(found):
-    listed = rows(found.file)
+    listed = result_rows(found.file)
     assert [row[0] for row in listed][:4] == [
         "registration, 532 nm",
         "zeroth order, 532 nm",
@@ -340,7 +357,7 @@ def test_a_plan_can_be_written_run_later_and_fitted(files, labapp, tmp_path):
 
 def test_cancelling_leaves_a_record_and_no_calibration(files, tmp_path):
     progress = Progress(lambda fraction, message: progress.cancel() if fraction > 0.2 else None)
-    request = Request(wavelengths_nm=(532.0,), parts=("registration",))
+    request = CalibrationRequest(wavelengths_nm=(532.0,), parts=("registration",))
     with open_bench(files) as bench, pytest.raises(Cancelled):
         calibrate(bench, request, tmp_path / "out", progress=progress)
     assert not (tmp_path / "out" / "calibration.json").exists()
@@ -439,8 +456,8 @@ def camera():
 
 
 def test_the_exposure_is_found_from_the_brightest_frame_that_is_not_clipped():
-    trials = [Trial(t, star(2e6 * t)) for t in (1e-4, 1e-3, 1e-2)]
-    found = judged(trials, camera())
+    trials = [TrialFrame(t, star(2e6 * t)) for t in (1e-4, 1e-3, 1e-2)]
+    found = evaluate_trials(trials, camera())
     sensor = camera().sensor
     assert found.exposure * 2e6 == pytest.approx(0.6 * (sensor.full_scale - 64), rel=0.05)
     # A Gaussian's light over its peak is 2 pi sigma².
@@ -448,17 +465,19 @@ def test_the_exposure_is_found_from_the_brightest_frame_that_is_not_clipped():
 
 
 def test_trials_that_are_all_too_bright_or_too_dim_ask_for_others():
-    assert judged([Trial(1e-3, star(1e5))], camera()) == pytest.approx((4e-6, 6.2e-5), rel=5)
-    assert max(judged([Trial(1e-3, star(1e5))], camera())) < 1e-3
-    assert min(judged([Trial(1e-3, star(3.0))], camera())) > 1e-3
+    assert evaluate_trials([TrialFrame(1e-3, star(1e5))], camera()) == pytest.approx(
+        (4e-6, 6.2e-5), rel=5
+    )
+    assert max(evaluate_trials([TrialFrame(1e-3, star(1e5))], camera())) < 1e-3
+    assert min(evaluate_trials([TrialFrame(1e-3, star(3.0))], camera())) > 1e-3
 
 
 def test_a_star_beyond_what_the_camera_can_expose_is_refused():
     low, high = camera().sensor.exposure_range
     with pytest.raises(UserError, match=r"too bright at 0\.02 ms.*Dim the lamp"):
-        judged([Trial(low, star(1e5))], camera())
+        evaluate_trials([TrialFrame(low, star(1e5))], camera())
     with pytest.raises(UserError, match=r"too dim at 30000 ms.*Brighten the lamp"):
-        judged([Trial(high, star(3.0))], camera())
+        evaluate_trials([TrialFrame(high, star(3.0))], camera())
 
 
 def test_the_first_trials_lie_in_the_range_of_the_sensor():
@@ -471,8 +490,10 @@ def test_the_first_trials_lie_in_the_range_of_the_sensor():
 
 def test_regions_are_exposed_as_much_longer_as_their_spots_are_dimmer():
     """A spot of a quarter of the panel has 4/pi² of a quarter of the light."""
-    found = Found(1e-3, 30.0)
-    exposures = exposures_of(camera(), Request(wavelengths_nm=(532.0,)), 532.0, found, 3)
+    found = StarExposure(1e-3, 30.0)
+    exposures = derive_exposures(
+        camera(), CalibrationRequest(wavelengths_nm=(532.0,)), 532.0, found, 3
+    )
     wide = exposures.sweep_ms / exposures.full_ms * 0.6 / 0.5
     # A star far wider than the diffraction of the regions stays as wide as it is.
     assert wide == pytest.approx(math.pi**2, rel=0.05)
@@ -511,9 +532,9 @@ def test_a_plan_as_toml_reads_back(tmp_path):
 def test_a_wavefront_needs_to_know_the_star(files, tmp_path):
     with open_bench(files) as bench:
         bench = replace(bench, scene_file=None)
-        request = Request(wavelengths_nm=(532.0,), exposure_ms=1.0)
+        request = CalibrationRequest(wavelengths_nm=(532.0,), exposure_ms=1.0)
         with pytest.raises(UserError, match=r"--star-um and --star-m"):
-            prepare_only(bench, request, tmp_path / "out")
+            prepare_plan_only(bench, request, tmp_path / "out")
         only = request.model_copy(update={"parts": ("registration",)})
-        assert prepare_only(bench, only, tmp_path / "out").patterns
+        assert prepare_plan_only(bench, only, tmp_path / "out").patterns
     assert Path(tmp_path / "out" / "plan.toml").is_file()

@@ -10,12 +10,12 @@ import pytest
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench, read_camera, read_camera_file
-from labapp.files.calibration_file import CalibrationFile, ZerothTable, as_json
+from labapp.files.calibration_file import CalibrationFile, ZerothOrderTable, calibration_to_json
 from labapp.files.camera_file import CameraFile, LensTable
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
-BENCH = bundled("bench.toml").read_text()
+BENCH = bundled_path("bench.toml").read_text()
 CAMERA = BENCH[: BENCH.index("[devices.slm]")]
 BARE = CAMERA.replace("unmodulated = 0.05\n", "")
 
@@ -32,11 +32,11 @@ def read(folder: Path, text: str) -> CameraFile:
 
 def test_the_thesis_camera_comes_with_labapp():
     """Section 5.6: 15.36 x 8.64 mm, 100 mm f/5.6, 3.45 µm pixels; focused 2 m before the panel."""
-    camera = read_camera(bundled("thesis-camera.toml"))
+    camera = read_camera(bundled_path("thesis-camera.toml"))
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
     assert [n * panel.pitch for n in panel.shape] == pytest.approx([8.64e-3, 15.36e-3])
     assert (lens.focal_length, lens.f_number, lens.focus_distance) == (0.1, 5.6, 2.05)
-    assert lens.clear
+    assert lens.has_clear_stop
     assert (sensor.shape, sensor.pitch) == ((3000, 4096), pytest.approx(3.45e-6))
     assert camera.separation == pytest.approx(0.05)
     # A polariser's half (and the thousandth of the other), and half of it twice in the cube.
@@ -50,7 +50,7 @@ def test_the_thesis_camera_comes_with_labapp():
 
 
 def test_a_bench_file_is_a_camera_file_with_devices(tmp_path):
-    bench = read_camera_file(bundled("bench.toml"))
+    bench = read_camera_file(bundled_path("bench.toml"))
     assert isinstance(bench, BenchFile)
     camera = read(tmp_path, CAMERA)
     assert not isinstance(camera, BenchFile)
@@ -60,7 +60,7 @@ def test_a_bench_file_is_a_camera_file_with_devices(tmp_path):
 
 
 def test_a_spectroradiometer_is_no_part_of_a_run(tmp_path):
-    with_one = bundled("bench.toml").read_text()
+    with_one = bundled_path("bench.toml").read_text()
     table = '[devices.spectroradiometer]\ndriver = "cs2000"\noptions = { port = "x" }\n'
     path = tmp_path / "bench.toml"
     path.write_text(with_one[: with_one.index("[devices.spectroradiometer]")])
@@ -68,18 +68,18 @@ def test_a_spectroradiometer_is_no_part_of_a_run(tmp_path):
     path.write_text(path.read_text() + table)
     real = read_bench(path)
     runs = ["slm", "filter", "camera", "targets"]
-    assert list(without.devices.tables) == list(without.devices.of_runs) == runs
-    assert list(real.devices.of_runs) == runs
+    assert list(without.devices.tables) == list(without.devices.run_devices) == runs
+    assert list(real.devices.run_devices) == runs
     assert list(real.devices.tables) == [*runs, "spectroradiometer"]
     assert not real.is_real
 
 
 def test_what_is_not_said_of_a_lens_is_off():
     lens = LensTable(focal_length_mm=125.0, f_number=5.0, focus_distance_m=2.0)
-    assert lens.build() == read_bench(bundled("bench.toml")).lens.build()
-    assert lens.build().clear
-    assert lens.build().quadratic
-    assert read_camera(bundled("bench.toml")).separation == 0
+    assert lens.build() == read_bench(bundled_path("bench.toml")).lens.build()
+    assert lens.build().has_clear_stop
+    assert lens.build().has_quadratic_phase
+    assert read_camera(bundled_path("bench.toml")).separation == 0
 
 
 def test_a_lens_can_be_all_that_the_engine_knows_of_it(tmp_path):
@@ -218,9 +218,9 @@ def test_a_benchs_calibration_counts_in_its_camera(tmp_path):
         panel={},
         lens={},
         sensor={},
-        zeroth=(ZerothTable(wavelength_nm=550.0, share=0.12, sigma=0.01, frames=1),),
+        zeroth=(ZerothOrderTable(wavelength_nm=550.0, share=0.12, sigma=0.01, frames=1),),
     )
-    (tmp_path / "calibration.json").write_bytes(as_json(calibration))
+    (tmp_path / "calibration.json").write_bytes(calibration_to_json(calibration))
     path = written(tmp_path, BENCH.replace("name =", 'calibration = "calibration.json"\nname ='))
     assert read_camera(path).panel.unmodulated == pytest.approx(0.12)
     # What was measured counts more than what follows from the polarisation.

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from figures.chains import ChainProblem
 
-from labapp.accuracy.chain import asked_chain, judge_of
-from labapp.accuracy.references.chain import chain_density, chain_field
-from labapp.accuracy.references.panel import Chain
-from labapp.accuracy.rows import Row
+from labapp.accuracy.chain import build_reference, chain_case_from_options
+from labapp.accuracy.references.chain_integral import chain_density, chain_field
+from labapp.accuracy.references.panel_integral import ImagingChain
+from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
-from labapp.light.asked import Case
+from labapp.light.lens_options import LensCase
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle
@@ -57,7 +57,9 @@ def in_stop(lens: Lens) -> tuple[np.ndarray, ...]:
     return np.repeat(y, 44), np.tile(x, 44), np.outer(wy, wx).ravel()
 
 
-def written_out(chain: Chain, modulation: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+def written_out(
+    chain: ImagingChain, modulation: np.ndarray, y: np.ndarray, x: np.ndarray
+) -> np.ndarray:
     """Thesis Eq. 5.1 to 5.6 as four sums, without any algebra; |field|."""
     camera, lens, wavelength, d = chain.camera, chain.camera.lens, chain.wavelength, chain.distance
     z1, k = camera.separation, 2 * np.pi / wavelength
@@ -105,10 +107,10 @@ def test_the_judge_is_the_thesis_equations(stop, bent, distance, field, sphere, 
     camera = Camera(Panel((3, 4), 40e-6, 0.8), lens, separation=0.04)
     modulation = np.exp(1j * np.random.default_rng(0).uniform(0, 6, (3, 4)))
     y, x = np.array([-50e-6, 3e-6, 70e-6]), np.array([-20e-6, 33e-6])
-    truth = written_out(Chain(camera, distance, 550e-9, field, sphere), modulation, y, x)
+    truth = written_out(ImagingChain(camera, distance, 550e-9, field, sphere), modulation, y, x)
     if distance == 1e6:
         distance = math.inf
-    chain = Chain(camera, distance, 550e-9, field, sphere)
+    chain = ImagingChain(camera, distance, 550e-9, field, sphere)
     found = np.abs(chain_field(chain, [modulation], y, x)[0])
     assert np.abs(found - truth).max() <= error * truth.max()
 
@@ -119,7 +121,7 @@ def test_denser_nodes_change_nothing():
     lens = Lens(0.05, 0.05 / 0.4e-3, 2.0, stop, ((4, -2, 2e-7),), "stigmatic")
     camera = Camera(Panel((12, 13), 8e-6, 0.7), lens, separation=0.03)
     modulations = [np.exp(1j * np.random.default_rng(1).uniform(0, 6, (12, 13))), np.ones((12, 13))]
-    chain, places = Chain(camera, 0.4, 550e-9, (1e-4, 2e-4)), np.linspace(-6e-5, 6e-5, 3)
+    chain, places = ImagingChain(camera, 0.4, 550e-9, (1e-4, 2e-4)), np.linspace(-6e-5, 6e-5, 3)
     coarse = chain_field(chain, modulations, places, places)
     dense = chain_field(chain, modulations, places, places, margin=2.0)
     assert np.linalg.norm(coarse - dense) <= 1e-11 * np.linalg.norm(dense)
@@ -132,9 +134,9 @@ def test_lines_that_share_their_cells_give_what_every_node_gives(monkeypatch):
     stop = Stop(Circle(), (Circle(0.3, (0.2, 0.1)),))
     camera = Camera(Panel((20, 23), 8e-6), Lens(0.05, 0.05 / 0.4e-3, 2.0, stop), separation=0.01)
     modulations = [np.exp(1j * np.random.default_rng(1).uniform(0, 6, (20, 23))), np.ones((20, 23))]
-    chain, places = Chain(camera, 0.4, 550e-9), np.linspace(-6e-5, 6e-5, 5)
+    chain, places = ImagingChain(camera, 0.4, 550e-9), np.linspace(-6e-5, 6e-5, 5)
     cells = chain_field(chain, modulations, places, places)
-    monkeypatch.setattr("labapp.accuracy.references.chain._MOST_SUMS", 0)
+    monkeypatch.setattr("labapp.accuracy.references.chain_integral._MOST_SUMS", 0)
     nodes = chain_field(chain, modulations, places, places)
     assert not np.array_equal(cells, nodes)
     assert np.linalg.norm(cells - nodes) <= 1e-12 * np.linalg.norm(nodes)
@@ -147,12 +149,15 @@ def test_a_panel_that_comes_near_becomes_one_plane_with_the_lens():
     phase = np.random.default_rng(0).uniform(0, 6, panel.shape)
     pixels, light = Plane((5, 5), (40e-6, 40e-6)), np.ones((5, 5))
     truth = ChainProblem(Camera(panel, lens), 1.2, 550e-9, pixels, True, 1e-3, phase)
-    truth = truth.judge(light).truth
+    truth = truth.build_reference(light).exact_samples
     errors = []
     for z1 in (2.4e-3, 1.2e-3):
         camera = Camera(panel, lens, separation=z1)
         problem = ChainProblem(camera, 1.2, 550e-9, pixels, True, 1e-3, phase)
-        errors.append(np.linalg.norm(problem.judge(light).truth - truth) / np.linalg.norm(truth))
+        errors.append(
+            np.linalg.norm(problem.build_reference(light).exact_samples - truth)
+            / np.linalg.norm(truth)
+        )
     assert errors[1] < 0.3
     assert errors[1] < 0.65 * errors[0]
 
@@ -161,10 +166,10 @@ def test_shares_of_light_are_those_of_the_lobes_in_a_window():
     """In focus, behind a stop that cuts nothing: sinc², as that of a slit on either axis."""
     lens = Lens(0.05, 0.05 / 2e-3, 2.0)
     camera = Camera(Panel((8, 8), 20e-6, 1.0), lens, separation=0.05)
-    lobe, step = 550e-9 * camera.lever / 160e-6, 4 / 20
+    lobe, step = 550e-9 * camera.ray_matrix_b / 160e-6, 4 / 20
     places = step * (np.arange(20) - 9.5)
     density = chain_density(
-        Chain(camera, 1.95, 550e-9), [np.ones((8, 8))], lobe * places, lobe * places
+        ImagingChain(camera, 1.95, 550e-9), [np.ones((8, 8))], lobe * places, lobe * places
     )[0]
     truth = (np.sinc(places) ** 2).sum() * step
     assert density.sum() * (lobe * step) ** 2 == pytest.approx(truth**2, rel=0.01)
@@ -172,7 +177,7 @@ def test_shares_of_light_are_those_of_the_lobes_in_a_window():
 
 def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-1, 1e-3))
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     files = ["--json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "chain", *SMALL, *files)
     assert code == 0
@@ -189,7 +194,7 @@ def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
 def test_a_chain_whose_panel_stands_at_the_lens(labapp, monkeypatch):
     """The same question to the methods of a panel; all that fail say why."""
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-2,))
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     code, printed, _ = labapp("accuracy", "chain", *SMALL, "--separation-mm", "0", "--json")
     assert code == 0
     good = [row for row in json.loads(printed)["rows"] if not row["failure"]]
@@ -216,27 +221,29 @@ def test_bad_questions_about_a_chain_are_refused_by_name(labapp, words, said):
 
 def test_a_cameras_file_has_a_panel_of_its_own():
     camera = Camera(Panel((12, 14)), Lens(), separation=0.02)
-    case = Case(camera.lens, 1.5, 550e-9, Plane((8, 8), (3e-6, 3e-6)), camera)
+    case = LensCase(camera.lens, 1.5, 550e-9, Plane((8, 8), (3e-6, 3e-6)), camera)
     asked = {"pattern": "neutral", "field": (0.0, 1e-4), "sphere": True}
-    found = asked_chain(case, panel=None, separation_mm=None, **asked)
+    found = chain_case_from_options(case, panel=None, separation_mm=None, **asked)
     assert found.problem.camera == camera
     assert "20 mm before" in found.name
     assert found.name.endswith("field 0, 0.1 mm, sphere")
-    moved = asked_chain(case, panel=None, separation_mm=30.0, **asked)
+    moved = chain_case_from_options(case, panel=None, separation_mm=30.0, **asked)
     assert moved.problem.camera == replace(camera, separation=0.03)
     with pytest.raises(UserError, match="has a panel"):
-        asked_chain(case, panel="12x14x8", separation_mm=None, **asked)
+        chain_case_from_options(case, panel="12x14x8", separation_mm=None, **asked)
 
 
 def test_what_is_seen_of_an_answer_is_weighed_as_the_truth():
     lens = Lens(0.05, 100.0, 2.0)
-    case = Case(lens, 1.5, 550e-9, Plane((6, 7), (3e-6, 3e-6)))
+    case = LensCase(lens, 1.5, 550e-9, Plane((6, 7), (3e-6, 3e-6)))
     asked = {"pattern": "cubic", "field": (0.0, 0.0), "sphere": False}
-    problem = asked_chain(case, panel="12x14x8", separation_mm=20.0, **asked).problem
-    judge = judge_of(problem)
+    problem = chain_case_from_options(case, panel="12x14x8", separation_mm=20.0, **asked).problem
+    judge = build_reference(problem)
     y, x = (np.arange(n) - n // 2 for n in (6, 7))
     chain, share = problem.chain, problem.camera.panel.unmodulated
     both = [np.exp(1j * problem.phase), np.ones((12, 14))]
     mixed = chain_density(chain, both, 3e-6 * y, 3e-6 * x) * 9e-12
     whole = (1 - share) * mixed[0] + share * mixed[1]
-    assert np.linalg.norm(judge.seen(whole) - judge.truth) <= 1e-12 * np.linalg.norm(whole)
+    assert np.linalg.norm(
+        judge.weighted_samples(whole) - judge.exact_samples
+    ) <= 1e-12 * np.linalg.norm(whole)

@@ -12,19 +12,23 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition.checking import check, expect, prompts_by_frame
+from labapp.runs.acquisition.feasibility import (
+    estimate_run,
+    prompts_by_frame,
+    require_feasible_plan,
+)
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
-from labapp.runs.steps import shots
+from labapp.runs.steps import planned_shots
 
 WHEEL, TUNABLE = abilities(), tunable()
 
 
-def refusal(plan: PlanFile, able: Abilities) -> str:
+def refusal(plan: PlanFile, able: BenchCapabilities) -> str:
     with pytest.raises(UserError) as caught:
-        check(plan, able, "plan.toml")
+        require_feasible_plan(plan, able, "plan.toml")
     return str(caught.value)
 
 
@@ -121,11 +125,15 @@ def test_what_a_bench_cannot_do_is_named_with_what_it_can(changes, able, words):
     ],
 )
 def test_what_a_bench_can_do_is_not_refused(changes):
-    check(plan_of(block(**changes), targets={"near": {"place": "star"}}), TUNABLE, "plan.toml")
+    require_feasible_plan(
+        plan_of(block(**changes), targets={"near": {"place": "star"}}), TUNABLE, "plan.toml"
+    )
 
 
 def test_a_filter_that_begins_at_400_nm_takes_400_nm():
-    check(plan_of(block(wavelengths_nm=[400])), tunable(wavelength_range=(400e-9, 720e-9)), "")
+    require_feasible_plan(
+        plan_of(block(wavelengths_nm=[400])), tunable(wavelength_range=(400e-9, 720e-9)), ""
+    )
 
 
 NEAR_AND_FAR = {
@@ -140,7 +148,7 @@ def test_a_person_is_asked_once_for_each_change_of_target():
         block(targets=["far", "photograph", "near"]),
         targets=NEAR_AND_FAR,
     )
-    listed = shots(plan, WHEEL)
+    listed = planned_shots(plan, WHEEL)
     near, far = (target["prompt"] for target in NEAR_AND_FAR.values())
     assert list(prompts_by_frame(listed, WHEEL).values()) == [near, far, near]
     # Two frames near and two far; one far, without a word, a photograph, and one near.
@@ -150,7 +158,7 @@ def test_a_person_is_asked_once_for_each_change_of_target():
 def test_a_person_who_places_the_targets_is_asked_for_all_of_them():
     able = abilities(by_hand=True)
     plan = plan_of(block(targets=["near", "photograph"]), targets=NEAR_AND_FAR)
-    assert list(prompts_by_frame(shots(plan, able), able).values()) == [
+    assert list(prompts_by_frame(planned_shots(plan, able), able).values()) == [
         "Move the star to 1 m.",
         "Place photograph, then press Enter.",
     ]
@@ -158,7 +166,7 @@ def test_a_person_who_places_the_targets_is_asked_for_all_of_them():
 
 def test_frames_and_seconds_are_summed():
     plan = plan_of(block(exposures_ms=[1, 8], repeats=3))
-    expected = expect(shots(plan, WHEEL), plan, WHEEL)
+    expected = estimate_run(planned_shots(plan, WHEEL), plan, WHEEL)
     assert (expected.frames, expected.prompts) == (6, ())
     # Targets settle once, in half a second; six frames are read out in 8 ms each.
     assert expected.seconds == pytest.approx(0.5 + 3 * 0.001 + 3 * 0.008 + 6 * 0.008)
@@ -173,8 +181,8 @@ def test_the_disk_need_is_what_the_record_takes_and_little_more(small, tmp_path,
         else block(patterns=patterns, repeats=frames)
     )
     with open_bench(small.bench_files) as bench:
-        able = Abilities.of(bench)
-        expected = expect(shots(plan, able), plan, able)
+        able = BenchCapabilities.of(bench)
+        expected = estimate_run(planned_shots(plan, able), plan, able)
         outcome = run_plan(bench, plan, tmp_path / "run.h5")
     assert outcome.state is State.COMPLETE
     taken = outcome.path.stat().st_size
@@ -234,7 +242,7 @@ def installed(monkeypatch) -> None:
         EntryPoint(name, f"{__name__}:{function}", "labapp.hooks")
         for name, function in made.items()
     )
-    for module in ("checking", "hooks"):
+    for module in ("feasibility", "hooks"):
         monkeypatch.setattr(
             f"labapp.runs.acquisition.{module}.entry_points",
             lambda *, group: found.select(group=group),

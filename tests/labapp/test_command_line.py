@@ -18,7 +18,7 @@ def walk(command: Any, words: str = "labapp") -> Iterator[tuple[str, Any]]:
         yield from walk(one, f"{words} {name}")
 
 
-COMMANDS = dict(walk(labapp.cli.command()))
+COMMANDS = dict(walk(labapp.cli.build_command_line()))
 
 
 @pytest.mark.parametrize("words", COMMANDS)

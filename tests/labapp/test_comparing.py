@@ -7,8 +7,13 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from labapp.accuracy.comparing import read_stored, require_known, slower, verdicts
-from labapp.accuracy.rows import Row
+from labapp.accuracy.regression_check import (
+    read_stored,
+    regression_messages,
+    require_comparable_rows,
+    slower_rows,
+)
+from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
 
 ROW = Row("psf", "case", "way", "float64", 1e-3, error_achieved=1e-4, cpu_s=0.010)
@@ -23,8 +28,8 @@ def stored(tmp_path, *rows: Row, calibration_s: float = 0.005):
 
 def test_nothing_is_said_of_a_point_that_stayed(tmp_path):
     before = stored(tmp_path, ROW)
-    assert slower([ROW], 0.005, before) == []
-    assert verdicts([ROW], 0.005, before) == []
+    assert slower_rows([ROW], 0.005, before) == []
+    assert regression_messages([ROW], 0.005, before) == []
 
 
 @pytest.mark.parametrize(
@@ -35,32 +40,32 @@ def test_time_counts_in_units_of_the_calibration_kernel(tmp_path, seconds, calib
     """A machine that is busy all over is no news; a method that is slower on it is."""
     now = replace(ROW, cpu_s=seconds)
     before = stored(tmp_path, ROW)
-    assert bool(slower([now], calibration_s, before)) == named
-    assert bool(verdicts([now], calibration_s, before)) == named
+    assert bool(slower_rows([now], calibration_s, before)) == named
+    assert bool(regression_messages([now], calibration_s, before)) == named
 
 
 @pytest.mark.parametrize(("error", "named"), [(1.9e-4, False), (2.1e-4, True)])
 def test_an_error_counts_from_twice_on(tmp_path, error, named):
     now = replace(ROW, error_achieved=error)
-    assert bool(verdicts([now], 0.005, stored(tmp_path, ROW))) == named
+    assert bool(regression_messages([now], 0.005, stored(tmp_path, ROW))) == named
 
 
 def test_rounding_errors_are_no_errors(tmp_path):
     before = replace(ROW, error_achieved=1e-15)
     now = replace(ROW, error_achieved=9e-14)
-    assert verdicts([now], 0.005, stored(tmp_path, before)) == []
+    assert regression_messages([now], 0.005, stored(tmp_path, before)) == []
 
 
 def test_what_fails_now_is_named(tmp_path):
     now = replace(ROW, error_achieved=None, cpu_s=None, failure="no memory")
-    (line,) = verdicts([now], 0.005, stored(tmp_path, ROW))
+    (line,) = regression_messages([now], 0.005, stored(tmp_path, ROW))
     assert line == "way, float64, tol 1e-03: fails now: no memory"
 
 
 def test_files_of_another_case_or_kind_are_refused(tmp_path):
     other = stored(tmp_path, replace(ROW, case="another"))
     with pytest.raises(UserError, match="has no row of this case; give the case's own options"):
-        require_known([ROW], other)
+        require_comparable_rows([ROW], other)
     (tmp_path / "front.json").write_text("[1, 2]")
     with pytest.raises(UserError, match="isn't what --json printed"):
         read_stored(str(tmp_path / "front.json"))
@@ -77,7 +82,7 @@ def test_the_bundled_front_is_that_of_the_default_case():
 
 def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64,))
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     front = tmp_path / "front.json"
     options = ["accuracy", "psf", "--size", "16", "--f-number", "32"]
     code, printed, _ = labapp(*options, "--json")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.signal import convolve2d
 
-from labapp.accuracy.blurs import BLURS, asked_photograph, circle, disk, taken
-from optics.deconvolution.choice import METHODS
+from labapp.accuracy.blurs import BLURS, circle, disk, photograph_from_options, simulate_photograph
+from optics.deconvolution.restoration_choice import METHODS
 
 
 @pytest.fixture(autouse=True)
@@ -72,7 +72,7 @@ def test_a_photograph_is_what_a_camera_would_have_taken(border):
     """Without noise it is the truth, spread by a slow convolution."""
     scene, psf = np.random.default_rng(0).random((30, 41)), circle(3, 0.3)[:, 1:]
     psf /= psf.sum()
-    case = taken("scene", scene, psf, 0.0, 0, border)
+    case = simulate_photograph("scene", scene, psf, 0.0, 0, border)
     rows, columns = psf.shape
     around = np.pad(scene, ((rows, rows), (columns, columns)), mode="wrap")
     whole = convolve2d(around, psf, mode="full")
@@ -84,7 +84,7 @@ def test_a_photograph_is_what_a_camera_would_have_taken(border):
             slice(columns - 1 - columns // 2, 41 - columns // 2),
         )
         spread, scene = spread[within], scene[within]
-    assert np.allclose(case.frame, spread, atol=1e-12)
+    assert np.allclose(case.observation, spread, atol=1e-12)
     assert np.array_equal(case.truth, scene)
     assert case.quality(case.truth)[1] == pytest.approx(1)
 
@@ -129,6 +129,6 @@ def test_what_can_not_be_asked(labapp, tmp_path, monkeypatch, asked, said):
 
 
 def test_the_default_is_the_demos_photograph():
-    case = asked_photograph(None, "disk of 7", None, 0.01, "unknown", 256, 0)
+    case = photograph_from_options(None, "disk of 7", None, 0.01, "unknown", 256, 0)
     assert case.truth.shape == (256 - 14, 256 - 14)
     assert 0.1 < case.truth.mean() < 0.9

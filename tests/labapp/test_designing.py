@@ -15,7 +15,7 @@ from labapp.bench.opening import open_bench
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.light.predicted import predicted_psf
+from labapp.light.pattern_psf import predicted_psf
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from optics import patterns
@@ -170,7 +170,7 @@ def test_the_predicted_psf_is_the_panel_operators_own(small):
     """A still pattern: the modulated light and the unmodulated share, by one call."""
     camera = read_file(small.bench, BenchFile).build_camera()
     grey = torch.from_numpy(lens())
-    pixels = camera.sensor.window((40, 40))
+    pixels = camera.sensor.window_plane((40, 40))
     (seen,) = predicted_psf(camera, grey[None], WAVE, pixels)
     operator = PSFOperator(camera, camera.lens.focus_distance, WAVE, pixels)
     truth = operator(grey_to_phase(camera.panel, grey, WAVE))
@@ -181,7 +181,7 @@ def test_the_predicted_psf_of_a_video_is_the_mean_of_its_frames():
     camera = Camera(Panel(shape=(54, 96), pitch=160e-6))
     greys = torch.randint(0, 80, (4, 54, 96), generator=torch.Generator().manual_seed(0))
     greys = greys.to(torch.uint8)
-    pixels = camera.sensor.window((24, 24))
+    pixels = camera.sensor.window_plane((24, 24))
     whole = predicted_psf(camera, greys, WAVE, pixels)
     parts = predicted_psf(camera, greys, WAVE, pixels, moments=2)
     singles = torch.cat([predicted_psf(camera, grey[None], WAVE, pixels) for grey in greys])

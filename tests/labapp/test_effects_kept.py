@@ -13,13 +13,13 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.patterns.grey_levels import compute_patterns
-from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition.checking import _DECISIONS
 from labapp.runs.acquisition.effects import effect_plans
+from labapp.runs.acquisition.feasibility import _DECISIONS
 from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record.reader import Record
-from labapp.runs.showing_effects import show_effects
-from labapp.runs.steps import shots
+from labapp.runs.steps import planned_shots
 from optics.progress import Progress
 
 
@@ -31,14 +31,14 @@ def staged(small):
         patterns = compute_patterns(
             plan.patterns, bench.description, plan.seed, Progress(), small.folder
         )
-        yield bench, shots(plan, Abilities.of(bench)), patterns
+        yield bench, planned_shots(plan, BenchCapabilities.of(bench)), patterns
 
 
 def test_each_different_picture_has_its_plan_and_none_is_rendered(staged, monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("a plan renders nothing")
 
-    monkeypatch.setattr(simulator.imaging, "expected", never)
+    monkeypatch.setattr(simulator.imaging, "expected_electrons", never)
     monkeypatch.setattr(simulator.imaging, "moments", never)
     bench, listed, patterns = staged
     kept = effect_plans(bench, listed, patterns)

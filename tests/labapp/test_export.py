@@ -17,12 +17,12 @@ import tifffile
 from drivers.interfaces import Frame, Identity
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
-from labapp.files.frame_list import frame_list, read_frame_list
-from labapp.files.reading import bundled, read_file
-from labapp.runs.export import KINDS, Choice, export, naming, ome_tiff
+from labapp.files.frame_list import format_frame_list, read_frame_list
+from labapp.files.reading import bundled_path, read_file
+from labapp.runs.export import KINDS, FrameSelection, export_frames, naming, ome_tiff
 from labapp.runs.export.ome import NAMESPACE
 from labapp.runs.record import layout
-from labapp.runs.record.making import Contents, make
+from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
 from labapp.runs.steps import Shot
@@ -47,11 +47,11 @@ def image(index: int) -> np.ndarray:
 
 def take(path, indices=range(6)) -> None:
     patterns = {"neutral": np.zeros((4, 6), np.uint8), SHOTS[1].pattern: np.ones((4, 6), np.uint8)}
-    contents = Contents(
+    contents = RecordContents(
         title="Stars & rings",
         seed=1,
         plan={"title": "Stars & rings"},
-        bench=read_file(bundled("bench.toml"), BenchFile).model_dump(mode="json"),
+        bench=read_file(bundled_path("bench.toml"), BenchFile).model_dump(mode="json"),
         scene=None,
         effect_plan=None,
         identities={"camera": Identity("<camera>", "42", simulated=True)},
@@ -61,12 +61,12 @@ def take(path, indices=range(6)) -> None:
         frame_shape=SHAPE,
         pixel_pitch=3.45e-6,
     )
-    make(path, contents)
+    create_record(path, contents)
     with RecordWriter(path) as writer:
         for index in indices:
             shot, pixels = SHOTS[index], image(index)
             frame = Frame(pixels, shot.exposure, 2.6, 0.0, index, zlib.crc32(pixels))
-            writer.store(shot, frame, shot.wavelength, moment=0.1 + index)
+            writer.store(shot, frame, shot.wavelength, start_time=0.1 + index)
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_every_frame_is_a_picture_with_the_raw_numbers(labapp, run, folder, kind
 
 
 def test_a_tiff_says_what_it_shows(run, folder):
-    export(run, "tiff", folder)
+    export_frames(run, "tiff", folder)
     with tifffile.TiffFile(folder / f"{PICTURES[2]}.tiff") as file:
         page = file.pages[0]
         np.testing.assert_array_equal(page.asarray(), image(2))
@@ -130,7 +130,7 @@ def test_a_tiff_says_what_it_shows(run, folder):
 
 
 def test_an_array_comes_with_all_that_is_known_of_it(run, folder):
-    export(run, "npy", folder)
+    export_frames(run, "npy", folder)
     assert names(folder) == ["frames.csv", "frames.json", "frames.npy"]
     array = np.load(folder / "frames.npy")
     np.testing.assert_array_equal(array, np.stack([image(index) for index in range(6)]))
@@ -146,7 +146,7 @@ def test_an_array_comes_with_all_that_is_known_of_it(run, folder):
 
 
 def test_the_table_has_every_column_as_it_is_in_the_record(run, folder):
-    export(run, "png", folder)
+    export_frames(run, "png", folder)
     rows = table(folder)
     heads = {name: name for name in layout.PLANNED | layout.MEASURED}
     heads |= {name: f"{name}_s" for name in ("exposure", "exposure_asked", "time", "timestamp")}
@@ -168,7 +168,7 @@ def ome(path) -> ElementTree.Element:
 
 
 def test_microscopy_programs_find_exposure_time_and_wavelength(run, folder):
-    export(run, "ome-tiff", folder, Choice(target="star"))
+    export_frames(run, "ome-tiff", folder, FrameSelection(target="star"))
     path = folder / "frames.ome.tiff"
     expected = np.stack([image(index) for index in range(1, 6)])
     np.testing.assert_array_equal(tifffile.imread(path), expected)
@@ -197,7 +197,7 @@ def test_microscopy_programs_find_exposure_time_and_wavelength(run, folder):
 
 
 def test_one_wavelength_is_the_channels(run, folder):
-    export(run, "ome-tiff", folder, Choice(frames="2-4"))
+    export_frames(run, "ome-tiff", folder, FrameSelection(frames="2-4"))
     channel = ome(folder / "frames.ome.tiff").find(f".//{{{NAMESPACE}}}Channel")
     assert float(channel.get("EmissionWavelength")) == 632.8
     assert channel.get("EmissionWavelengthUnit") == "nm"
@@ -205,7 +205,7 @@ def test_one_wavelength_is_the_channels(run, folder):
 
 def test_elements_are_in_the_order_of_the_schema(run, folder):
     """The schema has sequences; readers that validate refuse any other order."""
-    export(run, "ome-tiff", folder)
+    export_frames(run, "ome-tiff", folder)
     root = ome(folder / "frames.ome.tiff")
 
     def children(path: str) -> list[str]:
@@ -224,7 +224,7 @@ def test_elements_are_in_the_order_of_the_schema(run, folder):
 
 def test_much_data_is_a_bigtiff(run, folder, monkeypatch):
     monkeypatch.setattr(ome_tiff, "_TIFF_LIMIT", 10_000)
-    export(run, "ome-tiff", folder)
+    export_frames(run, "ome-tiff", folder)
     with tifffile.TiffFile(folder / "frames.ome.tiff") as file:
         assert file.is_bigtiff
         np.testing.assert_array_equal(file.asarray()[5], image(5))
@@ -278,7 +278,7 @@ def test_an_unknown_kind_is_explained(labapp, run, folder):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_is_replaced_without_leave(labapp, run, folder, kind):
-    export(run, kind, folder)
+    export_frames(run, kind, folder)
     victim = folder / names(folder)[0]
     victim.write_text("mine")
     others = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
@@ -295,7 +295,7 @@ def test_nothing_is_replaced_without_leave(labapp, run, folder, kind):
 def test_whoever_cancels_finds_no_half_export(run, folder, kind):
     progress = Progress(lambda share, text: text == "export frame 3" and progress.cancel())
     with pytest.raises(Cancelled):
-        export(run, kind, folder, progress=progress)
+        export_frames(run, kind, folder, progress=progress)
     assert not folder.exists()
 
 
@@ -308,7 +308,7 @@ def test_a_disk_that_refuses_is_named_and_keeps_nothing(run, folder, kind):
     resource.setrlimit(resource.RLIMIT_FSIZE, (8000, limits[1]))
     try:
         with pytest.raises(UserError, match=r"out: cannot be written.*Nothing was exported"):
-            export(run, kind, folder)
+            export_frames(run, kind, folder)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert names(folder) == ["mine.txt"]
@@ -353,7 +353,9 @@ def test_long_names_are_cut():
 
 
 def test_lists_of_frames_are_written_as_they_are_read():
-    assert frame_list([]) == ""
-    assert frame_list([3, 1, 2, 7, 9, 10, 1]) == "1-3, 7, 9-10"
-    assert frame_list(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22 and 8 more"
+    assert format_frame_list([]) == ""
+    assert format_frame_list([3, 1, 2, 7, 9, 10, 1]) == "1-3, 7, 9-10"
+    assert (
+        format_frame_list(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22 and 8 more"
+    )
     assert read_frame_list("1-3, 7,9-10", 11) == [1, 2, 3, 7, 9, 10]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from figures.first_light import prediction_error
 
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from labapp.pictures.report.tables import as_data
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -18,7 +18,7 @@ from labapp.runs.state import State
 
 def test_the_best_reconstruction_gains_three_decibels_and_structure(demo):
     scores = demo.analysis.scores
-    best = scores[demo.analysis.best]
+    best = scores[demo.analysis.best_method]
     assert best.psnr >= scores["coded"].psnr + 3
     assert best.ssim > scores["coded"].ssim
 
@@ -36,7 +36,7 @@ def test_the_unmodulated_share_is_found_again(demo):
 
 def test_the_ring_lies_where_the_plan_wants_it(demo):
     """80 µm on a sensor of 3.45 µm pixels."""
-    shape = demo.analysis.psf.shape
+    shape = demo.analysis.psf.modulated_psf
     y, x = np.indices(shape.shape) - shape.shape[0] // 2
     radius = np.hypot(y, x)
     around = np.abs(radius - 80 / 3.45) < 8
@@ -60,7 +60,7 @@ def test_merged_rates_agree_with_every_unclipped_exposure(demo):
 def test_the_record_is_complete_and_says_that_it_is_simulated(demo):
     with Record(demo.record) as record:
         assert record.state is State.COMPLETE
-        assert record.simulated == ["camera", "filter", "slm", "targets"]
+        assert record.simulated_devices == ["camera", "filter", "slm", "targets"]
         plans = record.effect_plan["plans"]
     assert {(one["pattern"], one["wavelength_nm"]) for one in plans} == {
         ("neutral", 550.0), ("ring", 550.0)
@@ -138,7 +138,7 @@ def test_devices_tells_what_there_is_to_work_with(labapp):
 
 def test_a_device_that_is_not_there_hides_no_other(labapp, tmp_path):
     bench = tmp_path / "bench.toml"
-    text = bundled("bench.toml").read_text()
+    text = bundled_path("bench.toml").read_text()
     bench.write_text(
         text.replace('"simulated-spectroradiometer"', '"cs2000"\noptions = { port = "/dev/none" }')
     )

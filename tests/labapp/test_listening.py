@@ -12,17 +12,17 @@ import time
 PATIENCE = 60.0
 
 LISTENER = """
-from labapp.bench.virtual_bench.listening import listen
+from labapp.bench.virtual_bench.command_input import read_commands
 
 class Talk:
-    over = False
-    def obey(self, line):
+    is_over = False
+    def execute(self, line):
         print("heard", line, flush=True)
-        self.over = True
+        self.is_over = True
         return ""
 
 print("listening", flush=True)
-listen(Talk(), lambda: False, until_eof=False)
+read_commands(Talk(), lambda: False, until_eof=False)
 print("ended", flush=True)
 """
 

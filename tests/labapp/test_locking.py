@@ -138,8 +138,8 @@ def test_a_bench_in_use_is_not_opened(bench, owner, small, monkeypatch):
 
     path = bench(camera=ACME)
     owner(path)
-    known = {**labapp.bench.opening.drivers(), "acme-camera": Acme}
-    monkeypatch.setattr(labapp.bench.opening, "drivers", lambda: known)
+    known = {**labapp.bench.opening.installed_drivers(), "acme-camera": Acme}
+    monkeypatch.setattr(labapp.bench.opening, "installed_drivers", lambda: known)
     files = labapp.bench.opening.BenchFiles(path, small.scene)
     with (
         pytest.raises(UserError, match=r"the camera .* is in use by labapp run"),

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from labapp.runs.acquisition import lookout
-from labapp.runs.acquisition.lookout import Lookout
+from labapp.runs.acquisition import unplug_monitor
+from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 
 PATIENCE = 60
 
@@ -15,13 +15,13 @@ PATIENCE = 60
 class Watched:
     """A device as the lookout sees it."""
 
-    tells_gone = True
+    can_report_unplugging = True
 
     def __init__(self):
         self.why = ""
         self.looks = 0
 
-    def gone(self):
+    def unplugged_reason(self):
         self.looks += 1
         return self.why
 
@@ -35,17 +35,17 @@ class Watched:
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
-    monkeypatch.setattr(lookout, "_LOOK", 0.005)
+    monkeypatch.setattr(unplug_monitor, "_POLL_INTERVAL", 0.005)
 
 
 def test_what_goes_and_comes_is_told_once(caplog):
     caplog.set_level(logging.INFO, "labapp")
     one, other = Watched(), Watched()
-    with Lookout({"filter": one, "slm": other}) as looks:
+    with UnplugMonitor({"filter": one, "slm": other}) as looks:
         for why in ("the port isn't there", "still not", None, ""):
             one.why = why
             one.looked_at()
-            assert looks.words == (
+            assert looks.message == (
                 "filter, still not"
                 if why in ("still not", None)
                 else f"filter, {why}"
@@ -64,20 +64,20 @@ def test_what_goes_and_comes_is_told_once(caplog):
 
 def test_one_that_hangs_hides_no_other():
     class Hanging(Watched):
-        def gone(self):
+        def unplugged_reason(self):
             threading.Event().wait(1.0)
             return ""
 
     other = Watched()
-    with Lookout({"camera": Hanging(), "filter": other}) as looks:
+    with UnplugMonitor({"camera": Hanging(), "filter": other}) as looks:
         other.why = "its plug is out"
         other.looked_at()
-        assert "filter" in looks.words
+        assert "filter" in looks.message
 
 
 def test_what_cannot_tell_isnt_looked_at():
     one = Watched()
-    one.tells_gone = False
-    with Lookout({"filter": one}):
+    one.can_report_unplugging = False
+    with UnplugMonitor({"filter": one}):
         time.sleep(0.05)
     assert one.looks == 0

@@ -14,13 +14,13 @@ from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.pictures.analysis.brackets import merge_all
-from labapp.pictures.report.analysis import analyse
+from labapp.pictures.report.record_analysis import analyse_record
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
-from labapp.window.engine.reconstruction import reconstruct
-from labapp.window.messages import Reconstruct
-from optics.deconvolution import choice
-from optics.deconvolution.names import ASKABLE, RESTORATIONS, Named
+from labapp.window.engine.reconstruction import reconstruct_record
+from labapp.window.messages import ReconstructRun
+from optics.deconvolution import restoration_choice
+from optics.deconvolution.method_names import METHOD_CHOICES, RESTORATIONS, RestorationEntry
 from optics.progress import Progress
 
 REPORTED = [name for name, one in RESTORATIONS.items() if one.reported]
@@ -43,8 +43,8 @@ def record(small, tmp_path):
 
 
 def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, record, tmp_path):
-    analysis = analyse(record)
-    assert list(analysis.restored) == REPORTED
+    analysis = analyse_record(record)
+    assert list(analysis.restored_pictures) == REPORTED
     code, printed, errors = labapp("report", record, "--json")
     assert code == 0, errors
     report = json.loads(printed)["scores"]
@@ -55,19 +55,19 @@ def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, re
         )
         assert code == 0, errors
         told = json.loads(printed)["score"]
-        assert np.array_equal(np.load(out), analysis.restored[name].light[0])
+        assert np.array_equal(np.load(out), analysis.restored_pictures[name].light[0])
         for figure in ("psnr_db", "ssim"):
             assert told[figure] == [report["coded"][figure], report[name][figure]]
-        window = reconstruct(Reconstruct(record, name, None), Progress())
+        window = reconstruct_record(ReconstructRun(record, name, None), Progress())
         window.save(shown)
         assert np.array_equal(np.load(shown), np.load(out))
-        assert window.report.scores[1] == (told["psnr_db"][1], told["ssim"][1])
+        assert window.result_message.scores[1] == (told["psnr_db"][1], told["ssim"][1])
     # What the plan says of its iterations holds in each of them.
-    assert analysis.restored["richardson-lucy"].bands[0].iterations <= 7
+    assert analysis.restored_pictures["richardson-lucy"].bands[0].iterations <= 7
 
 
 def test_the_noise_of_a_record_is_at_least_that_of_its_photons(record):
-    window = reconstruct(Reconstruct(record, "tv", None), Progress())
+    window = reconstruct_record(ReconstructRun(record, "tv", None), Progress())
     with Record(record) as opened:
         merged = merge_all(opened, Progress(), {"photograph"})
     (coded,) = [one for one in merged if one.pattern == "lens"]
@@ -78,7 +78,7 @@ def test_the_noise_of_a_record_is_at_least_that_of_its_photons(record):
 def test_every_restoration_is_offered_and_asking_loads_no_engine(labapp):
     code, printed, _ = labapp("reconstruct", "--help")
     assert code == 0
-    assert all(name in printed for name in ASKABLE)
+    assert all(name in printed for name in METHOD_CHOICES)
     loaded = "import sys, labapp.cli.reconstruct; print('torch' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", loaded], capture_output=True, check=True)
     assert said.stdout.strip() == b"False"
@@ -86,10 +86,10 @@ def test_every_restoration_is_offered_and_asking_loads_no_engine(labapp):
 
 def test_a_restoration_that_is_named_is_all_that_it_takes(monkeypatch):
     """Its module's METHOD and a line in the list: then it can be chosen, measured, asked for."""
-    named = {**RESTORATIONS, "mine": Named("mine", "optics.deconvolution.poisson")}
-    monkeypatch.setattr("optics.deconvolution.names.RESTORATIONS", named)
+    named = {**RESTORATIONS, "mine": RestorationEntry("mine", "optics.deconvolution.poisson")}
+    monkeypatch.setattr("optics.deconvolution.method_names.RESTORATIONS", named)
     try:
-        assert importlib.reload(choice).METHODS["mine"].usual == 30
+        assert importlib.reload(restoration_choice).METHODS["mine"].default_count == 30
     finally:
         monkeypatch.undo()
-        importlib.reload(choice)
+        importlib.reload(restoration_choice)

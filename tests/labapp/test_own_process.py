@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import labapp.bench.opening
-from labapp.bench.opening import GROUP, open_bench
+from labapp.bench.opening import DRIVER_GROUP, open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
@@ -20,14 +20,16 @@ from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.progress import Progress
 
-CAMERA = EntryPoint("strange-camera", "strange_camera:StrangeCamera", GROUP)
+CAMERA = EntryPoint("strange-camera", "strange_camera:StrangeCamera", DRIVER_GROUP)
 
 
 @pytest.fixture
 def strange(small, tmp_path, monkeypatch):
     """The bench files with a third party's camera in place of the simulated one."""
-    known = labapp.bench.opening.drivers()
-    monkeypatch.setattr(labapp.bench.opening, "drivers", lambda: known | {CAMERA.name: CAMERA})
+    known = labapp.bench.opening.installed_drivers()
+    monkeypatch.setattr(
+        labapp.bench.opening, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
+    )
     monkeypatch.syspath_prepend(Path(__file__).parent)
     text = small.bench.read_text().replace(
         'driver = "simulated-camera"',
@@ -41,7 +43,7 @@ def strange(small, tmp_path, monkeypatch):
 def test_a_camera_in_its_own_process_takes_a_plan_in_the_walls_time(strange, tmp_path):
     plan = read_file(strange.plan, PlanFile)
     with open_bench(strange.bench_files) as bench:
-        assert bench.simulated == ["slm", "filter", "targets"]
+        assert bench.simulated_devices == ["slm", "filter", "targets"]
         outcome = run_plan(bench, plan, tmp_path / "run.h5")
     assert outcome.state is State.COMPLETE
     with Record(outcome.path) as record:
@@ -49,7 +51,7 @@ def test_a_camera_in_its_own_process_takes_a_plan_in_the_walls_time(strange, tmp
         assert np.diff(record.column("time")).min() > 0
         # The clock's own times, not the plan's.
         assert record.column("time")[-1] >= record.expected_seconds - 16 * 0.01
-        assert record.simulated == ["filter", "slm", "targets"]
+        assert record.simulated_devices == ["filter", "slm", "targets"]
 
 
 def test_a_camera_that_hangs_is_killed_named_and_opened_again(strange, tmp_path):

@@ -12,7 +12,7 @@ from small_bench.files import SmallFiles, scene_text
 
 from labapp.files.bench_file import read_bench
 from labapp.files.phase_table import AxiconPattern, BlazePattern, ZernikePattern
-from labapp.refining.view import described
+from labapp.refining.sensor_view import nominal_registration
 from labapp.runs.record.reader import Record
 from optics.camera import Camera
 
@@ -75,9 +75,9 @@ def test_a_zernike_pattern_covers_what_the_stop_lets_pass(camera):
 
 
 def test_a_view_without_a_registration_is_where_gratings_send_light(camera):
-    registration = described(camera, WAVELENGTH)
+    registration = nominal_registration(camera, WAVELENGTH)
     cycles = np.array([[0.0, 0.0], [0.02, -0.03]])
-    straight, steered = registration.pixels(cycles, WAVELENGTH)
+    straight, steered = registration.to_pixels(cycles, WAVELENGTH)
     slope = 2 * math.pi * cycles[1] / camera.panel.pitch
     moved = [landing(camera, s) / camera.sensor.pitch for s in slope]
     assert np.allclose(steered - straight, moved, rtol=1e-9)

@@ -10,12 +10,12 @@ import pytest
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.finding import bundled_parts
+from labapp.files.file_lookup import bundled_parts
 from labapp.files.panel_file import PanelTable, read_panel
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from optics.slm import Panel, grey_to_phase, max_phase
 
-BENCH = bundled("bench.toml").read_text()
+BENCH = bundled_path("bench.toml").read_text()
 OTHERS = BENCH[BENCH.index("[lens]") :]
 HEAD = BENCH[: BENCH.index("[panel]")]
 
@@ -66,7 +66,7 @@ def test_the_thesis_panels_come_with_labapp(name, tmp_path):
 
 
 def test_the_bundled_bench_has_the_bundled_panel(tmp_path):
-    default = read_bench(bundled("bench.toml")).panel
+    default = read_bench(bundled_path("bench.toml")).panel
     assert default.build() == read_panel("pluto-vis-006-a", tmp_path).build()
 
 

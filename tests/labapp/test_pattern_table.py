@@ -16,11 +16,16 @@ from pydantic import TypeAdapter
 
 from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, Grid, write_design
-from labapp.files.pattern_table import PHASES, Method, Pattern, pattern_data
+from labapp.files.pattern_table import PHASE_PATTERNS, Pattern, RetrievalMethod, pattern_data
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.files.table import tag_of
-from labapp.patterns.grey_levels import Work, compute_pattern, compute_patterns, retrieve_psf
+from labapp.files.table import tag_value
+from labapp.patterns.grey_levels import (
+    PatternContext,
+    compute_pattern,
+    compute_patterns,
+    retrieve_psf,
+)
 from optics import patterns
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
@@ -55,16 +60,16 @@ FORMULAS = {
     "axicon": ({"radius_um": 30}, lambda: patterns.axicon(PANEL, 30e-6, Z, WAVE)),
     "cubic": (
         {"strength_rad": 20, "radius_mm": 6},
-        lambda: patterns.cubic(PANEL, 20.0, 6e-3),
+        lambda: patterns.cubic_phase_mask(PANEL, 20.0, 6e-3),
     ),
     "logarithmic": (
         {"near_m": 1.8, "far_m": 2.3, "radius_mm": 5},
         lambda: patterns.logarithmic_asphere(PANEL, 1.8, 2.3, 2.0, WAVE, 5e-3),
     ),
-    "annular": ({"rings": 5, "depth_rad": 4}, lambda: patterns.annular(PANEL, 5, 4.0)),
+    "annular": ({"rings": 5, "depth_rad": 4}, lambda: patterns.annular_phase_mask(PANEL, 5, 4.0)),
     "blaze": (
         {"shift_um": [-20, 30]},
-        lambda: patterns.steered(PANEL, (-20e-6, 30e-6), Z, WAVE),
+        lambda: patterns.steering_grating(PANEL, (-20e-6, 30e-6), Z, WAVE),
     ),
     "binary": (
         {"period_px": 6, "step_rad": 2, "angle_deg": 90},
@@ -72,11 +77,11 @@ FORMULAS = {
     ),
     "sine": (
         {"period_px": 40, "amplitude_rad": 2, "angle_deg": 30},
-        lambda: patterns.sine(PANEL, 2.0, 40, math.pi / 6),
+        lambda: patterns.sine_grating(PANEL, 2.0, 40, math.pi / 6),
     ),
     "zernike": (
         {"terms": [[4, 0, 60], [3, -1, -40.5]], "radius_mm": 8},
-        lambda: patterns.aberrated(PANEL, [(4, 0, 60e-9), (3, -1, -40.5e-9)], 8e-3, WAVE),
+        lambda: patterns.zernike_pattern(PANEL, [(4, 0, 60e-9), (3, -1, -40.5e-9)], 8e-3, WAVE),
     ),
 }
 
@@ -141,7 +146,7 @@ def test_a_sum_adds_phases():
     ]
     total = (
         patterns.fresnel_lens(PANEL, 20, WAVE)
-        + patterns.steered(PANEL, (0.0, 20e-6), Z, WAVE)
+        + patterns.steering_grating(PANEL, (0.0, 20e-6), Z, WAVE)
         + patterns.binary_grating(PANEL, 8, math.pi)
     )
     truth = phase_to_grey(PANEL, total, WAVE).numpy()
@@ -240,7 +245,7 @@ def test_a_ring_in_a_plan_is_still_a_ring():
 
 
 def test_a_larger_budget_buys_a_better_pattern():
-    work = Work(CAMERA, 1, Progress(), None)
+    work = PatternContext(CAMERA, 1, Progress(), None)
     found = [
         retrieve_psf(read(PSF | {"iterations": None, "budget_s": budget}), 1, work)[0].result
         for budget in (0.02, 0.4)
@@ -256,7 +261,7 @@ def test_a_retrieval_can_be_cancelled():
 
 
 def test_the_methods_of_the_table_are_those_that_there_are():
-    assert set(get_args(Method)) == set(METHODS)
+    assert set(get_args(RetrievalMethod)) == set(METHODS)
 
 
 TARGETS = [
@@ -276,7 +281,7 @@ TARGETS = [
 @pytest.mark.parametrize("table", TARGETS, ids=lambda table: "-".join(map(str, table.values())))
 def test_every_target_can_be_designed(table):
     spec = read({"kind": "psf", "iterations": 1, "target": table})
-    (moment,) = retrieve_psf(spec, 1, Work(CAMERA, 1, Progress(), None))
+    (moment,) = retrieve_psf(spec, 1, PatternContext(CAMERA, 1, Progress(), None))
     assert float(moment.target.sum()) == pytest.approx(1)
     assert table["shape"] in spec.label
     assert read(pattern_data(spec)) == spec
@@ -287,7 +292,7 @@ def test_dots_at_positions_are_there():
     spec = read({"kind": "psf", "target": TARGETS[7]})
     drawing = spec.target.draw(None)
     plane = Plane((64, 64), (2e-6, 2e-6))
-    light = drawing.on(plane)
+    light = drawing.render(plane)
     y, x = plane.mesh()
     assert float((light * y).sum()) == pytest.approx(-10.25e-6, abs=1e-9)
     assert float((light * x).sum()) == pytest.approx(15e-6, abs=1e-9)
@@ -296,7 +301,7 @@ def test_dots_at_positions_are_there():
 def test_a_dispersion_is_a_row_of_dots():
     """A micrometre a nanometre from 550 nm: at -50, 0 and 50 µm."""
     spec = read({"kind": "psf", "target": TARGETS[9] | {"width_um": 3}})
-    line = spec.target.draw(None).on(Plane((64, 64), (2e-6, 2e-6)))[32]
+    line = spec.target.draw(None).render(Plane((64, 64), (2e-6, 2e-6)))[32]
     peaks = [i for i in range(1, 63) if line[i] > line[i - 1] and line[i] > line[i + 1]]
     assert peaks == [7, 32, 57]
 
@@ -309,7 +314,7 @@ def test_a_logo_is_read_from_beside_the_plan(tmp_path):
     light = (
         read({"kind": "psf", "target": target})
         .target.draw(tmp_path)
-        .on(Plane((64, 64), (2e-6, 2e-6)))
+        .render(Plane((64, 64), (2e-6, 2e-6)))
     )
     assert float(light[:, :32].sum()) > 0.95
     with pytest.raises(UserError, match=r"nothing\.png: cannot be read"):
@@ -398,7 +403,7 @@ def test_a_plan_of_new_kinds_is_read_and_survives_being_written():
 
 def test_quick_patterns_are_the_same_with_less_work():
     plan = PlanFile.model_validate(tomllib.loads(PLAN))
-    film, tilted = (plan.patterns[name].quick() for name in ("film", "tilted"))
+    film, tilted = (plan.patterns[name].with_least_work() for name in ("film", "tilted"))
     assert (film.count, film.pattern.iterations, film.pattern.budget_s) == (2, 1, None)
     assert tilted.parts[1].iterations == 1
     assert tilted.parts[0] == plan.patterns["tilted"].parts[0]
@@ -418,11 +423,11 @@ def test_every_kind_has_a_label_and_says_whether_it_varies():
         "sum": {"parts": [{"kind": "patches"}]},
     }
     random = {"psf", "sum", "patches"}
-    for model in PHASES:
-        kind = tag_of(model, "kind")
+    for model in PHASE_PATTERNS:
+        kind = tag_value(model, "kind")
         spec = read({"kind": kind} | examples.get(kind, {}))
         assert spec.label.endswith(" for 550 nm")
-        assert spec.varies == (kind in random)
+        assert spec.depends_on_seed == (kind in random)
         assert read(pattern_data(spec)) == spec
 
 

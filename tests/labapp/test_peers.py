@@ -12,9 +12,9 @@ import pytest
 from labapp_peers import psf as peers
 from labapp_peers.psf import candidates as peer_candidates
 
-from labapp.accuracy.psf import exact
-from labapp.accuracy.rows import Row, measure
-from labapp.light.asked import Case
+from labapp.accuracy.psf import exact_psf
+from labapp.accuracy.work_precision import Row, measure
+from labapp.light.lens_options import LensCase
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.progress import Progress
@@ -22,8 +22,10 @@ from optics.progress import Progress
 NAMES = ("prysm", "poppy", "hcipy", "torchoptics")
 
 
-def small_case(size: int = 32, f_number: float = 32.0) -> Case:
-    return Case(Lens(0.1, f_number, math.inf), 2.0, 520e-9, Plane((size, size), (3.45e-6, 3.45e-6)))
+def small_case(size: int = 32, f_number: float = 32.0) -> LensCase:
+    return LensCase(
+        Lens(0.1, f_number, math.inf), 2.0, 520e-9, Plane((size, size), (3.45e-6, 3.45e-6))
+    )
 
 
 @pytest.fixture
@@ -38,16 +40,16 @@ def stand_in(monkeypatch, name: str, **contents) -> None:
     monkeypatch.setitem(sys.modules, name, module)
 
 
-def measured(case: Case, pattern: str) -> list[Row]:
+def measured(case: LensCase, pattern: str) -> list[Row]:
     """Those whose method begins as the pattern says."""
     found = [one for one in peer_candidates(case) if re.match(pattern, one.row.method)]
-    return measure(found, exact(case, Progress()), Progress()).rows
+    return measure(found, exact_psf(case, Progress()), Progress()).rows
 
 
 @pytest.mark.usefixtures("no_peers")
 def test_a_library_that_is_missing_is_one_row_that_says_what_to_install():
     rows = measure(
-        list(peer_candidates(small_case())), exact(small_case(), Progress()), Progress()
+        list(peer_candidates(small_case())), exact_psf(small_case(), Progress()), Progress()
     ).rows
     assert [row.method for row in rows] == list(NAMES)
     for row in rows:
@@ -101,7 +103,7 @@ def test_a_picture_that_is_none_is_a_row_in_words(monkeypatch, picture, said):
 @pytest.mark.parametrize("name", NAMES[:3])
 def test_a_peer_on_a_grid_reaches_what_gray_grids_reach(name, size):
     pytest.importorskip(name, exc_type=ImportError)
-    case = Case(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, Plane((size, size), (3.45e-6, 3.45e-6)))
+    case = LensCase(Lens(0.1, 5.6, math.inf), 2.0, 520e-9, Plane((size, size), (3.45e-6, 3.45e-6)))
     rows = measured(case, f"{name}.* 51[12]² pupil")
     assert "float64" in {row.precision for row in rows}
     for row in rows:

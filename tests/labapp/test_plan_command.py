@@ -11,7 +11,7 @@ import pytest
 
 import labapp as package
 from labapp.bench.opening import BenchFiles, open_bench
-from labapp.files.finding import ready_plans
+from labapp.files.file_lookup import bundled_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.runs.acquisition.runner import run_plan
@@ -141,7 +141,7 @@ def test_what_a_bench_cannot_do_is_said_in_a_line_or_two(labapp, small, old, new
 
 
 def test_a_disk_without_room_is_an_error(labapp, small, monkeypatch):
-    monkeypatch.setattr("labapp.runs.acquisition.keeping.free_bytes", lambda path: 1000)
+    monkeypatch.setattr("labapp.runs.acquisition.frame_storage.free_bytes", lambda path: 1000)
     code, _, said = labapp("plan", "check", small.plan, *small.arguments())
     assert code == 1
     assert "Make space" in said
@@ -240,8 +240,8 @@ def test_ready_plans_are_installed_with_the_application():
     root = Path(package.__file__).parent
     settings = tomllib.loads((root.parent / "pyproject.toml").read_text())
     patterns = settings["tool"]["setuptools"]["package-data"]["labapp"]
-    assert tuple(ready_plans()) == READY
-    for path in ready_plans().values():
+    assert tuple(bundled_plans()) == READY
+    for path in bundled_plans().values():
         assert any(path.relative_to(root).match(pattern) for pattern in patterns)
 
 
@@ -258,9 +258,9 @@ SWEPT = [pytest.param(name, marks=pytest.mark.sweep) for name in READY if name n
 
 @pytest.mark.parametrize("name", [*ALWAYS, *SWEPT])
 def test_a_ready_plan_runs_on_a_small_bench_with_the_bundled_scene(small, tmp_path, name):
-    plan = read_file(ready_plans()[name], PlanFile)
+    plan = read_file(bundled_plans()[name], PlanFile)
     asked: list[str] = []
-    with open_bench(BenchFiles.default(small.bench)) as bench:
+    with open_bench(BenchFiles.with_defaults(small.bench)) as bench:
         outcome = run_plan(
             bench, plan, tmp_path / "run.h5", ask=lambda text, progress: asked.append(text)
         )

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from labapp.common.errors import UserError
-from labapp.files.finding import find_plan, ready_plans
+from labapp.files.file_lookup import bundled_plans, find_plan
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file, validate
 
@@ -271,7 +271,7 @@ def test_metadata_that_no_file_can_keep_is_refused():
 
 def test_a_file_wins_over_a_ready_plan_and_a_folder_does_not(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ready = ready_plans()["photon-transfer"]
+    ready = bundled_plans()["photon-transfer"]
     assert find_plan("photon-transfer") == ready
     (tmp_path / "photon-transfer").mkdir()
     assert find_plan("photon-transfer") == ready

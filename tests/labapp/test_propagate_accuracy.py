@@ -14,25 +14,27 @@ import pytest
 from labapp_peers import free_space as propagate_peers
 from labapp_peers.free_space import candidates as peer_candidates
 
-from labapp.accuracy.propagate import Reference, asked_field, candidates
-from labapp.accuracy.rows import Row, measure
+from labapp.accuracy.propagate import FieldReference, candidates, field_case_from_options
+from labapp.accuracy.work_precision import Row, measure
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.propagation.operator import METHODS
+from optics.propagation.free_space_operator import METHODS
 
 NAMES = ("hcipy", "deeplens", "torchoptics")
 
 
 def small_case(*, light: str = "smooth", paraxial: bool = False, **changes):
     plane = Plane((180, 180), (8e-6, 8e-6))
-    return asked_field(light, plane, changes.get("target", plane), 0.02, 550e-9, paraxial=paraxial)
+    return field_case_from_options(
+        light, plane, changes.get("target", plane), 0.02, 550e-9, paraxial=paraxial
+    )
 
 
 def test_the_diagram_of_a_way_through_free_space(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.propagate.TOLERANCES", (1e-2, 1e-5, 1e-8))
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     files = ["--json", "--plot", tmp_path / "front.png"]
     asked = ["--size", "180", "--distance", "0.02", "--target-size", "40", "--target-pitch-um", "5"]
     code, printed, _ = labapp("accuracy", "propagate", *asked, *files)
@@ -53,10 +55,12 @@ def test_the_diagram_of_a_way_through_free_space(labapp, tmp_path, monkeypatch):
 @pytest.mark.parametrize("paraxial", [False, True])
 def test_every_kind_of_field_is_measured(monkeypatch, light, paraxial):
     monkeypatch.setattr("labapp.accuracy.propagate.TOLERANCES", (1e-4,))
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     case = small_case(light=light, paraxial=paraxial, target=Plane((20, 30), (8e-6, 8e-6)))
-    reference = Reference(case)
-    rows = measure(list(candidates(case, reference, Budget())), reference.truth, Progress()).rows
+    reference = FieldReference(case)
+    rows = measure(
+        list(candidates(case, reference, Budget())), reference.exact_samples, Progress()
+    ).rows
     good = [row for row in rows if not row.failure]
     assert good
     assert max(row.error_achieved for row in good) <= 1e-4
@@ -96,11 +100,13 @@ def no_peers(monkeypatch):
 
 
 def peer_rows(case, pattern: str = "") -> list[Row]:
-    reference = Reference(case)
+    reference = FieldReference(case)
     found = [
-        one for one in peer_candidates(case, reference.of) if re.match(pattern, one.row.method)
+        one
+        for one in peer_candidates(case, reference.samples_of)
+        if re.match(pattern, one.row.method)
     ]
-    return measure(found, reference.truth, Progress()).rows
+    return measure(found, reference.exact_samples, Progress()).rows
 
 
 @pytest.mark.usefixtures("no_peers")
@@ -151,7 +157,7 @@ def test_a_library_for_one_plane_is_not_asked_for_another(monkeypatch):
 @pytest.mark.parametrize("paraxial", [False, True])
 def test_hcipy_reaches_the_exact_field_where_it_is_installed(monkeypatch, paraxial):
     pytest.importorskip("hcipy", exc_type=ImportError)
-    monkeypatch.setattr("labapp.accuracy.rows._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
     rows = peer_rows(small_case(paraxial=paraxial), "hcipy.*1x finer, 360")
     assert min(row.error_achieved for row in rows) < 1e-6
 
@@ -159,4 +165,4 @@ def test_hcipy_reaches_the_exact_field_where_it_is_installed(monkeypatch, paraxi
 def test_what_can_not_be_asked_is_refused_in_python_as_well():
     plane = Plane((180, 180), (8e-6, 8e-6))
     with pytest.raises(UserError, match="distance"):
-        asked_field("smooth", plane, plane, float("inf"), 550e-9, paraxial=False)
+        field_case_from_options("smooth", plane, plane, float("inf"), 550e-9, paraxial=False)

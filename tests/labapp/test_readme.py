@@ -14,7 +14,7 @@ import pytest
 import labapp.cli
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
-from labapp.bench.opening import drivers, maker
+from labapp.bench.opening import device_maker, installed_drivers
 from labapp.files.bench_file import DevicesTable
 from labapp.files.plan_file import PlanFile
 
@@ -52,13 +52,13 @@ def test_the_devices_of_the_bench_example_can_be_made(tmp_path):
     _, text = blocks("toml")
     tables = DevicesTable.model_validate(tomllib.loads(text)["devices"]).tables
     for role, table in tables.items():
-        maker(role, table, Surroundings(RealClock()), "README.md")()
+        device_maker(role, table, Surroundings(RealClock()), "README.md")()
 
 
 def test_every_driver_of_the_table_is_installed_and_in_it():
     section = README.split("## Real devices")[1].split("## The virtual bench")[0]
     named = re.findall(r"`([a-z0-9-]+)`", " ".join(re.findall(r"^\| (`.*?`) \|", section, re.M)))
-    real = {name for name in drivers() if not name.startswith(("simulated-", "manual-"))}
+    real = {name for name in installed_drivers() if not name.startswith(("simulated-", "manual-"))}
     assert set(named) == real
 
 
@@ -71,7 +71,7 @@ def commands() -> list[str]:
 @pytest.mark.parametrize("command", commands())
 def test_every_command_exists_with_its_options(command):
     words = shlex.split(command)[1:]
-    group = labapp.cli.command()
+    group = labapp.cli.build_command_line()
     if words[0].startswith("-"):
         known = {name for parameter in group.params for name in parameter.opts} | {"--help"}
         assert words[0] in known

@@ -18,7 +18,7 @@ from small_bench.files import write_small
 from labapp.bench.opening import open_bench
 from labapp.files.photograph_file import read_photograph
 from labapp.files.plan_file import PlanFile
-from labapp.pictures.reconstructing.restoring import verdict
+from labapp.pictures.reconstructing.restoration import describe_residual
 from labapp.runs.acquisition.runner import run_plan
 
 SIDE = 120
@@ -106,9 +106,9 @@ def test_the_table_says_how_far_to_trust_it(labapp, grey, tmp_path):
     assert code == 0
     for words in ("total variation", "estimated", "weight", "iterations", "good: what", "wrote"):
         assert words in printed
-    assert "good" in verdict(1.0)
-    assert "doesn't fit" in verdict(1.5)
-    assert "below 0.8" in verdict(0.5)
+    assert "good" in describe_residual(1.0)
+    assert "doesn't fit" in describe_residual(1.5)
+    assert "below 0.8" in describe_residual(0.5)
 
 
 def test_a_noise_that_is_told_wrongly_shows_in_the_residual(labapp, grey, tmp_path):
@@ -174,7 +174,7 @@ def test_full_wells_are_found_and_left_out(labapp, tmp_path):
     levels = np.rint(np.clip(noisy(frame, 0.003) * 4095, 0, 4095)).astype(np.uint16)
     np.save(tmp_path / "frame.npy", levels)
     np.save(tmp_path / "psf.npy", disk(4))
-    assert read_photograph(tmp_path / "frame.npy").full_level() == 4095
+    assert read_photograph(tmp_path / "frame.npy").saturation_level() == 4095
     masked = said(labapp, tmp_path, "--out", tmp_path / "a.npy")
     plain = said(labapp, tmp_path, "--clip", "9999", "--out", tmp_path / "b.npy")
     assert masked["clipped_share"] == pytest.approx((levels == 4095).mean())
@@ -190,9 +190,9 @@ def test_a_bright_picture_that_is_not_full_is_not_clipped(tmp_path):
     levels = np.clip(rng.normal(180, 20, (200, 200)), 0, 250).astype(np.uint8)
     levels[levels == levels.max()] -= 1
     cv2.imwrite(str(tmp_path / "a.png"), levels)
-    assert read_photograph(tmp_path / "a.png").full_level() is None
+    assert read_photograph(tmp_path / "a.png").saturation_level() is None
     np.save(tmp_path / "even.npy", np.ones((9, 9)))
-    assert read_photograph(tmp_path / "even.npy").full_level() is None
+    assert read_photograph(tmp_path / "even.npy").saturation_level() is None
 
 
 def test_dead_pixels_are_nan_and_restored_from_around(labapp, grey, tmp_path):

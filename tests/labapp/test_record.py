@@ -16,16 +16,16 @@ import pytest
 
 from drivers.interfaces import Frame, Identity
 from labapp.common.errors import UserError
-from labapp.runs.record import layout, making, process
-from labapp.runs.record.making import Contents, make
+from labapp.runs.record import creation, layout, writer_process
+from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import CorruptFrame, RecordWriter
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
 
-def contents(frames: int = 3) -> Contents:
-    return Contents(
+def contents(frames: int = 3) -> RecordContents:
+    return RecordContents(
         title="Test",
         seed=1,
         plan={},
@@ -47,12 +47,12 @@ def frame(value: int) -> Frame:
 
 
 def new(path, frames: int = 3) -> RecordWriter:
-    make(path, contents(frames))
+    create_record(path, contents(frames))
     return RecordWriter(path)
 
 
 def put(writer: RecordWriter, index: int, wavelength: float = 550e-9) -> None:
-    writer.store(contents().shots[index], frame(index), wavelength, moment=1.5 * index)
+    writer.store(contents().shots[index], frame(index), wavelength, start_time=1.5 * index)
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
         # Another process, as a person's notebook would be.
         code = (
             "import sys; from pathlib import Path; from labapp.runs.record.reader import Record\n"
-            "with Record(Path(sys.argv[1])) as r: print(r.state, r.missing(), r.image(1).sum())"
+            "with Record(Path(sys.argv[1])) as r: print(r.state, r.missing_frames(), r.image(1).sum())"
         )
         done = forked.run(
             [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
@@ -84,7 +84,7 @@ def test_values_come_back_as_they_were_stored(path):
         writer.set_state(State.COMPLETE, "done")
     with Record(path) as record:
         assert record.state is State.COMPLETE
-        assert (record.message, record.missing()) == ("done", [])
+        assert (record.message, record.missing_frames()) == ("done", [])
         np.testing.assert_array_equal(record.image(2), frame(2).image)
         np.testing.assert_array_equal(record.column("time"), [0, 1.5, 3.0])
         np.testing.assert_array_equal(record.column("wavelength"), 551e-9)
@@ -121,7 +121,7 @@ def test_a_damaged_frame_counts_as_missing(path):
     with h5py.File(path, "r+") as file:
         file["entry/data/images"][1, 2, 2] ^= 1
     with Record(path) as record:
-        assert record.missing() == [1]
+        assert record.missing_frames() == [1]
 
 
 def test_a_writer_that_is_gone_without_a_word_reads_as_interrupted(path):
@@ -136,14 +136,14 @@ def test_a_writer_that_is_gone_without_a_word_reads_as_interrupted(path):
 
 
 def test_this_process_is_alive_and_a_finished_one_is_not():
-    assert process.is_alive(process.me())
-    code = "from labapp.runs.record import process; print(process.me())"
+    assert writer_process.is_alive(writer_process.describe_this_process())
+    code = "from labapp.runs.record import writer_process as w; print(w.describe_this_process())"
     done = forked.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not process.is_alive(done.stdout)
+    assert not writer_process.is_alive(done.stdout)
 
 
 def test_the_log_never_outgrows_its_room(path):
-    room = layout.log_rows(3)
+    room = layout.log_capacity(3)
     with new(path) as writer:
         for number in range(room + 50):
             writer.log(number, f"line {number}")
@@ -165,19 +165,19 @@ def test_nothing_is_left_when_the_disk_refuses_the_record(path, monkeypatch):
     def full(*args):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(making, "_fill", full)
+    monkeypatch.setattr(creation, "_fill", full)
     with pytest.raises(UserError, match="No space left"):
-        make(path, contents())
+        create_record(path, contents())
     assert list(path.parent.iterdir()) == []
 
 
 def test_a_record_that_exists_is_not_replaced_unless_forced(path):
     new(path).close()
     with pytest.raises(UserError, match="exists already"):
-        make(path, contents())
-    make(path, contents(frames=2), force=True)
+        create_record(path, contents())
+    create_record(path, contents(frames=2), force=True)
     with Record(path) as record:
-        assert record.frames == 2
+        assert record.frame_count == 2
 
 
 def test_a_record_has_one_writer(path):
@@ -230,12 +230,12 @@ def test_a_corrupt_picture_is_not_stored(path):
     torn = replace(frame(1), image=np.zeros((5, 7), np.uint16))
     with new(path) as writer:
         with pytest.raises(CorruptFrame, match="checksum"):
-            writer.store(contents().shots[1], torn, 550e-9, moment=0.0)
+            writer.store(contents().shots[1], torn, 550e-9, start_time=0.0)
         short = replace(frame(1), image=np.zeros((4, 7), np.uint16))
         with pytest.raises(CorruptFrame, match=r"\(4, 7\) pixels"):
-            writer.store(contents().shots[1], short, 550e-9, moment=0.0)
+            writer.store(contents().shots[1], short, 550e-9, start_time=0.0)
     with Record(path) as record:
-        assert record.missing() == [0, 1, 2]
+        assert record.missing_frames() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("failing_write", range(9))
@@ -256,12 +256,12 @@ def test_a_frame_that_the_disk_refused_does_not_count(path, monkeypatch, failing
             put(writer, 1)
         monkeypatch.undo()
         with Record(path) as record:
-            assert record.missing() == [1, 2]
+            assert record.missing_frames() == [1, 2]
         writer.reopen()
         put(writer, 1)
-        assert writer.read_back(1)
+        assert writer.is_stored_intact(1)
     with Record(path) as record:
-        assert record.missing() == [2]
+        assert record.missing_frames() == [2]
         np.testing.assert_array_equal(record.image(1), frame(1).image)
 
 
@@ -271,7 +271,7 @@ def test_short_writes_are_completed(path, monkeypatch):
     with new(path) as writer:
         put(writer, 2)
     with Record(path) as record:
-        assert record.missing() == [0, 1]
+        assert record.missing_frames() == [0, 1]
 
 
 def test_reading_back_finds_what_is_not_as_it_was(path):
@@ -279,14 +279,14 @@ def test_reading_back_finds_what_is_not_as_it_was(path):
         put(writer, 1)
         with h5py.File(path, "r+") as file:
             file["entry/data/images"][1, 0, 0] ^= 1
-        assert not writer.read_back(1)
+        assert not writer.is_stored_intact(1)
 
 
 def test_a_video_comes_back_with_its_frames(path):
     video = np.arange(3 * 24, dtype=np.uint8).reshape(3, 4, 6)
     patterns = {"still": video[2], "video": video, "other": video[1]}
     shots = [Shot(0, 0, 0, "star", "video", 550e-9, 0.01)]
-    make(path, replace(contents(), patterns=patterns, shots=shots, video_frame=1 / 60))
+    create_record(path, replace(contents(), patterns=patterns, shots=shots, video_frame=1 / 60))
     with Record(path) as record:
         for name, image in patterns.items():
             np.testing.assert_array_equal(record.pattern(name), image)

@@ -10,9 +10,9 @@ import pytest
 from judges import Apart, View, by_chain, by_lines, by_panel, by_rings, covered, relative
 from judges.fields import Cells, Gaussians, Points, Pulse
 
-from labapp.accuracy.references.chain import chain_density
-from labapp.accuracy.references.chain_psf import ChainProblem
-from labapp.accuracy.references.coverage import open_shares
+from labapp.accuracy.references.chain_integral import chain_density
+from labapp.accuracy.references.chain_problem import ChainProblem
+from labapp.accuracy.references.coverage import open_area_shares
 from labapp.accuracy.references.free_space import (
     CellLight,
     Gaussian,
@@ -21,10 +21,10 @@ from labapp.accuracy.references.free_space import (
     exact_field,
     product_count,
 )
-from labapp.accuracy.references.lens import lens_picture
-from labapp.accuracy.references.panel import Chain
-from labapp.accuracy.references.psf import Problem
-from labapp.accuracy.references.round_lens import round_lens_picture
+from labapp.accuracy.references.lens_integral import lens_psf
+from labapp.accuracy.references.panel_integral import ImagingChain
+from labapp.accuracy.references.psf_problem import PSFProblem
+from labapp.accuracy.references.round_lens import round_lens_psf
 from labapp.accuracy.references.samples import draw_samples
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
@@ -40,26 +40,26 @@ def test_a_lens(stop, kind):
     lens = Lens(0.05, 8.0, math.inf, stop, ((4, 0, 90e-9), (3, -1, 120e-9)), kind)
     pixels = Plane((6, 5), (3e-6, 2.5e-6), (8e-6, -11e-6))
     truth = by_lines(View(lens, pixels, 4.0, WAVELENGTH, integrate=False))
-    assert relative(lens_picture(lens, 4.0, WAVELENGTH, pixels), truth) <= 1e-9
+    assert relative(lens_psf(lens, 4.0, WAVELENGTH, pixels), truth) <= 1e-9
 
 
 def test_a_clear_round_lens():
     lens, pixels = Lens(0.1, 8.0, math.inf), Plane((9, 9), (3e-6, 3e-6))
     truth = by_rings(View(lens, pixels, 2.0, WAVELENGTH, integrate=False))
-    assert relative(round_lens_picture(lens, 2.0, WAVELENGTH, 3e-6, 9), truth) <= 1e-9
+    assert relative(round_lens_psf(lens, 2.0, WAVELENGTH, 3e-6, 9), truth) <= 1e-9
 
 
 @pytest.mark.parametrize("stop", [Stop(), HEXAGON, SPIDER])
 def test_open_shares_of_cells(stop):
     plane = Plane((7, 9), (0.4e-3, 0.3e-3), (0.1e-3, -0.2e-3))
     truth = covered(stop, 1.1e-3, plane)
-    assert np.abs(open_shares(stop, 1.1e-3, plane) - truth).max() <= 1e-9
+    assert np.abs(open_area_shares(stop, 1.1e-3, plane) - truth).max() <= 1e-9
     assert 0 < truth.sum() < truth.size
 
 
 def test_cells_that_lie_beside_a_stop_are_dark():
     plane = Plane((3, 3), (1e-3, 1e-3), (0.0, 9e-3))
-    assert not open_shares(Stop(), 1e-3, plane).any()
+    assert not open_area_shares(Stop(), 1e-3, plane).any()
 
 
 def camera(separation: float) -> tuple[Camera, np.ndarray]:
@@ -73,9 +73,11 @@ def camera(separation: float) -> tuple[Camera, np.ndarray]:
 def test_a_panel_in_the_plane_of_its_lens(integrate):
     optics, phase = camera(0.0)
     pixels = Plane((4, 4), (25e-6, 25e-6))
-    judge = Problem(optics, 1.2, WAVELENGTH, pixels, integrate, 1e-3, phase).judge(np.ones((4, 4)))
+    judge = PSFProblem(optics, 1.2, WAVELENGTH, pixels, integrate, 1e-3, phase).build_reference(
+        np.ones((4, 4))
+    )
     view = View(optics, pixels, 1.2, WAVELENGTH, integrate=integrate, phase=phase)
-    assert relative(judge.truth, judge.seen(by_panel(view))) <= 1e-9
+    assert relative(judge.exact_samples, judge.weighted_samples(by_panel(view))) <= 1e-9
 
 
 @pytest.mark.parametrize(("field", "sphere"), [((2e-4, -3e-4), False), ((0.0, 0.0), True)])
@@ -83,11 +85,11 @@ def test_a_panel_before_its_lens(field, sphere):
     optics, phase = camera(0.04)
     pixels = Plane((4, 4), (25e-6, 25e-6))
     problem = ChainProblem(optics, 0.3, WAVELENGTH, pixels, False, 1e-3, phase, field, sphere)
-    judge = problem.judge(np.ones((4, 4)))
+    judge = problem.build_reference(np.ones((4, 4)))
     view = Apart(
         optics, pixels, 0.3, WAVELENGTH, integrate=False, phase=phase, off_axis=field, sphere=sphere
     )
-    assert relative(judge.truth, judge.seen(by_chain(view))) <= 1e-8
+    assert relative(judge.exact_samples, judge.weighted_samples(by_chain(view))) <= 1e-8
 
 
 def test_a_sphere_from_very_far_away_is_that_from_infinity():
@@ -95,8 +97,8 @@ def test_a_sphere_from_very_far_away_is_that_from_infinity():
     optics, phase = camera(0.04)
     found = [
         ChainProblem(optics, far, WAVELENGTH, PLANE, False, 1e-3, phase, (2e-3, -3e-3), sphere=True)
-        .judge(np.ones(PLANE.shape))
-        .truth
+        .build_reference(np.ones(PLANE.shape))
+        .exact_samples
         for far in (1e12, math.inf)
     ]
     assert relative(found[0], found[1]) <= 1e-9
@@ -109,7 +111,9 @@ def test_a_stop_whose_end_is_rounded_either_way():
     for width in np.linspace(0.8, 1.1, 30):
         found = [
             chain_density(
-                Chain(replace(optics, lens=replace(optics.lens, stop=stop)), 0.3, WAVELENGTH),
+                ImagingChain(
+                    replace(optics, lens=replace(optics.lens, stop=stop)), 0.3, WAVELENGTH
+                ),
                 [np.exp(1j * phase)],
                 places,
                 places,

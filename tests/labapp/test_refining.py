@@ -17,22 +17,22 @@ import torch
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
-from labapp.files.calibration_file import CalibrationFile, as_json
+from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.design_file import read_design, write_design
 from labapp.files.reading import read_file
-from labapp.refining.command import refined
-from labapp.refining.exposing import periods
-from labapp.refining.request import Request
-from labapp.refining.start import start_from
-from labapp.refining.view import View, described
+from labapp.refining.command import run_refinement
+from labapp.refining.psf_exposure import whole_periods
+from labapp.refining.refinement_request import RefinementRequest
+from labapp.refining.sensor_view import SensorView, nominal_registration
+from labapp.refining.start import build_start
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.calibration.registration import Registration
 from optics.camera import Camera, Panel, Sensor
 from optics.progress import Cancelled, Progress
 from optics.retrieval import design_plane
-from optics.retrieval.goal import Goal
-from optics.slm import Map, phase_to_grey
+from optics.retrieval.goal import RetrievalGoal
+from optics.slm import PanelMap, phase_to_grey
 
 WAVE = 550e-9
 PANEL = Panel(shape=(108, 192), pitch=80e-6, fill_factor=0.9)
@@ -182,21 +182,21 @@ def light(blobs, vectors: np.ndarray) -> np.ndarray:
     )
 
 
-def view_of(blobs, matrix: np.ndarray, star: float = 0.0) -> View:
+def view_of(blobs, matrix: np.ndarray, star: float = 0.0) -> SensorView:
     plane = design_plane(CAMERA, WAVE, WINDOW)
-    goal = Goal(CAMERA, torch.from_numpy(light(blobs, ON_PLANE)), plane, WAVE)
-    return View(goal, registered(matrix, CENTRE), SENSOR, star, calibrated=True)
+    goal = RetrievalGoal(CAMERA, torch.from_numpy(light(blobs, ON_PLANE)), plane, WAVE)
+    return SensorView(goal, registered(matrix, CENTRE), SENSOR, star, is_calibrated=True)
 
 
 @pytest.mark.parametrize("matrix", [turned(200.0, flip_x=True), turned(-35.0, flip_x=False)])
 def test_a_turned_and_mirrored_picture_is_laid_on_the_design_grid(matrix):
     view = view_of(BLOBS, matrix)
     picture = light(BLOBS, grid(SENSOR, CENTRE) @ np.linalg.inv(matrix).T)
-    laid = view.laid(picture).numpy()
-    assert view.covered.mean() > 0.5
-    assert np.abs(laid - light(BLOBS, ON_PLANE))[view.covered].max() < 2e-3
+    laid = view.resample_picture(picture).numpy()
+    assert view.on_sensor.mean() > 0.5
+    assert np.abs(laid - light(BLOBS, ON_PLANE))[view.on_sensor].max() < 2e-3
     # The nearest pixel's value is beside it by half a pixel's diagonal of slope at most.
-    assert np.abs(view.nearest(picture).numpy() - laid)[view.covered].max() < 0.1
+    assert np.abs(view.resample_nearest(picture).numpy() - laid)[view.on_sensor].max() < 0.1
 
 
 @pytest.mark.parametrize("star", [0.0, 1.5, 4.0])
@@ -222,7 +222,7 @@ def test_light_at_an_edge_of_the_window_is_not_seen_at_the_other():
 
 def test_a_bench_without_registration_is_taken_as_described():
     """A grating of so many cycles sends light to wavelength x distance x its frequency."""
-    found = described(CAMERA, WAVE).pixels(np.array([[0, 0], [0.1, 0], [0, -0.05]]))
+    found = nominal_registration(CAMERA, WAVE).to_pixels(np.array([[0, 0], [0.1, 0], [0, -0.05]]))
     z = CAMERA.lens.image_distance
     reach = 0.1 / 80e-6 * WAVE * z / 3.45e-6
     assert found == pytest.approx(np.array([[32, 48], [32 + reach, 48], [32, 48 - reach / 2]]))
@@ -230,7 +230,7 @@ def test_a_bench_without_registration_is_taken_as_described():
 
 def test_what_falls_beside_the_sensor_is_an_error():
     with pytest.raises(UserError, match=r"columns -?\d+ to \d+ of a sensor of 64 x 96 pixels"):
-        View(
+        SensorView(
             view_of(BLOBS, turned(0, False)).goal,
             registered(turned(0, False), (31, 90)),
             (64, 96),
@@ -263,24 +263,26 @@ def test_a_calibration_tells_how_the_panel_sits(small, design, tmp_path):
     """A panel that is mirrored and turned: its picture fits with the registration only."""
     first = design(frames=1)
     add(small.scene, "\n[truth.mount]\nrotation_deg = 25.0\nflip_x = true\n")
-    request = Request(pictures=2, exposures_ms=(4.0, 60.0))
+    request = RefinementRequest(pictures=2, exposures_ms=(4.0, 60.0))
     errors = []
     for name in ("described", "calibrated"):
         with open_bench(small.bench_files) as bench:
-            found = refined(bench, read_design(first), first, tmp_path / name, request)
+            found = run_refinement(bench, read_design(first), first, tmp_path / name, request)
         errors.append(found.pictures[0].nrmse)
-        (small.folder / "c.json").write_bytes(as_json(calibration(turned(25, flip_x=True))))
+        (small.folder / "c.json").write_bytes(
+            calibration_to_json(calibration(turned(25, flip_x=True)))
+        )
         text = small.bench.read_text()
         small.bench.write_text(text.replace("[panel]", 'calibration = "c.json"\n[panel]', 1))
-    assert found.view.calibrated
+    assert found.view.is_calibrated
     assert errors[0] > 0.6
     assert errors[1] < 0.3
 
 
 def test_exposures_of_videos_are_whole_periods():
-    request = Request(exposures_ms=(1.0, 100.0, 66.7, 133.4, 400.0))
-    assert periods(request, 4 / 60) == [1, 2, 3, 6]
-    assert periods(Request(exposures_ms=(1000 * 4 / 60,)), 4 / 60) == [1]
+    request = RefinementRequest(exposures_ms=(1.0, 100.0, 66.7, 133.4, 400.0))
+    assert whole_periods(request, 4 / 60) == [1, 2, 3, 6]
+    assert whole_periods(RefinementRequest(exposures_ms=(1000 * 4 / 60,)), 4 / 60) == [1]
 
 
 def test_a_design_of_grey_levels_starts_from_the_phases_that_they_show(design, small):
@@ -288,10 +290,10 @@ def test_a_design_of_grey_levels_starts_from_the_phases_that_they_show(design, s
     contents = read_design(path)
     camera = read_file(small.bench, BenchFile).build_camera()
     bumps = torch.linspace(-80e-9, 120e-9, 12, dtype=torch.float64).reshape(3, 4)
-    uneven = replace(camera, panel=replace(camera.panel, flatness=Map(bumps)))
-    start = start_from(replace(contents, phase=None), path, uneven)
+    uneven = replace(camera, panel=replace(camera.panel, flatness=PanelMap(bumps)))
+    start = build_start(replace(contents, phase=None), path, uneven)
     assert start.phases.shape == contents.grey.shape
-    assert (start.greys(start.phases) == contents.grey).all()
+    assert (start.grey_levels(start.phases) == contents.grey).all()
 
 
 def test_videos_of_slow_panels_keep_their_short_ways(design, small):
@@ -300,16 +302,16 @@ def test_videos_of_slow_panels_keep_their_short_ways(design, small):
     contents = read_design(path)
     camera = read_file(small.bench, BenchFile).build_camera()
     slow = replace(camera, panel=replace(camera.panel, response_time=5e-3))
-    start = start_from(replace(contents, orders=3), path, slow)
-    shown = start.on_panel(start.phases)
+    start = build_start(replace(contents, orders=3), path, slow)
+    shown = start.phases_on_panel(start.phases)
     turns = (shown - start.phases) / (2 * math.pi)
     assert (turns - turns.round()).abs().max() < 1e-4
     plain = torch.remainder(start.phases, 2 * math.pi)
     assert (shown - shown.roll(1, 0)).square().mean() < 0.8 * (
         plain - plain.roll(1, 0)
     ).square().mean()
-    still = start_from(contents, path, camera)
-    assert still.on_panel(still.phases) is still.phases
+    still = build_start(contents, path, camera)
+    assert still.phases_on_panel(still.phases) is still.phases
 
 
 def test_cancelling_leaves_the_bench_safe_and_the_records_readable(small, design, tmp_path):
@@ -320,11 +322,11 @@ def test_cancelling_leaves_the_bench_safe_and_the_records_readable(small, design
             progress.cancel()
 
     progress = Progress(listen)
-    request = Request(exposures_ms=(2.0, 20.0))
+    request = RefinementRequest(exposures_ms=(2.0, 20.0))
     with open_bench(small.bench_files) as bench:
         with pytest.raises(Cancelled):
-            refined(bench, read_design(first), first, tmp_path / "runs", request, progress)
-        assert bench.slm.shown == "neutral"
+            run_refinement(bench, read_design(first), first, tmp_path / "runs", request, progress)
+        assert bench.slm.displayed_pattern == "neutral"
         assert not bench.world.grey.any()
     with Record(tmp_path / "runs/picture-1.h5") as record:
         assert record.state is State.COMPLETE

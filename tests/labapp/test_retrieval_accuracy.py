@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from labapp.accuracy.retrieval import RetrievalRow, asked_goal, measure_retrieval
+from labapp.accuracy.retrieval import RetrievalRow, goal_from_options, measure_retrieval
 from labapp.patterns.designing.kinds import read_psf
 from optics.accuracy import MachineSpeed
 from optics.progress import Cancelled, Progress
 from optics.retrieval import METHODS
-from optics.retrieval.slow_crystal import shown_light
+from optics.retrieval.slow_crystal import displayed_psf
 
 RING = ["ring", "radius_um=40", "width_um=6"]
 
@@ -63,20 +63,20 @@ def test_what_does_not_serve_the_target_is_a_row(labapp, bench, quickly):
 
 
 def test_a_small_budget_leaves_out_what_takes_longer(small, quickly):
-    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
+    goal, name = goal_from_options(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     dear = MachineSpeed(fft=1.0)
     rows = measure_retrieval(goal, name, 1, 1e-3, dear, Progress())
     assert {row.iterations for row in rows} == {1}
 
 
 def test_the_goal_is_the_target_on_the_benchs_panel(small):
-    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
+    goal, name = goal_from_options(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     assert goal.camera.panel.shape == (108, 192)
     assert name == "ring 40/6 µm, 550 nm"
     y, x = (axis.numpy() for axis in goal.plane.mesh())
     truth = np.exp(-((np.hypot(y, x) - 40e-6) ** 2) / (2 * 6e-6**2))
     assert np.abs(goal.target.numpy() - truth / truth.max()).max() < 1e-3
-    assert shown_light(goal, goal.amplitude[None] * 0, 1).sum() <= 1
+    assert displayed_psf(goal, goal.amplitude[None] * 0, 1).sum() <= 1
 
 
 def test_bad_questions_are_refused_by_name(labapp, bench, tmp_path):
@@ -93,7 +93,7 @@ def test_bad_questions_are_refused_by_name(labapp, bench, tmp_path):
 
 
 def test_measuring_can_be_cancelled(small, quickly):
-    goal, name = asked_goal(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
+    goal, name = goal_from_options(read_psf(RING[0], RING[1:], 550.0, {}), small.bench)
     progress = Progress()
     progress.cancel()
     with pytest.raises(Cancelled):

@@ -16,7 +16,7 @@ import forked
 import pytest
 from figures.durability import differing_arrays
 
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 
@@ -256,8 +256,8 @@ def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_p
     with Record(path) as record:
         assert record.state is State.CANCELLED
         count = int(record.column("stored").sum())
-        assert 0 < count < record.frames
-        assert record.missing() == list(range(count, record.frames))
+        assert 0 < count < record.frame_count
+        assert record.missing_frames() == list(range(count, record.frame_count))
     done = forked.run(command("resume", path), stdin=forked.DEVNULL, timeout=60)
     assert done.returncode == 0
     assert state_of(path) is State.COMPLETE
@@ -272,7 +272,7 @@ def test_the_bundled_faults_are_survived(labapp, small, tmp_path):
     )
     change(small.plan, SHORT, "exposures_ms = [1, 8]\nrepeats = 2")
     path = tmp_path / "run.h5"
-    faults = bundled("faults.toml")
+    faults = bundled_path("faults.toml")
     code, _, errors = labapp(
         "run", small.plan, *small.arguments(), "--out", path, "--faults", faults
     )

@@ -18,14 +18,14 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition import checking, hooks, keeping
-from labapp.runs.acquisition.checking import expect
-from labapp.runs.acquisition.queue import Request, run_all
+from labapp.runs.acquisition import feasibility, frame_storage, hooks
+from labapp.runs.acquisition.feasibility import estimate_run
+from labapp.runs.acquisition.queue import RunRequest, run_all
 from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from labapp.runs.steps import shots
+from labapp.runs.steps import planned_shots
 from optics.light import Waveform
 from optics.progress import Progress
 from simulator.devices import SimulatedFilter
@@ -43,19 +43,19 @@ def bench(small):
 
 
 def is_safe(bench) -> bool:
-    return bench.slm.shown == "neutral" and not bench.world.grey.any()
+    return bench.slm.displayed_pattern == "neutral" and not bench.world.grey.any()
 
 
 def test_the_expected_duration_is_that_of_exposures_read_outs_and_settling(plan, bench):
     """8 frames of 1 ms and 8 of 8 ms, each read out in 8 ms; 8 changes settle for 50 ms."""
-    abilities = Abilities.of(bench)
-    expected = expect(shots(plan, abilities), plan, abilities)
+    abilities = BenchCapabilities.of(bench)
+    expected = estimate_run(planned_shots(plan, abilities), plan, abilities)
     assert expected.seconds == pytest.approx(8 * (1 + 8) * 1e-3 + 16 * 8e-3 + 8 * 50e-3)
 
 
 def test_a_virtual_run_takes_the_time_that_was_expected(plan, bench, tmp_path):
     outcome = run_plan(bench, plan, tmp_path / "run.h5")
-    assert outcome.took == pytest.approx(outcome.expected)
+    assert outcome.elapsed_seconds == pytest.approx(outcome.expected_seconds)
 
 
 def test_a_run_is_complete_when_every_frame_reads_back(plan, bench, tmp_path):
@@ -64,7 +64,7 @@ def test_a_run_is_complete_when_every_frame_reads_back(plan, bench, tmp_path):
     assert is_safe(bench)
     with Record(outcome.path) as record:
         assert record.state is State.COMPLETE
-        assert record.missing() == []
+        assert record.missing_frames() == []
         np.testing.assert_array_equal(record.column("exposure"), record.column("exposure_asked"))
         np.testing.assert_array_equal(
             record.column("wavelength"), record.column("wavelength_asked")
@@ -112,7 +112,7 @@ def test_the_record_says_what_each_frame_was_taken_with(plan, bench, tmp_path):
     capture = bench.camera.capture
 
     def watched(cancelled):
-        seen.append((bench.world.target, bench.slm.shown, bench.world.wavelength))
+        seen.append((bench.world.target, bench.slm.displayed_pattern, bench.world.wavelength))
         return capture(cancelled)
 
     bench.camera.capture = watched
@@ -270,15 +270,17 @@ def test_each_frame_sees_a_lamp_as_it_is_at_its_moment_of_the_plan(tiny, tmp_pat
 
     with open_bench(tiny.bench_files) as bench:
         run_plan(bench, plan, path, progress=progress, on_frame=stop)
-        listed = shots(plan, Abilities.of(bench))
+        listed = planned_shots(plan, BenchCapabilities.of(bench))
     with open_bench(tiny.bench_files) as bench:
         assert resume_run(bench, path).state is State.COMPLETE
     with Record(path) as record:
         images = np.array([record.image(index) for index in range(6)], dtype=float)
-        np.testing.assert_allclose(record.column("time"), [one.moment for one in listed])
+        np.testing.assert_allclose(record.column("time"), [one.start_time for one in listed])
     seen = images.mean((1, 2)) - 64.0
     lamp = Waveform("sine", 100.0, 0.6)
-    lit = np.array([float(lamp.mean(one.moment, one.moment + one.exposure)) for one in listed])
+    lit = np.array(
+        [float(lamp.mean(one.start_time, one.start_time + one.exposure)) for one in listed]
+    )
     assert np.ptp(lit) > 0.3
     np.testing.assert_allclose(seen / seen.mean(), lit / lit.mean(), rtol=0.01)
 
@@ -378,7 +380,7 @@ def test_a_plan_may_pause_when_a_device_goes_on_failing(plan, bench, tmp_path, m
             threading.Thread(target=mend).start()
 
     def mend():
-        while not progress.paused:
+        while not progress.is_paused:
             time.sleep(0.01)
         broken.clear()
         progress.resume()
@@ -423,10 +425,10 @@ def test_resuming_a_whole_record_changes_nothing_in_it(small, plan, tmp_path):
     with open_bench(small.bench_files) as bench:
         run_plan(bench, plan, path)
         with Record(path) as record:
-            before = record.arrays() | {"t": record.column("timestamp")}
+            before = record.seeded_arrays() | {"t": record.column("timestamp")}
         assert resume_run(bench, path).state is State.COMPLETE
     with Record(path) as record:
-        after = record.arrays() | {"t": record.column("timestamp")}
+        after = record.seeded_arrays() | {"t": record.column("timestamp")}
     assert all(np.array_equal(before[name], after[name]) for name in before)
 
 
@@ -480,7 +482,7 @@ def test_who_cancels_at_a_prompt_ends_the_run(plan, bench, tmp_path):
 
 
 def test_a_run_that_has_no_room_does_not_begin(plan, bench, tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "free_bytes", lambda path: 100_000)
+    monkeypatch.setattr(frame_storage, "free_bytes", lambda path: 100_000)
     with pytest.raises(UserError, match=r"needs \d MB, and its disk has 0 MB free. Make space"):
         run_plan(bench, plan, tmp_path / "run.h5")
     assert list(tmp_path.glob("*.h5")) == []
@@ -507,18 +509,18 @@ def test_a_full_disk_pauses_the_run_until_there_is_space(
         if shot.index == 4:
             full.set()
             if where == "in a frame":
-                monkeypatch.setattr(keeping, "free_bytes", lambda path: 10**9)
+                monkeypatch.setattr(frame_storage, "free_bytes", lambda path: 10**9)
             threading.Thread(target=free).start()
 
     def free():
         while state_of(path) is not State.PAUSED:
             time.sleep(0.005)
         with Record(path) as record:
-            messages.append((record.message, record.missing()))
+            messages.append((record.message, record.missing_frames()))
         full.clear()
 
     monkeypatch.setattr(os, "pwrite", refuse)
-    monkeypatch.setattr(keeping, "free_bytes", room)
+    monkeypatch.setattr(frame_storage, "free_bytes", room)
     outcome = run_plan(bench, plan, path, on_frame=fill)
     monkeypatch.undo()
     assert (outcome.state, outcome.missing) == (State.COMPLETE, [])
@@ -586,16 +588,16 @@ def test_a_video_is_exposed_for_whole_periods(small, plan, tmp_path):
 
 def test_runs_in_a_queue_are_checked_together_and_run_in_turn(small, plan, bench, tmp_path):
     told = []
-    requests = [Request(plan, tmp_path / f"{name}.h5", name) for name in "ab"]
+    requests = [RunRequest(plan, tmp_path / f"{name}.h5", name) for name in "ab"]
     outcomes = run_all(bench, requests, on_outcome=told.append)
     assert [o.state for o in outcomes] == [State.COMPLETE] * 2
     assert told == outcomes
     wrong = changed(plan, acquire=[plan.acquire[0].model_dump() | {"wavelengths_nm": [900]}])
-    more = [Request(plan, tmp_path / "c.h5", "c"), Request(wrong, tmp_path / "d.h5", "d")]
+    more = [RunRequest(plan, tmp_path / "c.h5", "c"), RunRequest(wrong, tmp_path / "d.h5", "d")]
     with pytest.raises(UserError, match=r"d: key 'acquire.0.wavelengths_nm' has 900"):
         run_all(bench, more)
     assert not (tmp_path / "c.h5").exists()
-    twice = [Request(plan, tmp_path / "e.h5"), Request(plan, tmp_path / "e.h5")]
+    twice = [RunRequest(plan, tmp_path / "e.h5"), RunRequest(plan, tmp_path / "e.h5")]
     with pytest.raises(UserError, match="two runs would write it"):
         run_all(bench, twice)
 
@@ -608,7 +610,7 @@ def test_a_failed_run_does_not_keep_the_next_from_its_turn(plan, bench, tmp_path
         return failing() if next(calls) < 3 else capture(*args)
 
     monkeypatch.setattr(bench.camera, "capture", fail_thrice)
-    requests = [Request(plan, tmp_path / f"{name}.h5") for name in "ab"]
+    requests = [RunRequest(plan, tmp_path / f"{name}.h5") for name in "ab"]
     states = [outcome.state for outcome in run_all(bench, requests)]
     assert states == [State.FAILED, State.COMPLETE]
 
@@ -643,7 +645,7 @@ def test_a_hook_sees_the_run_and_its_failure_is_named(plan, bench, tmp_path, mon
     class Entries(list):
         names = ("noting",)
 
-    for module in (hooks, checking):
+    for module in (hooks, feasibility):
         monkeypatch.setattr(module, "entry_points", lambda group: Entries([Entry()]))
     outcome = run_plan(bench, changed(plan, hooks=["noting"]), tmp_path / "run.h5")
     assert notes == ["run 16", *(f"frame {n} (64, 96)" for n in range(3)), "FAILED"]
@@ -695,4 +697,4 @@ def test_what_a_person_takes_is_not_what_the_run_takes(plan, bench, tmp_path):
 
     outcome = run_plan(bench, changed(plan, targets=PROMPTS), tmp_path / "run.h5", ask=ask)
     assert outcome.state is State.COMPLETE
-    assert outcome.took == pytest.approx(outcome.expected)
+    assert outcome.elapsed_seconds == pytest.approx(outcome.expected_seconds)

@@ -4,9 +4,9 @@ import pytest
 from labapp.common.errors import UserError
 from labapp.files.light_table import LightTable
 from labapp.files.reading import FileModel, validate
-from labapp.files.reflectance_table import mallett, reflectance
+from labapp.files.reflectance_table import mallett_basis, reflectance_spectrum
 from labapp.files.spectrum_file import bundled_spectra, read_spectra, read_spectrum
-from optics.light import blackbody, halogen, tabulated
+from optics.light import blackbody, halogen, lamp_from_table
 
 
 class OneLight(FileModel):
@@ -71,13 +71,13 @@ def test_a_spectrum_that_is_not_there_is_told(tmp_path):
 
 def test_the_basis_adds_up_to_white_and_has_its_colours():
     """Mallett and Yuksel's table: white is 1 at all wavelengths, and nothing is above it."""
-    red, green, blue = mallett()
+    red, green, blue = mallett_basis()
     x = np.linspace(300e-9, 1100e-9, 801)
     assert red.at(x) + green.at(x) + blue.at(x) == pytest.approx(1, abs=1e-4)
     assert red.at(650e-9) > 0.9 > 0.1 > red.at(480e-9)
     assert green.at(540e-9) > 0.9
     assert blue.at(450e-9) > 0.9
-    assert max(one.most for one in (red, green, blue)) <= 1.0
+    assert max(one.peak for one in (red, green, blue)) <= 1.0
 
 
 def test_the_24_patches_end_with_six_greys_that_darken():
@@ -89,9 +89,9 @@ def test_the_24_patches_end_with_six_greys_that_darken():
 
 
 def test_a_reflectance_is_a_name_a_number_a_colour_or_a_table(tmp_path):
-    assert reflectance(0.4).at([4e-7, 9e-7]).tolist() == [0.4, 0.4]
-    assert reflectance((0.3, 0.3, 0.3)).at(5e-7) == pytest.approx(0.3, abs=1e-4)
-    assert reflectance("red").at(650e-9) > 3 * reflectance("red").at(500e-9)
+    assert reflectance_spectrum(0.4).at([4e-7, 9e-7]).tolist() == [0.4, 0.4]
+    assert reflectance_spectrum((0.3, 0.3, 0.3)).at(5e-7) == pytest.approx(0.3, abs=1e-4)
+    assert reflectance_spectrum("red").at(650e-9) > 3 * reflectance_spectrum("red").at(500e-9)
 
 
 def test_lamps_are_what_their_tables_say(tmp_path):
@@ -108,7 +108,7 @@ def test_lamps_are_what_their_tables_say(tmp_path):
 
 
 def test_the_studio_tungsten_of_iso_7589_is_a_halogen_lamp():
-    measured = tabulated(bundled_spectra("studio-tungsten")["radiance"])
+    measured = lamp_from_table(bundled_spectra("studio-tungsten")["radiance"])
     x = np.linspace(400e-9, 690e-9, 30)
     lamp = halogen().at(x) / halogen().at(690e-9)
     assert np.linalg.norm(measured.at(x) - lamp) < 0.06 * np.linalg.norm(lamp)

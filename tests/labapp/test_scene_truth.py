@@ -11,11 +11,11 @@ from figures.durability import differing_arrays
 from labapp.bench.opening import open_bench, read_scene
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled, read_file
+from labapp.files.reading import bundled_path, read_file
 from labapp.files.scene_file import SceneFile
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.reader import Record
-from labapp.runs.running import setup_of
+from labapp.runs.run_commands import bench_setup_of
 from labapp.runs.state import State
 from optics.progress import Progress
 from optics.slm import max_phase
@@ -83,10 +83,10 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     r2 = x**2 + y**2
     path = 80e-9 * math.sqrt(6) * (x**2 - y**2)
     path = path - 30e-9 * math.sqrt(5) * (6 * r2**2 - 6 * r2 + 1)
-    assert torch.allclose(panel.flatness.on(panel), path, atol=1e-18)
+    assert torch.allclose(panel.flatness.at_pixels(panel), path, atol=1e-18)
     y, x = panel.plane.mesh()
     beam = torch.exp(-2 * ((y - 0.5e-3) ** 2 + (x + 1e-3) ** 2) / 9e-3**2)
-    assert torch.allclose(panel.illumination.on(panel), beam)
+    assert torch.allclose(panel.illumination.at_pixels(panel), beam)
     assert (lens.focal_length, lens.focus_distance) == pytest.approx((0.124, 1.9))
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
 
@@ -126,7 +126,7 @@ def test_a_star_may_stand_off_the_axis(small, plan, tmp_path):
     replaced(small, "diameter_um = 70.0", "diameter_um = 70.0\noffset_um = [-310.5, 621.0]")
     with open_bench(small.bench_files) as bench:
         bench.targets.place("star")
-        light = bench.world.light()[0].numpy()
+        light = bench.world.electron_rates()[0].numpy()
     index = np.mgrid[: light.shape[0], : light.shape[1]]
     peak = np.unravel_index(light.argmax(), light.shape)
     near = tuple(slice(p - 4, p + 5) for p in peak)
@@ -156,7 +156,7 @@ def test_the_truth_is_in_the_record_and_a_resumed_run_ends_in_the_same_arrays(sm
     # Nothing but the record is needed.
     small.scene.unlink()
     with Record(path) as record:
-        setup = setup_of(record)
+        setup = bench_setup_of(record)
         assert setup.scene.truth.mount.flip_x
         assert setup.scene.truth.panel.response.gamma == 1.3
     with open_bench(setup) as bench:
@@ -231,11 +231,11 @@ def test_an_offset_that_is_none_is_refused_by_its_key(small):
 
 def test_the_misaligned_scene_that_comes_with_the_application(small):
     """Differs from the bundled bench file in all parts, and can be photographed."""
-    scene = read_file(bundled("misaligned.toml"), SceneFile)
+    scene = read_file(bundled_path("misaligned.toml"), SceneFile)
     assert scene.truth.mount.build() != Mount()
-    with open_bench(type(small.bench_files)(small.bench, bundled("misaligned.toml"))) as bench:
+    with open_bench(type(small.bench_files)(small.bench, bundled_path("misaligned.toml"))) as bench:
         described, real = bench.description, bench.world.camera
         assert real.panel != described.panel
         assert real.lens != described.lens
         bench.targets.place("star")
-        assert bench.world.light()[0].max() > 0
+        assert bench.world.electron_rates()[0].max() > 0

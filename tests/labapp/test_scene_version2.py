@@ -9,14 +9,14 @@ import scipy.io
 import torch
 
 from labapp.common.errors import UserError
-from labapp.files.finding import find_scene, ready_scenes
+from labapp.files.file_lookup import bundled_scenes, find_scene
 from labapp.files.number_file import read_numbers
-from labapp.files.picture_cache import picture_of
-from labapp.files.reading import bundled, read_file, read_picture, validate
+from labapp.files.picture_cache import cached_picture
+from labapp.files.reading import bundled_path, read_file, read_picture, validate
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor
 from optics.plane import Plane
-from simulator.scene import Cube, Display, Photograph, Relief, Sheets, Star
+from simulator.scene import Cube, Display, PhotographPrint, Relief, Sheets, Star
 
 CAMERA = Camera(sensor=Sensor(shape=(60, 80)))
 LIGHTS = {"lamp": {"kind": "halogen", "flicker": {"depth": 0.1}}}
@@ -29,7 +29,7 @@ def scene(target, **more):
 
 
 def built(target, folder=Path("/")):
-    return scene(target).found_in(folder).build().targets["one"]
+    return scene(target).with_files_in(folder).build().targets["one"]
 
 
 def test_the_ready_scenes_are_there_and_can_be_drawn():
@@ -37,10 +37,10 @@ def test_the_ready_scenes_are_there_and_can_be_drawn():
     plane = Plane((64, 80), (3.45e-5, 3.45e-5))
     names = {"star", "pinhole", "photograph", "cube", "colorchecker", "charts", "bricks",
              "motorcycle", "display", "moving", "flicker"}  # fmt: skip
-    assert set(ready_scenes()) == names
-    for path in ready_scenes().values():
-        file = read_file(path, SceneFile).found_in(path.parent)
-        assert all(picture.is_file() for picture in file.pictures)
+    assert set(bundled_scenes()) == names
+    for path in bundled_scenes().values():
+        file = read_file(path, SceneFile).with_files_in(path.parent)
+        assert all(picture.is_file() for picture in file.input_files)
         for target in file.build().targets.values():
             target = target.for_camera(CAMERA)
             for layer in target.layers:
@@ -56,15 +56,15 @@ def test_the_ready_scenes_are_there_and_can_be_drawn():
 
 
 def test_the_first_version_is_still_read():
-    file = read_file(bundled("scene.toml"), SceneFile)
+    file = read_file(bundled_path("scene.toml"), SceneFile)
     assert file.version == 1
     again = SceneFile.model_validate_json(file.model_dump_json())
     assert again == file
 
 
 def test_a_record_gives_the_scene_back():
-    for path in ready_scenes().values():
-        file = read_file(path, SceneFile).found_in(path.parent)
+    for path in bundled_scenes().values():
+        file = read_file(path, SceneFile).with_files_in(path.parent)
         assert SceneFile.model_validate_json(file.model_dump_json()) == file
 
 
@@ -85,7 +85,7 @@ def test_light_motion_and_polarisation_reach_the_target():
     assert isinstance(star, Star)
     assert star.name == "one"
     assert star.velocity == pytest.approx((1e-3, -2e-3))
-    assert star.polarised == pytest.approx(np.pi / 2)
+    assert star.polarisation_angle == pytest.approx(np.pi / 2)
     assert star.lamp.depth == 0.1
     assert star.light.at(720e-9) == pytest.approx(1.0)
     assert star.layers[0].parts[0].spectrum.at(720e-9) == pytest.approx(2e9)
@@ -108,7 +108,7 @@ def picture(folder, name="p.png", shape=(6, 8, 3)):
 def test_a_photograph_by_cover_or_by_height(tmp_path):
     table = {"kind": "photograph", "file": picture(tmp_path), "distance_m": 2.0, "radiance": 0.1}
     photo = built({**table, "height_mm": 30.0, "offset_mm": [1.0, 2.0]}, tmp_path)
-    assert isinstance(photo, Photograph)
+    assert isinstance(photo, PhotographPrint)
     drawn = photo.layers[0].parts[0].picture
     assert drawn.side == pytest.approx(30e-3 / 6)
     assert drawn.offset == pytest.approx((1e-3, 2e-3))
@@ -121,7 +121,7 @@ def test_prints_of_one_picture_share_it_and_it_goes_with_the_last_of_them(tmp_pa
     table = {"kind": "photograph", "file": picture(tmp_path), "distance_m": 2.0, "radiance": 0.1}
     one, two = built(table, tmp_path), built({**table, "distance_m": 3.0}, tmp_path)
     assert one.image.data_ptr() == two.image.data_ptr()
-    kept = weakref.ref(picture_of(str(tmp_path / "p.png")))
+    kept = weakref.ref(cached_picture(str(tmp_path / "p.png")))
     del one, two
     gc.collect()
     assert kept() is None
@@ -203,7 +203,7 @@ def test_layers_and_charts_and_a_display(tmp_path):
          "radiance": 0.1}, tmp_path,
     )  # fmt: skip
     assert isinstance(display, Display)
-    assert display.polarised == pytest.approx(np.pi / 2)
+    assert display.polarisation_angle == pytest.approx(np.pi / 2)
 
 
 BRICK = {"kind": "brick"}

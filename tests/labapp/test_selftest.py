@@ -14,13 +14,13 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
 from drivers.ports import Port
-from labapp.bench import listing
+from labapp.bench import device_listing
 from labapp.bench import opening as bench_module
-from labapp.bench.selftest.by_role import checks_of
-from labapp.bench.selftest.checks import look
+from labapp.bench.selftest.checks import run_checks
+from labapp.bench.selftest.role_checks import device_checks
 from labapp.cli import app
 from labapp.common.errors import UserError
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from optics.progress import Cancelled, Progress
 
 ROLES = ["slm", "filter", "camera", "targets", "spectroradiometer"]
@@ -92,12 +92,12 @@ class LyingCamera:
     ],
 )
 def test_a_camera_that_lies_is_found_out(lies, said):
-    checks = checks_of("camera", LyingCamera(**lies), RealClock())
-    found = look(checks[2:], Progress())
+    checks = device_checks("camera", LyingCamera(**lies), RealClock())
+    found = run_checks(checks[2:], Progress())
     wrong = [one for one in found if not one.passed]
     assert wrong
     assert all(said in one.detail for one in wrong)
-    honest = look(checks_of("camera", LyingCamera(), RealClock())[2:], Progress())
+    honest = run_checks(device_checks("camera", LyingCamera(), RealClock())[2:], Progress())
     assert all(one.passed for one in honest)
 
 
@@ -111,7 +111,7 @@ def test_a_filter_that_goes_elsewhere_or_anywhere_is_found_out():
         def make_safe(self):
             pass
 
-    found = look(checks_of("filter", LyingFilter(), RealClock())[2:-1], Progress())
+    found = run_checks(device_checks("filter", LyingFilter(), RealClock())[2:-1], Progress())
     assert [one.passed for one in found] == [True, False, False, False, False, False, False]
     assert "550.00 nm were asked for, and 500.00 are set" in found[3].detail
     assert "taken without a word" in found[-1].detail
@@ -127,7 +127,7 @@ class BrokenCamera(LyingCamera):
 
 
 def test_a_driver_that_breaks_is_reported_and_the_rest_is_looked_at():
-    found = look(checks_of("camera", BrokenCamera(), RealClock()), Progress())
+    found = run_checks(device_checks("camera", BrokenCamera(), RealClock()), Progress())
     said = {one.check: (one.passed, one.detail) for one in found}
     assert said["identity"] == (
         False,
@@ -140,7 +140,7 @@ def test_a_driver_that_breaks_is_reported_and_the_rest_is_looked_at():
 
     camera = BrokenCamera()
     type(camera).exposure_range = (1e-3, 1e-2)
-    found = look(checks_of("camera", camera, RealClock()), Progress())
+    found = run_checks(device_checks("camera", camera, RealClock()), Progress())
     broken = [one for one in found if "its driver broke: KeyError: 'exposure'" in one.detail]
     assert len(broken) == 5
 
@@ -170,7 +170,7 @@ class Exploding:
 
 def test_ports_are_listed_where_a_device_of_the_bench_is_not_there(tmp_path, monkeypatch):
     there = [Port("serial", "/dev/ttyUSB3", "a [red]plug")]
-    monkeypatch.setattr(listing, "_ports", lambda: (there, ["screens can't be listed: why"]))
+    monkeypatch.setattr(device_listing, "_ports", lambda: (there, ["screens can't be listed: why"]))
     old = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
     old += "settling_ms = 50.0 }"
     new = '"varispec"\noptions = { port = "/dev/no-such-port" }'
@@ -186,8 +186,10 @@ def test_ports_are_listed_where_a_device_of_the_bench_is_not_there(tmp_path, mon
 
 def test_a_driver_that_breaks_hides_no_other_device(tmp_path, monkeypatch):
     entry = EntryPoint("exploding", f"{__name__}:Exploding", "labapp.devices")
-    installed = bench_module.drivers()
-    monkeypatch.setattr(bench_module, "drivers", lambda: {**installed, "exploding": entry})
+    installed = bench_module.installed_drivers()
+    monkeypatch.setattr(
+        bench_module, "installed_drivers", lambda: {**installed, "exploding": entry}
+    )
     path = broken_bench(tmp_path, "simulated-targets", "exploding")
     done = labapp("bench", "check", path, "--json")
     rows = {row["check"]: row for row in json.loads(done.output)["checks"]}
@@ -203,20 +205,20 @@ def test_a_self_test_can_be_cancelled():
     progress = Progress()
     progress.cancel()
     with pytest.raises(Cancelled):
-        look([("first", lambda: "never seen")], progress)
+        run_checks([("first", lambda: "never seen")], progress)
 
 
 def broken_bench(tmp_path, old, new):
     path = tmp_path / "bench.toml"
-    path.write_text(bundled("bench.toml").read_text().replace(old, new))
+    path.write_text(bundled_path("bench.toml").read_text().replace(old, new))
     return path
 
 
 def test_a_good_bench_file_is_told_well():
-    done = labapp("bench", "check", bundled("bench.toml"))
+    done = labapp("bench", "check", bundled_path("bench.toml"))
     assert (done.exit_code, done.output.count("ok")) == (0, 6)
     assert "SIMULATED" in done.output
-    without = labapp("bench", "check", "--no-open", bundled("bench.toml"))
+    without = labapp("bench", "check", "--no-open", bundled_path("bench.toml"))
     assert "weren't opened" in without.output
 
 

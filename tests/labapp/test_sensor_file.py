@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from labapp.common.errors import UserError
-from labapp.files.finding import bundled_parts
-from labapp.files.reading import bundled, read_file
+from labapp.files.file_lookup import bundled_parts
+from labapp.files.reading import bundled_path, read_file
 from labapp.files.sensor_file import SensorFile, read_sensor, with_sensor
 from optics.camera import Sensor
 
@@ -74,7 +74,7 @@ def test_the_thesis_camera_has_its_own_curves():
     sensor = read_sensor("dvc-4000c-like", Path()).build()
     assert sensor.shape == (2048, 2048)
     assert sensor.colour.channels == ("R", "G", "B")
-    peaks = [sensor.colour.efficiencies[name].most for name in "RGB"]
+    peaks = [sensor.colour.efficiencies[name].peak for name in "RGB"]
     assert peaks == pytest.approx([0.34900, 0.41620, 0.45779], rel=1e-4)
     assert sensor.colour.efficiencies["B"].at(400e-9) == pytest.approx(0.2)
 
@@ -87,13 +87,13 @@ def test_the_oryx_is_monochrome_and_large():
 @pytest.mark.parametrize("name", bundled_parts("sensor"))
 def test_bundled_sensors_hold_all_that_they_need(name):
     table = read_sensor(name, Path("/nowhere"))
-    assert table.resolved
+    assert table.has_all_curves
     assert type(table).model_validate(table.model_dump()).build() == table.build()
 
 
 def test_remarks_of_bundled_sensors_are_sound(tmp_path):
     """The lines that say what else there is work when they are no remarks any more."""
-    text = (bundled("sensors") / "flir-oryx-123s6m-like.toml").read_text()
+    text = (bundled_path("sensors") / "flir-oryx-123s6m-like.toml").read_text()
     keys = [line[2:] for line in text.splitlines() if line.startswith("# ") and " = " in line]
     path = tmp_path / "all.toml"
     path.write_text(text + "\n".join(keys))

@@ -7,26 +7,28 @@ from figures import edge_mtf, live, sensor_emva
 from figures.work_saved import simple_picture
 
 from labapp.common.errors import UserError
-from labapp.files.finding import ready_scenes
-from labapp.files.reading import bundled
-from labapp.light.simulating.asked import AskedPicture, stage_of
-from labapp.light.simulating.everything import by_plan, with_everything
-from labapp.light.simulating.quick import quick_setup
+from labapp.files.file_lookup import bundled_scenes
+from labapp.files.reading import bundled_path
+from labapp.light.simulating.all_effects import render_all_effects, render_by_plan
+from labapp.light.simulating.picture_request import PictureRequest, prepare_bench_scene
+from labapp.light.simulating.small_bench import small_bench_setup
 from optics.progress import Progress
 from simulator.world import World
 
 
 @pytest.fixture(scope="module")
 def star():
-    with stage_of(quick_setup(None), AskedPicture(target="star"), Progress()) as staged:
+    with prepare_bench_scene(
+        small_bench_setup(None), PictureRequest(target="star"), Progress()
+    ) as staged:
         return staged.situation
 
 
 def test_every_bundled_scene_stands_before_the_small_bench():
-    files = [bundled("scene.toml"), *ready_scenes().values()]
+    files = [bundled_path("scene.toml"), *bundled_scenes().values()]
     assert len(files) > 5
     for path in files:
-        setup = quick_setup(path)
+        setup = small_bench_setup(path)
         assert setup.scene is not None
         assert setup.scene.targets
         sensor = setup.bench.build_camera().sensor
@@ -37,32 +39,34 @@ def test_every_bundled_scene_stands_before_the_small_bench():
 
 def test_a_scene_that_is_not_there_is_named(tmp_path):
     with pytest.raises(UserError, match="none"):
-        quick_setup(tmp_path / "none.toml")
+        small_bench_setup(tmp_path / "none.toml")
 
 
 @pytest.mark.sweep
 def test_everything_on_leaves_nothing_out_and_a_plan_tells_its_work(star):
-    whole, planned = with_everything(star), by_plan(star, 1e-2)
+    whole, planned = render_all_effects(star), render_by_plan(star, 1e-2)
     assert planned.plan is not None
-    assert planned.plan.error <= 1e-2
+    assert planned.plan.relative_error_bound <= 1e-2
     assert 0 < planned.operations <= 1.001 * whole.operations
-    assert 0 < planned.deciding < planned.cpu
+    assert 0 < planned.planning_cpu < planned.cpu
     assert whole.picture.mean.shape == star.camera.sensor.shape
     change = (planned.picture.mean - whole.picture.mean).norm() / whole.picture.mean.norm()
     assert change <= 1e-2
 
 
 def test_the_simple_picture_is_bright_in_focus_and_of_one_wavelength():
-    with stage_of(quick_setup(None), AskedPicture(target="photograph"), Progress()) as staged:
+    with prepare_bench_scene(
+        small_bench_setup(None), PictureRequest(target="photograph"), Progress()
+    ) as staged:
         s = simple_picture(staged.situation)
     assert s.target.distance == s.camera.lens.focus_distance
     assert s.band.fwhm <= 1e-10
-    filled = s.picture.brightest * s.exposure / s.camera.sensor.full_well
+    filled = s.picture_probe.brightest * s.exposure / s.camera.sensor.full_well
     assert filled == pytest.approx(0.8, rel=0.05)
 
 
 def test_live_frames_are_counted_by_the_wall_and_the_processor():
-    setup = quick_setup(None)
+    setup = small_bench_setup(None)
     world = World(setup.bench.build_camera(), setup.scene.build())
     found = live.measured(world, 5)
     assert 0 < found.rate < 1e5

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from plans import abilities, block, plan_of, tunable
 
 from labapp.files.plan_file import AXES
-from labapp.runs.steps import exposures, shots
+from labapp.runs.steps import block_exposures, planned_shots
 
 WHEEL = abilities()
 
 
 def taken(*blocks: dict[str, Any], able=WHEEL, **keys: Any):
-    return shots(plan_of(*blocks, **keys), able)
+    return planned_shots(plan_of(*blocks, **keys), able)
 
 
 def words(listed) -> list[str]:
@@ -169,15 +169,15 @@ def test_another_target_can_be_the_dark_one():
 def test_periods_are_those_of_all_videos_of_the_block():
     """Two and three frames of 1/60 s fit together in six, a tenth of a second."""
     plan = plan_of(block(patterns=["two", "three"], exposures_ms=None, periods=[1, 3]))
-    assert exposures(plan.acquire[0], plan, WHEEL) == [0.1, 0.3]
+    assert block_exposures(plan.acquire[0], plan, WHEEL) == [0.1, 0.3]
     alone = plan_of(block(patterns=["two"], exposures_ms=None, periods=[1]))
     # Whole microseconds: 2/60 s is 33333.3 of them.
-    assert exposures(alone.acquire[0], alone, WHEEL) == [0.033333]
+    assert block_exposures(alone.acquire[0], alone, WHEEL) == [0.033333]
 
 
 def test_exposures_are_whole_microseconds():
     plan = plan_of(block(exposures_ms=[0.12345, 1 / 3]))
-    assert exposures(plan.acquire[0], plan, WHEEL) == [0.000123, 0.000333]
+    assert block_exposures(plan.acquire[0], plan, WHEEL) == [0.000123, 0.000333]
 
 
 @pytest.mark.parametrize("nm", [400, 440, 450, 470, 720, 531.9])
@@ -287,11 +287,11 @@ def test_a_frame_begins_when_the_last_is_read_out_and_all_that_changed_stands(ma
     for s in listed:
         now = (s.place, s.pattern, s.slot)
         waits = [t for t, a, b in zip((0.5, 0.05, 0.2), before, now, strict=True) if a != b]
-        assert s.moment - end == pytest.approx(max([0.0, *waits]), abs=1e-9)
-        end = s.moment + s.exposure + 0.008
+        assert s.start_time - end == pytest.approx(max([0.0, *waits]), abs=1e-9)
+        end = s.start_time + s.exposure + 0.008
         before = now
-    assert [s.moment for s in listed] == sorted(s.moment for s in listed)
-    assert sum(s.lasts for s in listed) == pytest.approx(end)
+    assert [s.start_time for s in listed] == sorted(s.start_time for s in listed)
+    assert sum(s.duration for s in listed) == pytest.approx(end)
 
 
 def test_settling_of_all_devices_overlaps():
@@ -301,6 +301,6 @@ def test_settling_of_all_devices_overlaps():
               together=[["pattern", "wavelength"]]),
         able=able,
     )  # fmt: skip
-    assert first.moment == pytest.approx(0.3)
-    assert second.moment == pytest.approx(0.3 + 0.001 + 0.008 + 0.3)
-    assert second.lasts == pytest.approx(0.3 + 0.001 + 0.008)
+    assert first.start_time == pytest.approx(0.3)
+    assert second.start_time == pytest.approx(0.3 + 0.001 + 0.008 + 0.3)
+    assert second.duration == pytest.approx(0.3 + 0.001 + 0.008)

@@ -20,17 +20,22 @@ import pytest
 
 from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.studies import STUDIES
-from labapp.studies.bricks import steepness
-from labapp.studies.command import Asked, study
-from labapp.studies.finding import find_study, read_settings
-from labapp.studies.focusing import opening
-from labapp.studies.psf_stability import law
-from labapp.studies.psf_video import spread
-from labapp.studies.published import RING_BAND, RING_ENERGY, published_ring, ring_sizes
+from labapp.studies.bricks import edge_steepness
+from labapp.studies.command import StudyRequest, carry_out_study
+from labapp.studies.focusing import mean_square_pupil_radius
+from labapp.studies.psf_stability import independent_frames_error
+from labapp.studies.psf_video import rms_radius
+from labapp.studies.published_data import (
+    RING_BAND,
+    RING_ENERGY,
+    published_ring_sizes,
+    read_published_ring,
+)
+from labapp.studies.study_lookup import find_study, read_study_settings
 from optics.camera import Camera, Lens, Panel
 
 FILES = {"run.h5", "study.png", "study.html", "study.json"}
@@ -40,7 +45,7 @@ def coarse(
     folder: Path, pitch: float = 3.45, shape: tuple[int, int] = (128, 160), coarser: int = 10
 ) -> Path:
     """The virtual bench with fewer, larger pixels of the panel, and a small sensor."""
-    text = bundled("bench.toml").read_text()
+    text = bundled_path("bench.toml").read_text()
     changes = {
         "width = 1920": f"width = {1920 // coarser}",
         "height = 1080": f"height = {1080 // coarser}",
@@ -57,9 +62,9 @@ def coarse(
     return path
 
 
-def done(folder: Path, asked: Asked) -> dict:
+def done(folder: Path, asked: StudyRequest) -> dict:
     """A study's account as programs read it."""
-    study(asked, folder)
+    carry_out_study(asked, folder)
     assert {path.name for path in folder.iterdir()} == FILES
     return json.loads((folder / "study.json").read_text())
 
@@ -72,7 +77,9 @@ def values(said: dict, words: str) -> list[float]:
 def shapes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shapes")
     keys = ('shapes=["heart","ring"]', "iterations=30", "exposures_ms=[1, 16, 256]")
-    return folder / "out", done(folder / "out", Asked("psf-shapes", keys, bench=coarse(folder)))
+    return folder / "out", done(
+        folder / "out", StudyRequest("psf-shapes", keys, bench=coarse(folder))
+    )
 
 
 def test_shapes_have_the_light_that_modulation_leaves_them(shapes):
@@ -94,9 +101,9 @@ def test_the_ring_holds_as_much_light_as_published_even_from_few_pixels(shapes):
 
 def test_the_published_ring_is_where_it_is_compared_with_ours():
     """30 samples of 1920 pixels of 8 µm: 550 nm x 133 mm / 15.36 mm each."""
-    radius, width = ring_sizes(Camera(lens=Lens(0.125, 5.0, 2.0)), 550e-9)
+    radius, width = published_ring_sizes(Camera(lens=Lens(0.125, 5.0, 2.0)), 550e-9)
     assert radius == pytest.approx(30 * 550e-9 * (1 / (8 - 0.5)) / 15.36e-3, rel=1e-9)
-    ring = published_ring().astype(float)
+    ring = read_published_ring().astype(float)
     y, x = np.indices(ring.shape) - 50
     distance = np.hypot(y, x)
     assert (ring * distance).sum() / ring.sum() == pytest.approx(30, abs=0.3)
@@ -155,7 +162,7 @@ def test_a_record_is_evaluated_again_to_the_same_figures(shapes, labapp, tmp_pat
 
 def test_the_spiral_of_a_video_shrinks_as_asked(tmp_path):
     keys = ("moments=3", "iterations=20", "exposures_ms=[1, 16, 256]")
-    said = done(tmp_path / "out", Asked("psf-video", keys, bench=coarse(tmp_path)))
+    said = done(tmp_path / "out", StudyRequest("psf-video", keys, bench=coarse(tmp_path)))
     seen, asked = said["data"]["radius_measured_um"], said["data"]["radius_asked_um"]
     assert seen == pytest.approx(asked, rel=0.08)
     assert seen[0] > seen[1] > seen[2]
@@ -169,12 +176,12 @@ def test_the_spiral_of_a_video_shrinks_as_asked(tmp_path):
 def test_a_disc_has_the_spread_of_a_disc():
     """Root mean square radius of an even disc: its radius over the root of two."""
     y, x = np.indices((301, 301)) - 150
-    assert spread((np.hypot(y, x) < 100).astype(float)) == pytest.approx(100 / 2**0.5, rel=1e-3)
+    assert rms_radius((np.hypot(y, x) < 100).astype(float)) == pytest.approx(100 / 2**0.5, rel=1e-3)
 
 
 def test_the_error_of_a_video_falls_as_averages_do(tmp_path):
     keys = ("counts=[1,2,4]", "reference=8", "joint=2", "iterations=10")
-    said = done(tmp_path / "out", Asked("psf-stability", keys, bench=coarse(tmp_path)))
+    said = done(tmp_path / "out", StudyRequest("psf-stability", keys, bench=coarse(tmp_path)))
     errors = {one["frames"]: one["error"] for one in said["data"]["averaged"]}
     assert errors[1] > errors[2] > errors[4] > 0
     for frames in (2, 4):
@@ -191,13 +198,13 @@ def test_the_law_of_averages_is_that_of_random_numbers():
     whole = numbers.mean(0)
     for frames in (1, 5, 20):
         error = ((numbers[:frames].mean(0) - whole) ** 2).mean()
-        assert error == pytest.approx(law(frames, 40), rel=0.05)
+        assert error == pytest.approx(independent_frames_error(frames, 40), rel=0.05)
 
 
 def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_path):
     bench = coarse(tmp_path, 6.9, (88, 128), 8)
     keys = ("near_m=1.6", "stars_m=[1.4,1.6,2.0]", "bricks=false")
-    said = done(tmp_path / "out", Asked("refocus", keys, bench=bench))
+    said = done(tmp_path / "out", StudyRequest("refocus", keys, bench=bench))
     (before,) = values(said, "distance in focus, no pattern")
     (after,) = values(said, "distance in focus, Fresnel lens of 8 m")
     assert before == pytest.approx(2.0, rel=0.02)
@@ -213,24 +220,28 @@ def test_the_lens_on_the_slm_moves_the_focus_as_the_thin_lens_equation_says(tmp_
 
 def test_the_opening_is_that_of_a_rectangle_or_a_disc():
     wide = Camera(Panel(shape=(108, 192), pitch=80e-6), Lens(0.125, 5.0, 2.0))
-    assert opening(wide) == pytest.approx((15.36e-3**2 + 8.64e-3**2) / 12, rel=1e-3)
+    assert mean_square_pupil_radius(wide) == pytest.approx(
+        (15.36e-3**2 + 8.64e-3**2) / 12, rel=1e-3
+    )
     small = Camera(Panel(shape=(108, 192), pitch=80e-6), Lens(0.125, 25.0, 2.0))
-    assert opening(small) == pytest.approx((small.lens.stop_diameter / 2) ** 2 / 2, rel=1e-2)
+    assert mean_square_pupil_radius(small) == pytest.approx(
+        (small.lens.stop_diameter / 2) ** 2 / 2, rel=1e-2
+    )
 
 
 def test_a_sharper_edge_is_steeper():
     edge = np.tile(np.clip(np.arange(-20, 20) / 1.0, 0, 1), (40, 1))
     soft = np.tile(np.clip(np.arange(-20, 20) / 10.0, 0, 1), (40, 1))
-    assert steepness(edge) > 3 * steepness(soft)
+    assert edge_steepness(edge) > 3 * edge_steepness(soft)
 
 
 @pytest.mark.parametrize("name", list(STUDIES))
 @pytest.mark.parametrize("quick", [False, True])
 def test_every_study_has_a_plan_and_words(name, quick):
-    found, settings = find_study(name), read_settings(name, [], quick=quick)
-    camera = read_bench(bundled(found.bench)).build_camera()
+    found, settings = find_study(name), read_study_settings(name, [], quick=quick)
+    camera = read_bench(bundled_path(found.bench)).build_camera()
     assert isinstance(found.plan(settings, camera), PlanFile)
-    assert bundled(found.scene).is_file()
+    assert bundled_path(found.scene).is_file()
     assert "Figure" in found.source
     assert all(len(text) > 80 for text in (found.shows, found.method))
 
@@ -296,7 +307,7 @@ def test_ctrl_c_leaves_a_record_that_can_be_finished(labapp, tmp_path):
     assert "Traceback" not in said
     with Record(out / "run.h5") as record:
         assert record.state is State.CANCELLED
-        assert record.missing()
+        assert record.missing_frames()
     code, _, said = labapp("study", "psf-shapes", "--record", out / "run.h5", "--out", out)
     assert code == 1
     assert "labapp resume" in said

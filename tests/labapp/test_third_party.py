@@ -12,7 +12,7 @@ from pathlib import Path
 import forked
 import pytest
 
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 
 PACKAGE = Path(__file__).parent / "third_party"
 VIRTUAL = '"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, settling_ms = 50.0 }'  # noqa: E501
@@ -37,7 +37,7 @@ def labapp(environment, *words):
 
 def bench_with(tmp_path, driver, options):
     path = tmp_path / "bench.toml"
-    text = bundled("bench.toml").read_text()
+    text = bundled_path("bench.toml").read_text()
     assert VIRTUAL in text
     path.write_text(text.replace(VIRTUAL, f'"{driver}"\noptions = {options}'))
     return path
@@ -70,7 +70,7 @@ def test_a_broken_one_is_reported_and_harms_nobody(environment, tmp_path):
     done = labapp(
         environment,
         "run",
-        bundled("first_light.toml"),
+        bundled_path("first_light.toml"),
         "--bench",
         bench,
         "--out",

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from labapp.cli import app
 from labapp.common.errors import UserError
-from labapp.pictures.networks import PACKAGED, packaged_denoiser, read_denoiser
-from labapp.pictures.training.denoiser import train
-from labapp.pictures.training.patches import grey_patches, pictures_in
+from labapp.pictures.networks import BUNDLED_WEIGHTS, bundled_denoiser, read_denoiser
+from labapp.pictures.training.denoiser import train_weights
+from labapp.pictures.training.patches import grey_patches, read_training_pictures
 from optics.progress import Cancelled, Progress
 
 
@@ -39,38 +39,38 @@ def alike(a, b):
 def test_it_learns_to_take_noise_away(folder, tmp_path):
     errors = []
     tell = Progress(lambda _, message: errors.append(float(message.split()[-1])))
-    train(pictures_in([folder]), 16, 1, tmp_path / "kept", tell)
+    train_weights(read_training_pictures([folder]), 16, 1, tmp_path / "kept", tell)
     assert np.mean(errors[-4:]) < 0.7 * np.mean(errors[:3])
 
 
 def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.pictures.training.denoiser._SAVED_EACH", 2)
-    pictures = pictures_in([folder])
-    straight = train(pictures, 4, 1, tmp_path / "straight", Progress())
+    monkeypatch.setattr("labapp.pictures.training.denoiser._CHECKPOINT_INTERVAL", 2)
+    pictures = read_training_pictures([folder])
+    straight = train_weights(pictures, 4, 1, tmp_path / "straight", Progress())
 
     def stop(share, message):
         if message.startswith("step 3/"):
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        train(pictures, 4, 1, tmp_path / "kept", Progress(stop))
-    assert alike(train(pictures, 4, 1, tmp_path / "kept", Progress()), straight)
-    assert not alike(train(pictures, 4, 2, tmp_path / "other", Progress()), straight)
+        train_weights(pictures, 4, 1, tmp_path / "kept", Progress(stop))
+    assert alike(train_weights(pictures, 4, 1, tmp_path / "kept", Progress()), straight)
+    assert not alike(train_weights(pictures, 4, 2, tmp_path / "other", Progress()), straight)
 
 
 def test_what_was_kept_for_something_else_is_not_gone_on_from(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.pictures.training.denoiser._SAVED_EACH", 1)
-    pictures, kept = pictures_in([folder]), tmp_path / "kept"
-    train(pictures, 1, 1, kept, Progress())
+    monkeypatch.setattr("labapp.pictures.training.denoiser._CHECKPOINT_INTERVAL", 1)
+    pictures, kept = read_training_pictures([folder]), tmp_path / "kept"
+    train_weights(pictures, 1, 1, kept, Progress())
     with pytest.raises(UserError, match=r"was kept for steps 1, seed 1.*Delete it"):
-        train(pictures, 2, 1, kept, Progress())
+        train_weights(pictures, 2, 1, kept, Progress())
     kept.write_bytes(b"something else")
     with pytest.raises(UserError, match="not what training kept"):
-        train(pictures, 1, 1, kept, Progress())
+        train_weights(pictures, 1, 1, kept, Progress())
 
 
 def test_patches_are_of_the_pictures_and_never_the_same(folder):
-    pictures = pictures_in([folder])
+    pictures = read_training_pictures([folder])
     assert len(pictures) == 6  # Two pictures, three sizes.
     patches = grey_patches(pictures, 5, 64, np.random.default_rng(0))
     assert patches.shape == (5, 1, 64, 64)
@@ -125,11 +125,11 @@ def test_a_file_that_is_no_weights(tmp_path):
 
 def test_the_packaged_weights_take_noise_away():
     """As far as a tenth of white: better than any average of neighbours."""
-    assert PACKAGED.stat().st_size < 2_000_000
+    assert BUNDLED_WEIGHTS.stat().st_size < 2_000_000
     y, x = np.mgrid[:96, :96]
     clean = torch.from_numpy(np.where(np.hypot(y - 40, x - 50) < 28, 0.8, 0.25)).float()
     noisy = clean + 0.1 * torch.randn(96, 96, generator=torch.Generator().manual_seed(1))
-    left = float((packaged_denoiser()(noisy, 0.1) - clean).square().mean().sqrt())
+    left = float((bundled_denoiser()(noisy, 0.1) - clean).square().mean().sqrt())
     averages = [
         torch.nn.functional.avg_pool2d(noisy[None, None], n, 1, n // 2, count_include_pad=False)
         for n in (3, 5, 7)

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 from small_bench.setups import small_setup
 
-from drivers.hosted import process
+from drivers.hosted import child_process
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.runs.acquisition.runner import resume_run, run_plan
-from labapp.runs.record.checks import _rising_rows, check_record
-from labapp.runs.record.finding import Verification
+from labapp.runs.record.checks import _min_rising_sequences, check_record
 from labapp.runs.record.reader import Record
+from labapp.runs.record.verification import Verification
 from labapp.runs.state import State
 from labapp.runs.verifying import verify
 from optics.progress import Cancelled, Progress
@@ -62,7 +62,7 @@ def good(tmp_path_factory) -> bytes:
 @pytest.fixture(autouse=True)
 def checks_with_their_libraries_loaded(monkeypatch):
     """The process that checks a file is forked; `subprocess` would start it the same way."""
-    monkeypatch.setattr(process, "subprocess", forked)
+    monkeypatch.setattr(child_process, "subprocess", forked)
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_a_person_reads_a_table_and_a_verdict(labapp, tmp_path, checked_here):
 def test_the_progress_ends_where_the_work_does(run):
     """Told by the process in which the checks are made."""
     told = []
-    assert verify(run, Progress(lambda share, text: told.append((share, text)))).is_well
+    assert verify(run, Progress(lambda share, text: told.append((share, text)))).is_in_order
     shares = [share for share, _ in told]
     assert shares == sorted(shares)
     assert told[-1] == (1.0, "check scene pictures")
@@ -240,8 +240,8 @@ def test_every_mistake_is_named(run, change, check, words):
     with h5py.File(run, "r+") as file:
         change(file)
     found = check_record(run)
-    assert not found.is_well
-    assert check in found.wrong
+    assert not found.is_in_order
+    assert check in found.failed_checks
     assert words in detail(found, check)
     assert check in found.verdict
 
@@ -254,14 +254,14 @@ def test_what_can_be_taken_again_can_be_resumed(run):
     assert (found.damaged, found.not_stored) == ([7], [2])
     assert found.verdict.endswith(f"To take again what is missing: labapp resume {run}")
     assert resumed(run) is State.COMPLETE
-    assert check_record(run).is_well
+    assert check_record(run).is_in_order
 
 
 def test_what_resuming_cannot_mend_is_said(run):
     with h5py.File(run, "r+") as file:
         alter_pattern(file)
     found = check_record(run)
-    assert found.go_on is None
+    assert found.resume_command is None
     assert "Restore it from a copy" in found.verdict
 
 
@@ -269,13 +269,13 @@ def test_an_unfinished_record_is_unfinished_until_it_is_resumed(tmp_path):
     path = tmp_path / "my run.h5"
     cancelled_after(path, 5)
     found = check_record(path)
-    assert found.go_on == f"labapp resume '{path}'"
+    assert found.resume_command == f"labapp resume '{path}'"
     assert found.not_stored == list(range(5, 12))
     left = {check: result for check, result in results(found).items() if result != "ok"}
     assert left == {"frames": "unfinished", "state": "unfinished"}
     assert "unfinished; what is there is in order" in found.verdict
     assert resumed(path) is State.COMPLETE
-    assert check_record(path).is_well
+    assert check_record(path).is_in_order
 
 
 def test_frames_of_several_sittings_are_in_order(run):
@@ -285,7 +285,7 @@ def test_frames_of_several_sittings_are_in_order(run):
             file["entry/data/stored"][frames] = 0
         assert resumed(run) is State.COMPLETE
     found = check_record(run)
-    assert found.is_well
+    assert found.is_in_order
     assert "2 resumptions" in detail(found, "camera")
 
 
@@ -298,7 +298,7 @@ def test_a_camera_that_was_opened_again_counts_anew(tmp_path):
         assert max(record.column("attempts")) > 1
         numbers = record.column("number").tolist()
     assert numbers != sorted(numbers)
-    assert check_record(path).is_well
+    assert check_record(path).is_in_order
 
 
 def test_a_writer_that_is_gone_is_named(run):
@@ -309,7 +309,7 @@ def test_a_writer_that_is_gone_is_named(run):
     found = check_record(run)
     assert results(found)["state"] == "unfinished"
     assert f"process {os.getpid()}" in detail(found, "state")
-    assert found.go_on == f"labapp resume {run}"
+    assert found.resume_command == f"labapp resume {run}"
 
 
 @pytest.mark.parametrize("host", [None, "elsewhere"])
@@ -322,7 +322,7 @@ def test_a_record_that_is_being_written_is_left_alone(run, host):
     found = check_record(run)
     assert results(found)["state"] == "unfinished"
     assert (host or f"process {os.getpid()}") in detail(found, "state")
-    assert found.go_on is None
+    assert found.resume_command is None
     assert "still PAUSED" in found.verdict
 
 
@@ -338,7 +338,7 @@ def test_pictures_that_are_gone_are_worth_a_note(small, tmp_path, what):
     else:
         picture.write_bytes(b"another")
     found = check_record(path)
-    assert found.is_well
+    assert found.is_in_order
     assert results(found)["scene pictures"] == "note"
     assert f"{what}: {picture}" in detail(found, "scene pictures")
     with h5py.File(path, "r+") as file:
@@ -385,9 +385,9 @@ def test_a_garbage_file_ends_in_a_verdict(labapp, run, checked_here):
 )
 def test_zeros_where_the_structure_was_are_found(run, good, first, size):
     run.write_bytes(good[:first] + bytes(size) + good[first + size :])
-    found = verify(run, patience=20)
-    assert not found.is_well
-    assert found.go_on is None
+    found = verify(run, timeout=20)
+    assert not found.is_in_order
+    assert found.resume_command is None
 
 
 @pytest.mark.parametrize("places", [10, pytest.param(60, marks=pytest.mark.sweep)])
@@ -419,8 +419,8 @@ def lost(path) -> None:
 def test_a_file_in_which_hdf5_is_lost_ends_in_a_verdict(tmp_path):
     path = tmp_path / "run.h5"
     lost(path)
-    found = verify(path, patience=2)
-    assert not found.is_well
+    found = verify(path, timeout=2)
+    assert not found.is_in_order
     assert "Restore it from a copy" in found.verdict
 
 
@@ -435,11 +435,11 @@ def test_whoever_cancels_need_not_wait_for_hdf5(tmp_path):
 
     progress = Progress(listener)
     with pytest.raises(Cancelled):
-        verify(path, progress, patience=1000)
+        verify(path, progress, timeout=1000)
 
 
 def test_a_verification_that_fails_by_itself_is_no_damage(run, monkeypatch):
-    monkeypatch.setattr(process, "subprocess", subprocess)
+    monkeypatch.setattr(child_process, "subprocess", subprocess)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match=r"checks of .* failed"):
         verify(run)
@@ -460,11 +460,11 @@ def test_a_damaged_record_is_a_line_for_every_command(labapp, run, good):
 
 
 def test_rows_that_rise_are_counted():
-    assert _rising_rows([]) == 0
-    assert _rising_rows([1, 2, 3]) == 1
-    assert _rising_rows([1, 2, 2]) == 2
-    assert _rising_rows([5, 1, 6, 2, 7, 3]) == 2
-    assert _rising_rows([3, 2, 1]) == 3
+    assert _min_rising_sequences([]) == 0
+    assert _min_rising_sequences([1, 2, 3]) == 1
+    assert _min_rising_sequences([1, 2, 2]) == 2
+    assert _min_rising_sequences([5, 1, 6, 2, 7, 3]) == 2
+    assert _min_rising_sequences([3, 2, 1]) == 3
 
 
 def test_the_checks_load_only_in_their_own_process():

@@ -176,7 +176,7 @@ def test_the_real_drivers_take_a_run_on_it(small, tmp_path):
         outcome = run_plan(bench, PlanFile.model_validate(PLAN), path, ask=ask)
         assert outcome.state == "COMPLETE"
         with Record(path) as record:
-            brightest = [int(record.image(i).max()) for i in range(record.frames)]
+            brightest = [int(record.image(i).max()) for i in range(record.frame_count)]
         dark, neutral, lens = brightest[:4], brightest[4:6], brightest[6:]
         # The pattern's lens blurs the star.
         assert max(dark) < min(lens)

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.screen.choosing import Wanted
+from drivers.screen.screen_choice import ScreenRequest
 from labapp.bench.virtual_bench import panels
-from labapp.bench.virtual_bench.panels import WatchedPanel
+from labapp.bench.virtual_bench.panels import ScreenMirror
 from labapp.common.errors import UserError
 from simulator.screens import server
 
@@ -24,7 +24,7 @@ class World:
         self.greys = []
 
     @contextmanager
-    def changing(self):
+    def exclusive_access(self):
         world = SimpleNamespace(grey=None)
         yield world
         self.greys.append(world.grey)
@@ -35,11 +35,11 @@ def test_a_panel_that_was_closed_looks_no_more():
     with ExitStack() as stack:
         display = panels._start_xvfb(48, 64, stack)
         world = World()
-        panel = WatchedPanel(world, display, Wanted("", 64, 48, 60.0, allow_primary=True))
-        panel.look()
+        panel = ScreenMirror(world, display, ScreenRequest("", 64, 48, 60.0, allow_primary=True))
+        panel.update()
         assert [grey.shape for grey in world.greys] == [(48, 64)]
         panel.close()
-        panel.look()
+        panel.update()
         assert len(world.greys) == 1
         assert panel._reader is None
         panel.close()

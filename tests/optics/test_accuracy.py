@@ -6,15 +6,15 @@ import pytest
 from optics.accuracy import (
     Account,
     Budget,
-    Choice,
     ErrorEstimate,
+    IterationOption,
     MachineSpeed,
-    Setting,
+    MethodChoice,
     ToleranceError,
+    account_as_dict,
     best_within,
-    cheapest,
-    describe,
-    unkeepable,
+    cheapest_candidate,
+    unreachable_tolerance_error,
 )
 
 
@@ -32,11 +32,11 @@ QUICK, THRIFTY = Way("quick", 2_000_000_000, 1.0), Way("thrifty", 3_000_000, 9.0
 
 
 def test_the_cheapest_way_is_chosen():
-    assert cheapest([THRIFTY, QUICK], Budget(), "it") is QUICK
+    assert cheapest_candidate([THRIFTY, QUICK], Budget(), "it") is QUICK
 
 
 def test_what_does_not_fit_in_memory_is_passed_over():
-    assert cheapest([QUICK, THRIFTY], Budget(memory=4_000_000), "it") is THRIFTY
+    assert cheapest_candidate([QUICK, THRIFTY], Budget(memory=4_000_000), "it") is THRIFTY
 
 
 def test_if_nothing_fits_the_memory_of_the_thriftiest_is_named():
@@ -44,7 +44,7 @@ def test_if_nothing_fits_the_memory_of_the_thriftiest_is_named():
         ToleranceError,
         match=r"a hologram by thrifty needs 3 MB at least and 2 MB are allowed; allow more",
     ):
-        cheapest([QUICK, THRIFTY], Budget(memory=2_000_000), "a hologram")
+        cheapest_candidate([QUICK, THRIFTY], Budget(memory=2_000_000), "a hologram")
 
 
 def test_an_account_adds_sampling_and_arithmetic_and_keeps_the_model_apart():
@@ -53,7 +53,7 @@ def test_an_account_adds_sampling_and_arithmetic_and_keeps_the_model_apart():
         ErrorEstimate(1e-4, "bound"), ErrorEstimate(2e-6, "measured"), 0.25, 10,
     )  # fmt: skip
     assert account.error == pytest.approx(1.02e-4)
-    data = describe(account.spent(0.125))
+    data = account_as_dict(account.with_cpu_spent(0.125))
     assert data["error_predicted"] == pytest.approx(1.02e-4)
     assert (data["error_sampling"], data["error_sampling_how"]) == (1e-4, "bound")
     assert (data["error_arithmetic"], data["error_arithmetic_how"]) == (2e-6, "measured")
@@ -71,10 +71,10 @@ class Promising(Way):
 
     def prepare(self) -> None:
         if self.tol < self.floor:
-            raise unkeepable(self.tol, self.floor)
+            raise unreachable_tolerance_error(self.tol, self.floor)
 
 
-def promising(tol: float) -> Choice[Promising]:
+def promising(tol: float) -> MethodChoice[Promising]:
     def unfit() -> Promising:
         raise ValueError("it serves other questions")
 
@@ -84,17 +84,17 @@ def promising(tol: float) -> Choice[Promising]:
         lambda: Promising("vast", 0.1, 1e-9, tol, 1 << 40),
         unfit,
     ]
-    return Choice(makers, Budget(), "it")
+    return MethodChoice(makers, Budget(), "it")
 
 
 @pytest.mark.parametrize(("tol", "names"), [(1e-1, ["coarse", "fine"]), (1e-3, ["fine"])])
 def test_the_cheapest_that_keeps_its_promise_comes_first(tol, names):
-    assert [one.name for one in promising(tol).prepared()] == names
+    assert [one.name for one in promising(tol).prepared_candidates()] == names
 
 
 def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():
     choice = promising(1e-8)
-    assert not list(choice.prepared())
+    assert not list(choice.prepared_candidates())
     refusal = choice.refusal(1e-8)
     assert isinstance(refusal, ToleranceError)
     assert refusal.floor == 1e-6
@@ -102,14 +102,14 @@ def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():
 
 
 def test_what_takes_too_long_is_refused_with_the_way_to_have_it_all_the_same():
-    choice = Choice([lambda: QUICK], Budget(), "it", longest=1e-12)
+    choice = MethodChoice([lambda: QUICK], Budget(), "it", longest=1e-12)
     assert choice.seconds == math.inf
     with pytest.raises(ToleranceError, match=r"it by quick would take 0 h; .* method='quick'"):
         raise choice.refusal(1e-3)
 
 
 def test_the_setting_that_gains_most_in_a_time_is_chosen():
-    settings = [Setting("slow", 9, 5.0, 3.0), Setting("fast", 1, 1.0, 1.0)]
+    settings = [IterationOption("slow", 9, 5.0, 3.0), IterationOption("fast", 1, 1.0, 1.0)]
     assert best_within(6.0, settings).method == "slow"
     assert best_within(2.0, settings).method == "fast"
     with pytest.raises(ValueError, match=r"budget is 0\.5 s; the quickest, fast, takes about 1 s"):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.special import fresnel
 
-from optics.beam import beam
+from optics.beam import beam_irradiance
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
 from optics.progress import Cancelled, Progress
@@ -38,7 +38,7 @@ def strip(low: float, high: float, x: np.ndarray, scale: float) -> np.ndarray:
 @pytest.mark.parametrize("distance", [math.inf, 0.3])
 def test_between_panel_and_lens_it_is_fresnels_rectangle(distance: float) -> None:
     depths, across = [0.003, 0.02, 0.04], row(0.9e-3)
-    light = beam(camera(), None, distance, WAVELENGTH, depths, across)
+    light = beam_irradiance(camera(), None, distance, WAVELENGTH, depths, across)
     # Pixels stand around n // 2: half a pixel more on one side.
     edges = [((-n / 2 - 0.5) * 16e-6, (n / 2 - 0.5) * 16e-6) for n in PANEL.shape]
     for depth, found in zip(depths, light, strict=True):
@@ -55,7 +55,7 @@ def test_on_the_axis_behind_a_round_stop_it_is_known(separation: float) -> None:
     lens = Lens(0.03, 40.0, 1.0)
     whole = Camera(Panel((100, 100), 10e-6, 1.0, unmodulated=0.0), lens, separation=separation)
     radius, depths = lens.stop_diameter / 2, np.array([0.022, 0.0285, 0.030, 0.0315, 0.04])
-    light = beam(whole, None, math.inf, WAVELENGTH, depths.tolist(), row(1e-6, 3))[:, 1]
+    light = beam_irradiance(whole, None, math.inf, WAVELENGTH, depths.tolist(), row(1e-6, 3))[:, 1]
     # The integral of a disc with a parabolic wave, in closed form.
     bend = 1 / depths - 1 / lens.focal_length
     half = np.pi * radius**2 * bend / (2 * WAVELENGTH)
@@ -75,7 +75,7 @@ def test_on_the_sensor_it_is_the_psf(separation: float, field: tuple[float, floa
     )
     depth = separation + whole.lens.image_distance
     across = Plane((1, 61), (3e-6, 3e-6), (0.0, field[1]))
-    light = beam(whole, phase, distance, WAVELENGTH, [depth], across, field=field)[0]
+    light = beam_irradiance(whole, phase, distance, WAVELENGTH, [depth], across, field=field)[0]
     truth = psf[0] * open_area(whole) / 9e-12
     assert float((light - truth).norm() / truth.norm()) < 0.03
 
@@ -84,7 +84,7 @@ def test_beyond_the_focus_left_is_right() -> None:
     tilted = 0.5 * torch.arange(80.0, dtype=torch.float64)[None].expand(60, 80)
     one = camera(0.0)
     near, far = (
-        beam(one, tilted, math.inf, WAVELENGTH, [depth], row(5e-3, 1001))[0]
+        beam_irradiance(one, tilted, math.inf, WAVELENGTH, [depth], row(5e-3, 1001))[0]
         for depth in (0.005, 0.12)
     )
     place = row(5e-3, 1001).coordinates(1)
@@ -99,8 +99,8 @@ def test_light_that_ignores_the_pattern_is_added() -> None:
     phase = torch.full(PANEL.shape, 1.0, dtype=torch.float64)
     phase[:, ::2] += math.pi
     asked = (math.inf, WAVELENGTH, [0.04 + 0.0309], row(2e-5, 9))
-    coded, plain = beam(camera(), phase, *asked), beam(camera(), None, *asked)
-    mixed = beam(camera(), phase, *asked, unmodulated=0.3)
+    coded, plain = beam_irradiance(camera(), phase, *asked), beam_irradiance(camera(), None, *asked)
+    mixed = beam_irradiance(camera(), phase, *asked, unmodulated=0.3)
     assert torch.allclose(mixed, 0.7 * coded + 0.3 * plain)
 
 
@@ -109,7 +109,7 @@ def test_light_that_ignores_the_pattern_is_added() -> None:
     [
         ({"depths": [0.0]}, "depths are .* behind the panel"),
         ({"depths": [math.inf]}, "depths are"),
-        ({"across": Plane((2, 9), (1e-6, 1e-6))}, "across has 2 rows"),
+        ({"sample_row": Plane((2, 9), (1e-6, 1e-6))}, "sample_row has 2 rows"),
         ({"phase": torch.zeros(3, 4)}, r"phase is \(3, 4\)"),
         ({"distance": -1.0}, "distance is -1"),
         ({"unmodulated": 1.5}, "unmodulated is 1.5"),
@@ -118,14 +118,14 @@ def test_light_that_ignores_the_pattern_is_added() -> None:
 def test_bad_input_is_named(change: dict, words: str) -> None:
     asked = {
         "camera": camera(), "phase": None, "distance": 1.0, "wavelength": WAVELENGTH,
-        "depths": [0.05], "across": row(1e-3),
+        "depths": [0.05], "sample_row": row(1e-3),
     }  # fmt: skip
     with pytest.raises(ValueError, match=words):
-        beam(**(asked | change))
+        beam_irradiance(**(asked | change))
 
 
 def test_it_can_be_cancelled() -> None:
     progress = Progress()
     progress.cancel()
     with pytest.raises(Cancelled):
-        beam(camera(), None, 1.0, WAVELENGTH, [0.05], row(1e-3), progress=progress)
+        beam_irradiance(camera(), None, 1.0, WAVELENGTH, [0.05], row(1e-3), progress=progress)

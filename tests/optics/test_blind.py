@@ -11,20 +11,20 @@ import torch
 from skimage import data
 
 from optics.deconvolution.blind import blind_deconvolution, find_kernel
-from optics.deconvolution.blind.agreement import aligned, deviation_of
-from optics.deconvolution.blind.estimate import noise_of
-from optics.deconvolution.blind.latent import Latent
+from optics.deconvolution.blind.estimate import estimate_photograph_noise
+from optics.deconvolution.blind.gradient_statistics import GaussianMixture
+from optics.deconvolution.blind.kernel_search import NormalisedPhotograph
+from optics.deconvolution.blind.kernel_uncertainty import align_kernel, kernel_deviation
+from optics.deconvolution.blind.latent_image import LatentImageSampler
 from optics.deconvolution.blind.quadratic import (
     fast_period,
-    least,
-    on_simplex,
+    least_squares_problem,
+    minimise_nonnegative,
     padded_spectrum,
-    quadratic_of,
+    project_onto_simplex,
 )
-from optics.deconvolution.blind.scales import centred, odd, resampled, shrunk
-from optics.deconvolution.blind.search import Photograph
+from optics.deconvolution.blind.scales import centre_kernel, downsample, enlarge_kernel, next_odd
 from optics.deconvolution.blind.specks import without_specks
-from optics.deconvolution.blind.statistics import Mixture
 from optics.progress import Cancelled, Progress
 
 SIZE = 9
@@ -81,14 +81,18 @@ def test_the_kernel_step_is_least_squares_with_bounds():
         padded_spectrum(torch.from_numpy(one)[None], period)
         for one in (known, measured.reshape(17, 13))
     )
-    problem = quadratic_of(*spectra, shape)
-    assert problem.normal.numpy() == pytest.approx(matrix.T @ matrix, abs=1e-9)
-    assert problem.pull.numpy().ravel() == pytest.approx(matrix.T @ measured, abs=1e-9)
+    problem = least_squares_problem(*spectra, shape)
+    assert problem.normal_matrix.numpy() == pytest.approx(matrix.T @ matrix, abs=1e-9)
+    assert problem.right_hand_side.numpy().ravel() == pytest.approx(matrix.T @ measured, abs=1e-9)
     start = torch.full(shape, 1 / 12, dtype=torch.float64)
-    found = least(problem, start, sum_is_one=False, steps=2000)
+    found = minimise_nonnegative(problem, start, sum_is_one=False, steps=2000)
     expected, _ = scipy.optimize.nnls(matrix, measured)
     assert found.numpy().ravel() == pytest.approx(expected, abs=1e-4)
-    ridged = least(problem.ridged(50.0), start, sum_is_one=True, steps=2000).numpy().ravel()
+    ridged = (
+        minimise_nonnegative(problem.with_ridge(50.0), start, sum_is_one=True, steps=2000)
+        .numpy()
+        .ravel()
+    )
     assert ridged.sum() == pytest.approx(1)
     slope = matrix.T @ (matrix @ ridged - measured) + 50 * ridged
     # Optimal: of what is positive all slopes are alike, of the rest none is below.
@@ -98,8 +102,10 @@ def test_the_kernel_step_is_least_squares_with_bounds():
 
 
 def test_the_nearest_point_of_a_simplex():
-    assert on_simplex(torch.tensor([0.5, 0.5, -1.0])).tolist() == pytest.approx([0.5, 0.5, 0])
-    assert on_simplex(torch.tensor([3.0, 0.0])).tolist() == pytest.approx([1, 0])
+    assert project_onto_simplex(torch.tensor([0.5, 0.5, -1.0])).tolist() == pytest.approx(
+        [0.5, 0.5, 0]
+    )
+    assert project_onto_simplex(torch.tensor([3.0, 0.0])).tolist() == pytest.approx([1, 0])
 
 
 def test_pictures_are_drawn_from_the_posterior_of_dense_algebra():
@@ -120,13 +126,17 @@ def test_pictures_are_drawn_from_the_posterior_of_dense_algebra():
     mean = np.linalg.solve(precision, blur.T @ (known * seen).ravel() / noise**2)
     covariance = np.linalg.inv(precision)
 
-    latent = Latent(
-        torch.from_numpy(seen), torch.from_numpy(known), Mixture((1.0,), (1.0,)), (3, 3), seed=0
+    latent = LatentImageSampler(
+        torch.from_numpy(seen),
+        torch.from_numpy(known),
+        GaussianMixture((1.0,), (1.0,)),
+        (3, 3),
+        seed=0,
     )
     told = [torch.from_numpy(one) for one in (kernel, along, down)]
     count = 600
     drawn = np.array(
-        [latent.drawn(told[0], noise, *told[1:]).numpy().ravel() for _ in range(count)]
+        [latent.sample_picture(told[0], noise, *told[1:]).numpy().ravel() for _ in range(count)]
     )
     spread = np.sqrt(np.diag(covariance))
     assert np.abs((drawn.mean(0) - mean) / spread).max() < 4.5 / math.sqrt(count)
@@ -135,11 +145,11 @@ def test_pictures_are_drawn_from_the_posterior_of_dense_algebra():
 
 
 def test_components_are_drawn_as_often_as_they_are_likely():
-    mixture = Mixture((0.7, 0.3), (0.02, 0.15))
+    mixture = GaussianMixture((0.7, 0.3), (0.02, 0.15))
     image = torch.zeros(8, 8, dtype=torch.float64)
-    latent = Latent(image, torch.ones_like(image), mixture, (3, 3), seed=0)
+    latent = LatentImageSampler(image, torch.ones_like(image), mixture, (3, 3), seed=0)
     length = 0.05
-    drawn = latent._precisions(torch.full((300, 300), length, dtype=torch.float64))
+    drawn = latent._sample_precisions(torch.full((300, 300), length, dtype=torch.float64))
     likely = [
         share / deviation * math.exp(-((length / deviation) ** 2) / 2)
         for share, deviation in zip(mixture.shares, mixture.deviations, strict=True)
@@ -152,20 +162,20 @@ def test_kernels_are_moved_to_where_they_are_alike():
     y, x = np.mgrid[:15, :15] - 7.0
     bump = torch.from_numpy(np.exp(-(y**2 + 2 * x**2) / 8))
     moved = torch.from_numpy(np.exp(-((y - 1.25) ** 2 + 2 * (x + 0.75) ** 2) / 8))
-    assert aligned(moved, bump).numpy() == pytest.approx(bump.numpy(), abs=0.02)
+    assert align_kernel(moved, bump).numpy() == pytest.approx(bump.numpy(), abs=0.02)
 
 
 def test_a_search_that_ends_elsewhere_is_not_trusted():
     """Though all parts go on from the same kernel and stay there."""
-    photo = Photograph(torch.zeros(40, 40), torch.ones(40, 40), 0.01)
+    photo = NormalisedPhotograph(torch.zeros(40, 40), torch.ones(40, 40), 0.01)
     kernel, other = torch.zeros(9, 9), torch.zeros(9, 9)
     kernel[4, 2:7], other[2:7, 4] = 0.2, 0.2
 
     def stays(part, start, progress):
         return start
 
-    same = deviation_of(photo, kernel, kernel, stays, Progress())
-    apart = deviation_of(photo, kernel, other, stays, Progress())
+    same = kernel_deviation(photo, kernel, kernel, stays, Progress())
+    apart = kernel_deviation(photo, kernel, other, stays, Progress())
     assert float(same.square().sum()) < 1e-6
     assert float(apart.square().sum()) > float(kernel.square().sum())
 
@@ -173,18 +183,18 @@ def test_a_search_that_ends_elsewhere_is_not_trusted():
 def test_kernels_are_enlarged_about_their_origin_and_centred():
     point = torch.zeros(5, 5)
     point[2, 2] = 1
-    larger = resampled(point, math.sqrt(2), 7)
+    larger = enlarge_kernel(point, math.sqrt(2), 7)
     assert float(larger.sum()) == pytest.approx(1)
     assert torch.equal(larger, larger.flip(0, 1))
     corner = torch.zeros(9, 9)
     corner[0, 8] = 1
-    assert float(centred(corner, 5)[2, 2]) == 1
-    assert [odd(n) for n in (1, 3, 3.2, 8, 9)] == [3, 3, 5, 9, 9]
+    assert float(centre_kernel(corner, 5)[2, 2]) == 1
+    assert [next_odd(n) for n in (1, 3, 3.2, 8, 9)] == [3, 3, 5, 9, 9]
 
 
 def test_shrinking_keeps_the_mean():
     image = torch.from_numpy(data.camera()[:64, :64] / 255.0)
-    assert float(shrunk(image, 2.0).mean()) == pytest.approx(float(image.mean()), rel=1e-2)
+    assert float(downsample(image, 2.0).mean()) == pytest.approx(float(image.mean()), rel=1e-2)
 
 
 def test_specks_go_and_strokes_stay():
@@ -199,7 +209,7 @@ def test_specks_go_and_strokes_stay():
 def test_noise_is_told_by_the_finest_detail(noise):
     seen, _ = photograph(np.full((7, 7), 1 / 49), noise=noise)
     seen = torch.from_numpy(seen)
-    assert noise_of(seen, torch.ones_like(seen)) == pytest.approx(noise, rel=0.25)
+    assert estimate_photograph_noise(seen, torch.ones_like(seen)) == pytest.approx(noise, rel=0.25)
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +243,7 @@ def test_the_picture_gets_better():
         shifted = (scipy.ndimage.shift(picture, one, order=3, mode="nearest") for one in moves)
         return min(np.mean((one - truth)[inside, inside] ** 2) for one in shifted)
 
-    assert wrong(np.asarray(answer.restored.image)) < 0.8 * wrong(seen)
+    assert wrong(np.asarray(answer.restored_image.image)) < 0.8 * wrong(seen)
 
 
 def test_light_may_have_any_scale_and_pixels_be_clipped():

@@ -8,18 +8,18 @@ import torch
 from scipy import stats
 from skimage import data
 
-from optics.deconvolution.blind.statistics import (
-    NATURAL,
-    SPREAD,
+from optics.deconvolution.blind.gradient_statistics import (
+    LIGHT_DEVIATION,
+    NATURAL_GRADIENTS,
+    GaussianMixture,
     GeneralisedGaussian,
-    Mixture,
-    fitted_generalised,
-    fitted_mixture,
+    fit_generalised_gaussian,
+    fit_mixture,
     gradients,
     log_histogram,
 )
 
-MIXTURE = Mixture((0.7, 0.3), (0.02, 0.15))
+MIXTURE = GaussianMixture((0.7, 0.3), (0.02, 0.15))
 
 
 def picture_of(steps: np.ndarray) -> np.ndarray:
@@ -27,7 +27,7 @@ def picture_of(steps: np.ndarray) -> np.ndarray:
     return np.tile(np.concatenate([[0.0], np.cumsum(steps)]), (3, 1))
 
 
-def drawn(mixture: Mixture, count: int, seed: int) -> np.ndarray:
+def drawn(mixture: GaussianMixture, count: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     which = rng.choice(len(mixture.shares), count, p=mixture.shares)
     return rng.normal(0, np.array(mixture.deviations)[which])
@@ -35,7 +35,7 @@ def drawn(mixture: Mixture, count: int, seed: int) -> np.ndarray:
 
 def sharp() -> np.ndarray:
     grey = data.camera() / 255.0
-    return grey * SPREAD / grey.std()
+    return grey * LIGHT_DEVIATION / grey.std()
 
 
 @pytest.mark.parametrize("power", [0.5, 1, 2, 4])
@@ -66,7 +66,7 @@ def test_precision_is_the_mean_over_the_components():
     x = 0.05
     parts = np.array(MIXTURE.shares) * stats.norm.pdf(x, scale=MIXTURE.deviations)
     expected = (parts / parts.sum() / np.array(MIXTURE.deviations) ** 2).sum()
-    told = MIXTURE.precision(torch.tensor([x**2], dtype=torch.float64))
+    told = MIXTURE.expected_precision(torch.tensor([x**2], dtype=torch.float64))
     assert float(told) == pytest.approx(expected)
 
 
@@ -90,8 +90,8 @@ def test_a_histogram_is_a_density_of_what_was_drawn():
 
 def test_a_fit_finds_the_mixture_that_was_drawn():
     image = np.add.outer(drawn(MIXTURE, 400, 1).cumsum(), drawn(MIXTURE, 2_000, 2).cumsum())
-    fit = fitted_mixture(image, 2)
-    truth = Mixture(
+    fit = fit_mixture(image, 2)
+    truth = GaussianMixture(
         *zip(*sorted(zip(MIXTURE.shares, MIXTURE.deviations, strict=True)), strict=True)
     )
     assert sorted(fit.deviations) == pytest.approx(sorted(truth.deviations), rel=0.25)
@@ -103,17 +103,17 @@ def test_a_fit_finds_the_mixture_that_was_drawn():
 def test_a_fit_finds_the_power_that_was_drawn():
     rng = np.random.default_rng(3)
     one, other = (stats.gennorm(0.7, scale=0.05).rvs(n, random_state=rng) for n in (400, 400))
-    fit = fitted_generalised(np.add.outer(one.cumsum(), other.cumsum()))
+    fit = fit_generalised_gaussian(np.add.outer(one.cumsum(), other.cumsum()))
     assert fit.power == pytest.approx(0.7, abs=0.1)
 
 
 def test_photographs_have_heavy_tails_and_are_like_the_prior():
     values = gradients(torch.from_numpy(sharp())).ravel()
-    assert 0.3 < fitted_generalised(sharp()).power < 0.9
+    assert 0.3 < fit_generalised_gaussian(sharp()).power < 0.9
     deviation = float(values.std())
-    gaussian = Mixture((1.0,), (deviation,)).log_density(values).mean()
+    gaussian = GaussianMixture((1.0,), (deviation,)).log_density(values).mean()
     laplacian = -math.log(2 * float(values.abs().mean())) - 1
-    natural = float(NATURAL.log_density(values).mean())
+    natural = float(NATURAL_GRADIENTS.log_density(values).mean())
     assert natural > laplacian + 0.1
     assert natural > float(gaussian) + 0.3
 
@@ -123,10 +123,12 @@ def test_the_prior_is_nearly_the_likeliest_for_photographs():
     gains = []
     for picture in (data.camera(), data.astronaut().mean(2), data.chelsea().mean(2)):
         part = picture[:255, :255] / 255.0
-        part = part * SPREAD / part.std()
+        part = part * LIGHT_DEVIATION / part.std()
         values = gradients(torch.from_numpy(part)).ravel()
-        fit = fitted_mixture(part, 4)
-        gains.append(float((fit.log_density(values) - NATURAL.log_density(values)).mean()))
+        fit = fit_mixture(part, 4)
+        gains.append(
+            float((fit.log_density(values) - NATURAL_GRADIENTS.log_density(values)).mean())
+        )
     assert max(gains) < 0.6
 
 
@@ -134,8 +136,8 @@ def test_even_pictures_have_no_statistics():
     with pytest.raises(ValueError, match="same everywhere"):
         log_histogram(np.ones((8, 8)))
     with pytest.raises(ValueError, match="NaN"):
-        fitted_mixture(np.full((8, 8), np.nan))
+        fit_mixture(np.full((8, 8), np.nan))
     with pytest.raises(ValueError, match="components"):
-        fitted_mixture(sharp(), 0)
+        fit_mixture(sharp(), 0)
     with pytest.raises(ValueError, match="sum to 1"):
-        Mixture((0.5, 0.2), (1.0, 2.0))
+        GaussianMixture((0.5, 0.2), (1.0, 2.0))

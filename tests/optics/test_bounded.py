@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 from test_operators import matrix, operators
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
-from optics.deconvolution.bounded import bounded, least
+from optics.deconvolution.bounded import minimise_within_bounds, restore_within_bounds
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness
 from optics.deconvolution.total_variation import total_variation
 from optics.operators import Mask, SpectralMosaic, filter_weights
@@ -60,7 +60,7 @@ def test_the_minimum_is_that_of_a_dense_bounded_solver(name):
     size = math.prod(a.domain)
     rows = trust.sqrt().reshape(-1, 1) * matrix(a)
     for prior in ("tikhonov", "gradient"):
-        found = least(
+        found = minimise_within_bounds(
             a, y, weight, prior, lower=low, upper=high, weights=trust, iterations=3000, tol=1e-9
         )
         unit = torch.eye(size, dtype=torch.float64).reshape(size, *a.domain)
@@ -88,7 +88,7 @@ def test_a_shorter_smoothing_leads_to_the_unrounded_minimum():
     frame = np.fft.ifft2(np.fft.fft2(scene) * blur).real
     frame += np.random.default_rng(5).normal(0, 0.01, frame.shape)
     problem = seen(frame, psf, 0.01, "periodic")
-    split = total_variation(problem, weight, iterations=1200).whole.double().numpy()
+    split = total_variation(problem, weight, iterations=1200).period_image.double().numpy()
 
     def cost(x):
         left = np.fft.ifft2(np.fft.fft2(x) * blur).real - frame
@@ -97,10 +97,10 @@ def test_a_shorter_smoothing_leads_to_the_unrounded_minimum():
 
     excess = []
     for smoothing in (1e-2, 1e-3, 1e-4):
-        found = bounded(
+        found = restore_within_bounds(
             problem, weight, smoothing=smoothing, lower=-math.inf, iterations=4000, tol=1e-6
         )
-        excess.append(cost(found.whole.double().numpy()) - cost(split))
+        excess.append(cost(found.period_image.double().numpy()) - cost(split))
         assert excess[-1] <= weight * smoothing * scene.size
     assert excess[0] > excess[1] > excess[2]
     assert abs(excess[-1]) < 1e-3 * cost(split)
@@ -110,7 +110,7 @@ def test_an_unknown_border_restores_as_well_as_splitting_does():
     psf = disk(3.0)
     truth, frame = blurred(photograph(96), psf, 0.01)
     problem = seen(frame, psf)
-    ours, split = bounded(problem, upper=1.0), total_variation(problem)
+    ours, split = restore_within_bounds(problem, upper=1.0), total_variation(problem)
     assert psnr(ours.image, truth) > psnr(split.image, truth) - 0.3
     assert ours.weight == pytest.approx(split.weight, rel=0.3)
     assert 0.8 < ours.residual < 1.1
@@ -122,7 +122,7 @@ def test_an_unknown_border_restores_as_well_as_splitting_does():
 @pytest.mark.parametrize("border", ["unknown", "dark", "periodic"])
 def test_every_border_and_prior_ends_converged_and_finite(border, prior):
     _, frame = blurred(photograph(48), comet(), 0.01)
-    done = bounded(seen(frame, comet(), 0.01, border), prior=prior)
+    done = restore_within_bounds(seen(frame, comet(), 0.01, border), prior=prior)
     assert done.converged
     assert np.isfinite(done.image.numpy()).all()
     assert done.image.shape == frame.shape
@@ -132,8 +132,10 @@ def test_bounds_of_each_pixel_hold_and_help():
     psf = disk(3.0)
     truth, frame = blurred(photograph(64), psf, 0.02)
     problem = seen(frame, psf, 0.02)
-    free = bounded(problem, 1e-4)
-    near = bounded(problem, 1e-4, lower=np.maximum(truth - 0.05, 0), upper=truth + 0.05)
+    free = restore_within_bounds(problem, 1e-4)
+    near = restore_within_bounds(
+        problem, 1e-4, lower=np.maximum(truth - 0.05, 0), upper=truth + 0.05
+    )
     assert (near.image.numpy() >= np.maximum(truth - 0.05, 0) - 1e-6).all()
     assert (near.image.numpy() <= truth + 0.05 + 1e-6).all()
     assert psnr(near.image, truth) > psnr(free.image, truth) + 3
@@ -146,7 +148,7 @@ def test_clipped_pixels_pull_upwards_only():
     y = torch.ones(2, 2)
     full = torch.tensor([[True, False], [True, False]])
     start = torch.tensor([[5.0, 5.0], [0.0, 0.0]])
-    found = least(a, y, 0.0, "tikhonov", clipped=full, start=start, tol=1e-8).value
+    found = minimise_within_bounds(a, y, 0.0, "tikhonov", clipped=full, start=start, tol=1e-8).value
     assert found[:, 1].numpy() == pytest.approx(1.0)
     assert float(found[0, 0]) == pytest.approx(5.0)
     assert float(found[1, 0]) == pytest.approx(1.0)
@@ -158,7 +160,7 @@ def test_colours_behind_a_mosaic_are_looked_for_within_bounds():
     sees = filter_weights(("RG", "GB"), torch.tensor([[0.9], [0.5], [0.2]]), "RGB", scene.shape)
     raw = (sees[0].numpy() * scene).astype(np.float32)
     raw += np.random.default_rng(1).normal(0, 0.005, raw.shape).astype(np.float32)
-    found = least(SpectralMosaic(sees), raw, 1e-3, "gradient", upper=1.0)
+    found = minimise_within_bounds(SpectralMosaic(sees), raw, 1e-3, "gradient", upper=1.0)
     assert found.converged
     assert psnr(found.value[0], scene) > 33
 
@@ -167,7 +169,7 @@ def test_progress_is_told_and_a_cancel_stops_it():
     _, frame = blurred(photograph(48), comet(), 0.01)
     heard = []
     progress = Progress(lambda fraction, message: heard.append((fraction, message)))
-    bounded(seen(frame, comet(), 0.01), 1e-3, iterations=5, progress=progress)
+    restore_within_bounds(seen(frame, comet(), 0.01), 1e-3, iterations=5, progress=progress)
     assert [round(5 * fraction) for fraction, _ in heard] == [1, 2, 3, 4, 5]
     assert heard[-1][1] == "L-BFGS-B 5/5"
 
@@ -177,13 +179,15 @@ def test_progress_is_told_and_a_cancel_stops_it():
 
     later = Progress(stop)
     with pytest.raises(Cancelled):
-        bounded(seen(frame, comet(), 0.01), 1e-3, iterations=50, tol=1e-9, progress=later)
+        restore_within_bounds(
+            seen(frame, comet(), 0.01), 1e-3, iterations=50, tol=1e-9, progress=later
+        )
 
 
 @pytest.mark.parametrize("frame", [np.zeros((20, 21)), np.full((20, 21), 0.3), np.eye(9) - 0.5])
 @pytest.mark.parametrize("prior", SMOOTH_PRIORS)
 def test_pictures_without_detail_or_light_stay_finite(frame, prior):
-    done = bounded(seen(frame, comet(), 0.1), prior=prior, iterations=30)
+    done = restore_within_bounds(seen(frame, comet(), 0.1), prior=prior, iterations=30)
     assert np.isfinite(done.image.numpy()).all()
 
 
@@ -192,22 +196,22 @@ FLAT = torch.full((4, 5), 0.5)
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: least(ONE, FLAT, -1.0), "weight is -1"),
-    (lambda: least(ONE, FLAT, math.nan), "weight is nan"),
-    (lambda: least(ONE, FLAT, 1.0, "wavelets"), "prior is 'wavelets'"),
-    (lambda: least(ONE, FLAT[:3], 1.0), r"data are \(3, 5\)"),
-    (lambda: least(ONE, FLAT * math.nan, 1.0), "data has 20 NaN"),
-    (lambda: least(ONE, FLAT, 1.0, lower=1.0, upper=0.5), "lower is above upper"),
-    (lambda: least(ONE, FLAT, 1.0, lower=math.nan), "or NaN, at 20"),
-    (lambda: least(ONE, FLAT, 1.0, smoothing=0.0), "smoothing is 0"),
-    (lambda: least(ONE, FLAT, 1.0, iterations=0), "iterations is 0"),
-    (lambda: least(ONE, FLAT, 1.0, tol=0.0), "tol is 0"),
-    (lambda: least(ONE, FLAT, 1.0, start=FLAT[0]), r"start is \(5,\)"),
-    (lambda: least(ONE, FLAT, 1.0, weights=FLAT[:2]), "weights is"),
-    (lambda: least(ONE, FLAT, 1.0, weights=0 * FLAT), "positive somewhere"),
-    (lambda: least(Mask(torch.zeros(4, 5)), FLAT, 1.0), "nothing through"),
-    (lambda: bounded(seen(np.eye(9), comet()), prior="none"), "prior is 'none'"),
-    (lambda: bounded(seen(np.eye(9), comet()), lower=np.zeros((3, 3))), "lower is"),
+    (lambda: minimise_within_bounds(ONE, FLAT, -1.0), "weight is -1"),
+    (lambda: minimise_within_bounds(ONE, FLAT, math.nan), "weight is nan"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, "wavelets"), "prior is 'wavelets'"),
+    (lambda: minimise_within_bounds(ONE, FLAT[:3], 1.0), r"data are \(3, 5\)"),
+    (lambda: minimise_within_bounds(ONE, FLAT * math.nan, 1.0), "data has 20 NaN"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, lower=1.0, upper=0.5), "lower is above upper"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, lower=math.nan), "or NaN, at 20"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, smoothing=0.0), "smoothing is 0"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, iterations=0), "iterations is 0"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, tol=0.0), "tol is 0"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, start=FLAT[0]), r"start is \(5,\)"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, weights=FLAT[:2]), "weights is"),
+    (lambda: minimise_within_bounds(ONE, FLAT, 1.0, weights=0 * FLAT), "positive somewhere"),
+    (lambda: minimise_within_bounds(Mask(torch.zeros(4, 5)), FLAT, 1.0), "nothing through"),
+    (lambda: restore_within_bounds(seen(np.eye(9), comet()), prior="none"), "prior is 'none'"),
+    (lambda: restore_within_bounds(seen(np.eye(9), comet()), lower=np.zeros((3, 3))), "lower is"),
 ])  # fmt: skip
 def test_what_doesnt_fit_is_refused_in_words(make, words):
     with pytest.raises(ValueError, match=words):

@@ -2,7 +2,7 @@
 
 import torch
 
-from optics.caching import keep_within
+from optics.caching import byte_limited_cache
 from optics.camera import Camera, Lens, Panel
 from optics.pupil import pupil_amplitude
 
@@ -10,7 +10,7 @@ from optics.pupil import pupil_amplitude
 def test_a_result_is_kept_until_the_bytes_run_out():
     calls = []
 
-    @keep_within(1000)
+    @byte_limited_cache(1000)
     def ones(count, *, twice=False):
         calls.append((count, twice))
         return torch.ones(count) * (1 + twice)
@@ -26,7 +26,7 @@ def test_a_result_is_kept_until_the_bytes_run_out():
 
 
 def test_functions_do_not_take_each_others_results():
-    one, two = (keep_within(100)(lambda x, by=by: x * by) for by in (2, 3))
+    one, two = (byte_limited_cache(100)(lambda x, by=by: x * by) for by in (2, 3))
     assert (one(5), two(5), one(5)) == (10, 15, 10)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 
-from optics.calibration.gratings import compass_vectors, ramp
-from optics.calibration.registration import register, taken_apart
+from optics.calibration.gratings import blazed_grating_phase, registration_vectors
+from optics.calibration.registration import decompose_affine, register
 from optics.calibration.spots import (
     Spot,
     find_spot,
@@ -31,9 +31,9 @@ def seen(bench, reach, seconds=4e-3):
     neutral = bench.frame(np.zeros(bench.panel, np.uint8), seconds)
     noise = frame_variance(neutral, sensor) + frame_variance(dark, sensor)
     spots = [find_spot(neutral - dark, noise)]
-    compass = compass_vectors(0.23)
+    compass = registration_vectors(0.23)
     for vector in compass:
-        wave = np.mod(ramp(bench.panel, vector), 2 * np.pi)
+        wave = np.mod(blazed_grating_phase(bench.panel, vector), 2 * np.pi)
         frame = bench.frame(np.round(wave / reach * 255).astype(np.uint8), seconds)
         spots.append(find_spot(frame - neutral, frame_variance(frame, sensor) + noise))
     return np.array([(0.0, 0.0), *compass]), spots
@@ -59,10 +59,10 @@ def test_a_turned_and_mirrored_panel_with_an_unknown_response_is_found(degrees, 
     found = register(*seen(bench, reach), WAVELENGTH)
     corners = np.array([(0, 0), (0, 159), (119, 0), (119, 159)], float)
     vectors = (corners - np.array(bench.centre)) @ np.linalg.inv(matrix).T
-    assert np.abs(found.pixels(vectors) - corners).max() < 0.05
-    assert found.used.all()
+    assert np.abs(found.to_pixels(vectors) - corners).max() < 0.05
+    assert found.inliers.all()
     assert found.field_uncertainty(bench.sensor) < 0.05
-    np.testing.assert_allclose(found.vectors(corners), vectors, atol=1e-3)
+    np.testing.assert_allclose(found.to_vectors(corners), vectors, atol=1e-3)
 
 
 def exact(matrix, centre, vectors):
@@ -72,18 +72,18 @@ def exact(matrix, centre, vectors):
 
 def test_spots_that_are_none_of_the_panel_are_left_out(rng):
     matrix, centre = turned(7.0, True), (60.0, 80.0)
-    vectors = np.array([(0.0, 0.0), *compass_vectors(0.2)])
+    vectors = np.array([(0.0, 0.0), *registration_vectors(0.2)])
     spots = exact(matrix, centre, vectors)
     spots[3] = Spot(30.0, 40.0, 0.01, 1e4, 10.0, False)
     spots[5] = Spot(90.0, 11.0, 0.01, 1e4, 10.0, False)
     found = register(vectors, spots, WAVELENGTH)
-    assert found.used.tolist() == [True, True, True, False, True, False, True]
+    assert found.inliers.tolist() == [True, True, True, False, True, False, True]
     np.testing.assert_allclose(found.matrix, matrix, atol=1e-9)
     assert found.centre == pytest.approx(centre)
 
 
 def test_a_shift_of_all_steered_spots_is_not_taken_for_the_map():
-    matrix, vectors = turned(0.0), np.array([(0.0, 0.0), *compass_vectors(0.2)])
+    matrix, vectors = turned(0.0), np.array([(0.0, 0.0), *registration_vectors(0.2)])
     spots = exact(matrix, (60.0, 80.0), vectors)
     moved = [spots[0], *exact(matrix, (60.4, 79.8), vectors[1:])]
     found = register(vectors, moved, WAVELENGTH)
@@ -93,7 +93,7 @@ def test_a_shift_of_all_steered_spots_is_not_taken_for_the_map():
 
 def test_the_uncertainty_is_the_scatter_of_repeated_calibrations(rng):
     """Of 200 calibrations whose spots have a noise of 0.05 pixels."""
-    matrix, vectors = turned(3.0), np.array([(0.0, 0.0), *compass_vectors(0.2)])
+    matrix, vectors = turned(3.0), np.array([(0.0, 0.0), *registration_vectors(0.2)])
     corner = np.array([0.3, -0.25])
     landed, said = [], []
     for _ in range(200):
@@ -102,24 +102,24 @@ def test_the_uncertainty_is_the_scatter_of_repeated_calibrations(rng):
             for s in exact(matrix, (60.0, 80.0), vectors)
         ]
         found = register(vectors, spots, WAVELENGTH)
-        landed.append(found.pixels(corner))
+        landed.append(found.to_pixels(corner))
         said.append(float(found.uncertainty(corner)))
     assert np.std(landed, axis=0) == pytest.approx(np.median(said), rel=0.35)
 
 
 def test_a_longer_wavelength_sends_light_farther_in_proportion():
-    vectors = np.array([(0.0, 0.0), *compass_vectors(0.2)])
+    vectors = np.array([(0.0, 0.0), *registration_vectors(0.2)])
     found = register(vectors, exact(turned(0.0), (60.0, 80.0), vectors), WAVELENGTH)
-    near, far = found.pixels(vectors), found.pixels(vectors, 1.2 * WAVELENGTH)
+    near, far = found.to_pixels(vectors), found.to_pixels(vectors, 1.2 * WAVELENGTH)
     np.testing.assert_allclose(far - found.centre, 1.2 * (near - found.centre), atol=1e-9)
-    np.testing.assert_allclose(found.vectors(far, 1.2 * WAVELENGTH), vectors, atol=1e-9)
+    np.testing.assert_allclose(found.to_vectors(far, 1.2 * WAVELENGTH), vectors, atol=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [-60.0, -3.0, 0.0, 12.0, 88.0])
 @pytest.mark.parametrize("flips", [(False, False), (True, False), (False, True)])
 def test_a_matrix_is_taken_apart_into_what_it_was_made_of(degrees, flips):
     flip_x, flip_y = flips
-    parts = taken_apart(turned(degrees, flip_x, flip_y, scale=200.0, stretch=1.1))
+    parts = decompose_affine(turned(degrees, flip_x, flip_y, scale=200.0, stretch=1.1))
     assert parts.flip == {(False, False): "none", (True, False): "left-right"}.get(flips, "up-down")
     assert np.degrees(parts.rotation) == pytest.approx(degrees)
     assert parts.scale == pytest.approx((220.0, 200.0))
@@ -127,8 +127,8 @@ def test_a_matrix_is_taken_apart_into_what_it_was_made_of(degrees, flips):
 
 
 def test_half_a_turn_is_two_mirrors():
-    assert taken_apart(turned(180.0)).flip == "both"
-    assert taken_apart(turned(180.0)).rotation == pytest.approx(0.0, abs=1e-12)
+    assert decompose_affine(turned(180.0)).flip == "both"
+    assert decompose_affine(turned(180.0)).rotation == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_centroid_is_that_of_the_light_wherever_it_falls_between_pixels():
@@ -183,7 +183,7 @@ def test_arrays_that_do_not_fit_are_refused():
 @pytest.mark.parametrize(
     ("vectors", "message"),
     [
-        (compass_vectors(0.2), "zeroth order"),
+        (registration_vectors(0.2), "zeroth order"),
         (np.array([(0, 0), (0.1, 0.1), (0.2, 0.1), (0.1, 0.2)]), "needs 4"),
         (np.array([(0, 0), (0.1, 0.1), (0.2, 0.2), (0.05, 0.05), (0.15, 0.15)]), "on a line"),
     ],
@@ -194,7 +194,7 @@ def test_too_little_for_a_map_is_refused(vectors, message):
 
 
 def test_spots_that_agree_with_nothing_are_refused(rng):
-    vectors = np.array([(0.0, 0.0), *compass_vectors(0.2)])
+    vectors = np.array([(0.0, 0.0), *registration_vectors(0.2)])
     spots = [Spot(y, x, 0.01, 1e4, 10.0, False) for y, x in rng.uniform(10, 110, (7, 2))]
     with pytest.raises(ValueError, match="agree on one map"):
         register(vectors, spots, WAVELENGTH)
@@ -202,9 +202,9 @@ def test_spots_that_agree_with_nothing_are_refused(rng):
 
 def test_a_flat_matrix_is_no_registration():
     with pytest.raises(ValueError, match="no registration"):
-        taken_apart(np.array([[1.0, 2.0], [2.0, 4.0]]))
+        decompose_affine(np.array([[1.0, 2.0], [2.0, 4.0]]))
 
 
 def test_a_registration_without_its_spots_still_maps():
     made = mapped((1.0, 2.0), turned(0.0))
-    np.testing.assert_allclose(made.pixels(np.array([0.0, 0.1])), [1.0, 21.0])
+    np.testing.assert_allclose(made.to_pixels(np.array([0.0, 0.1])), [1.0, 21.0])

@@ -7,10 +7,15 @@ import pytest
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 from scipy import ndimage
 
-from optics.calibration.gratings import longest_vector, region_slices, region_vectors, striped
-from optics.calibration.orders import first_orders
-from optics.calibration.response import fit_response
-from optics.calibration.stripes import StripeLaw
+from optics.calibration.first_orders import measure_first_orders
+from optics.calibration.gratings import (
+    max_grating_frequency,
+    region_slices,
+    region_vectors,
+    stripe_pattern,
+)
+from optics.calibration.response_fit import fit_response
+from optics.calibration.stripe_law import StripeLaw
 from optics.calibration.sweep import Sweep
 from optics.camera import Sensor
 
@@ -25,10 +30,12 @@ def swept(count, reach):
     return low, high
 
 
-def law_of(period, most_step=50.0, side=1.0):
+def law_of(period, max_step=50.0, active_side=1.0):
     """Of upright stripes."""
     vector = np.array([[0.0, 1 / period]])
-    return StripeLaw(striped((160, 160), (1, 1), vector, 0, 1) == 1, vector[0], side, most_step)
+    return StripeLaw(
+        stripe_pattern((160, 160), (1, 1), vector, 0, 1) == 1, vector[0], active_side, max_step
+    )
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +62,7 @@ def test_a_distorted_response_is_found_and_its_waves_are_counted(rng, law, reach
     assert np.sqrt((error**2).mean()) < 0.02
     assert np.mean(np.abs(error) < 2.5 * fit.sigma + 0.005) > 0.9
     assert fit.residual < 0.01
-    assert fit.rival > 10
+    assert fit.rival_margin > 10
     assert (np.diff(fit.phase) >= 0).all()
     assert fit.phase[0] == 0
 
@@ -69,13 +76,15 @@ def test_four_regions_are_swept_at_once_on_an_unknown_turned_sensor(rng):
     bench = NumpyBench(phases, turned(4.0, True, stretch=1.03), unmodulated=0.05, star=0, finer=2)
     sensor = Sensor(shape=bench.sensor, gain=bench.gain, read_noise=bench.read_noise)
     vectors = region_vectors(bench.panel, (2, 2), 0.2368, 4 / 190)
-    upper = striped(bench.panel, (2, 2), vectors, 0, 1) == 1
+    upper = stripe_pattern(bench.panel, (2, 2), vectors, 0, 1) == 1
     parts = region_slices(bench.panel, (2, 2))
     registration = mapped(bench.centre, bench.matrix)
     low, high = swept(40, reach)
-    shown = [striped(bench.panel, (2, 2), vectors, *pair) for pair in zip(low, high, strict=True)]
+    shown = [
+        stripe_pattern(bench.panel, (2, 2), vectors, *pair) for pair in zip(low, high, strict=True)
+    ]
     frames = [bench.frame(grey, 0.05).astype(np.uint16) for grey in shown]
-    gathered = first_orders(
+    gathered = measure_first_orders(
         frames, bench.dark(), registration, vectors, (48, 64), sensor, WAVELENGTH
     )
     truths = phases.reshape(4, -1)
@@ -109,7 +118,7 @@ def test_edges_in_the_gaps_between_pixels_blur_less():
     """Of each pixel only the middle half modulates, where a blur of 0.08 pixels hardly reaches."""
     step = np.array([7 * np.pi])
     hard = 1.0
-    whole, middle = (float(law_of(16.0, side=side)(step, 0.0064)[0]) for side in (1.0, 0.5))
+    whole, middle = (float(law_of(16.0, active_side=side)(step, 0.0064)[0]) for side in (1.0, 0.5))
     assert abs(middle - hard) < 0.2 * abs(whole - hard)
 
 
@@ -121,7 +130,7 @@ def test_a_ripple_is_the_mean_over_normal_phases(law):
 
 def test_the_slopes_are_the_differences(law):
     step, nudge = np.array([-7.0, 0.5, 2.0, 11.0, 20.0]), 1e-4
-    by_step, by_blur = law.slopes(step, 0.09, 1e-4)
+    by_step, by_blur = law.derivatives(step, 0.09, 1e-4)
     differences = (law(step + nudge, 0.09, 1e-4) - law(step - nudge, 0.09, 1e-4)) / (2 * nudge)
     np.testing.assert_allclose(by_step, differences, atol=1e-5)
     differences = (law(step, 0.09 + nudge, 1e-4) - law(step, 0.09 - nudge, 1e-4)) / (2 * nudge)
@@ -131,8 +140,8 @@ def test_the_slopes_are_the_differences(law):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"side": 0.0}, "at most 1"),
-        ({"most_step": 0.0}, "most_step is 0"),
+        ({"active_side": 0.0}, "at most 1"),
+        ({"max_step": 0.0}, "max_step is 0"),
         ({"period": 1.5}, "two pixels or more"),
     ],
 )
@@ -166,8 +175,8 @@ def test_a_frame_that_went_wrong_is_left_out(rng, law):
     sweep = measured(rng, truth, reach, law)
     sweep.light[17] += 300.0
     fit = fit_response(sweep, TOP + 1, reach)
-    assert not fit.used[17]
-    assert fit.used.sum() >= 37
+    assert not fit.inliers[17]
+    assert fit.inliers.sum() >= 37
     assert np.sqrt(((fit.phase - truth) ** 2).mean()) < 0.02
 
 
@@ -202,7 +211,7 @@ def test_sweeps_that_cannot_be_are_refused(law, change, message):
 
 
 def test_an_expected_range_that_is_none_is_refused(rng, law):
-    with pytest.raises(ValueError, match="expected is 0 rad"):
+    with pytest.raises(ValueError, match="expected_range is 0 rad"):
         fit_response(measured(rng, curve(20.0), 20.0, law), 256, 0.0)
 
 
@@ -215,7 +224,9 @@ def test_clipped_spots_are_told_and_too_many_refused(rng):
 
     def gathered():
         dark = np.full((64, 64), 64.0)
-        return first_orders(frames, dark, registration, vectors, (50, 50), sensor, WAVELENGTH)
+        return measure_first_orders(
+            frames, dark, registration, vectors, (50, 50), sensor, WAVELENGTH
+        )
 
     assert np.flatnonzero(gathered()[0].clipped).tolist() == [3]
     for frame in frames[:5]:
@@ -231,7 +242,7 @@ def test_clipped_spots_are_told_and_too_many_refused(rng):
 def test_the_spots_of_regions_stay_apart(regions):
     """In first and third orders and from the centre, on the thesis' panel and lens."""
     shape, scale = (1080, 1920), WAVELENGTH * 0.13333
-    longest = longest_vector((512, 768), 3.45e-6, 8e-6, scale)
+    longest = max_grating_frequency((512, 768), 3.45e-6, 8e-6, scale)
     vectors = region_vectors(shape, regions, longest)
     assert len(vectors) == np.prod(regions)
     assert np.hypot(*vectors.T).max() <= longest
@@ -243,7 +254,7 @@ def test_the_spots_of_regions_stay_apart(regions):
 
 def test_stripes_are_equally_wide_in_every_region():
     vectors = np.array([(0.05, 0.1), (-0.1, 0.05), (0.0, 0.125), (0.125, 0.0)])
-    grey = striped((80, 160), (2, 2), vectors, 7, 200)
+    grey = stripe_pattern((80, 160), (2, 2), vectors, 7, 200)
     for rows, columns in region_slices((80, 160), (2, 2)):
         part = grey[rows, columns]
         assert set(part.ravel().tolist()) == {7, 200}

@@ -11,9 +11,9 @@ import torch
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 
 from optics.calibration.spots import frame_variance
-from optics.calibration.star import StarModel
+from optics.calibration.star_model import StarModel
 from optics.calibration.wavefront import StarPictures, fit_wavefront
-from optics.calibration.zeroth import left_in_the_centre, zeroth_share
+from optics.calibration.zeroth_order import measure_zeroth_order, zeroth_order_share
 from optics.camera import Camera, Lens, Panel, Sensor
 
 WAVELENGTH = 532e-9
@@ -151,24 +151,24 @@ def test_the_light_that_stays_in_the_centre_is_found(share):
         frame = bench.frame(grey, 5e-3)
         steered.append(frame - dark)
         noise.append(frame_variance(frame, sensor))
-        left.append(left_in_the_centre(np.exp(1j * levels[grey])))
-    found = zeroth_share(neutral - dark, steered, noise, left, bench.centre, dark < 200)
+        left.append(zeroth_order_share(np.exp(1j * levels[grey])))
+    found = measure_zeroth_order(neutral - dark, steered, noise, left, bench.centre, dark < 200)
     assert found.share == pytest.approx(share, abs=max(4 * found.sigma, 0.004))
     assert found.sigma < 0.01
 
 
 def test_a_phase_of_nothing_stays_in_the_centre_and_a_grating_does_not():
-    assert left_in_the_centre(np.full((8, 8), np.exp(3j))) == pytest.approx(1.0)
+    assert zeroth_order_share(np.full((8, 8), np.exp(3j))) == pytest.approx(1.0)
     stripes = np.where(np.arange(8) % 2, np.pi, 0.0)[None].repeat(8, 0)
-    assert left_in_the_centre(np.exp(1j * stripes)) == pytest.approx(0.0)
+    assert zeroth_order_share(np.exp(1j * stripes)) == pytest.approx(0.0)
 
 
 def test_a_dark_centre_is_refused():
     black = np.zeros((20, 20))
     with pytest.raises(ValueError, match="dark or clipped"):
-        zeroth_share(black, [black], [black + 1], [0.0], (10, 10), black == 0)
+        measure_zeroth_order(black, [black], [black + 1], [0.0], (10, 10), black == 0)
     with pytest.raises(ValueError, match="one of each"):
-        zeroth_share(black, [], [], [], (10, 10), black == 0)
+        measure_zeroth_order(black, [], [], [], (10, 10), black == 0)
 
 
 def test_a_panel_apart_from_its_lens_is_one_in_a_lens_of_the_same_ray_matrix():

@@ -12,7 +12,7 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
-from optics.chain.relay import Band, Relay, RelayAxis
+from optics.chain.panel_to_lens import PanelToLensPropagator, PropagatorAxis, TaperedBand
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, modulated_psf
 from optics.psf.stack import PSFStack
@@ -302,7 +302,7 @@ def test_a_modulators_light_goes_through_the_chain(phase):
     modulator = Modulator(panel, WAVELENGTH)
     grey = np.round(phase / (2 * np.pi) * 255).astype(np.uint8)
     operator = PSFOperator(optics, 0.5, WAVELENGTH, PIXELS, unmodulated=0.0, tol=1e-3)
-    value = modulated_psf(operator, modulator, modulator.still(torch.from_numpy(grey)))
+    value = modulated_psf(operator, modulator, modulator.still_fields(torch.from_numpy(grey)))
     assert torch.isfinite(value).all()
     assert 0 < float(value.sum()) < 1
 
@@ -324,18 +324,18 @@ def test_light_is_lost_at_the_stop_off_the_axis(away):
     optics = Camera(panel, Lens(0.1, 0.1 / 3e-3, 1.0), separation=0.05)
     window = Plane((16, 16), (20e-6, 20e-6))
     operator = PSFOperator(optics, math.inf, WAVELENGTH, window, field=(0.0, away), tol=3e-2)
-    seen = operator.light()
+    seen = operator.light_budget()
     line = (np.arange(4000) + 0.5) / 4000 * 3e-3 - 1.5e-3
     inside = np.hypot(line[:, None], line) <= 1.5e-3
     lit = np.abs(line + 0.05 * away / optics.lens.image_distance) <= 2.02e-3
     share = (inside & lit).sum() / inside.sum()
     assert (share < 0.9) == bool(away)
-    assert seen.passed == pytest.approx(share, abs=5e-3)
+    assert seen.through_stop == pytest.approx(share, abs=5e-3)
     assert seen.vignetting == pytest.approx(share, abs=5e-3)
     assert seen.panel == pytest.approx(4.04e-3**2 / (math.pi * 1.5e-3**2), rel=1e-3)
-    assert seen.passed + seen.blocked == pytest.approx(seen.panel)
+    assert seen.through_stop + seen.blocked == pytest.approx(seen.panel)
     assert seen.window == pytest.approx(float(operator().sum()), rel=1e-6)
-    assert seen.window <= 1.01 * seen.passed
+    assert seen.window <= 1.01 * seen.through_stop
 
 
 def test_all_light_behind_the_stop_arrives_somewhere(phase):
@@ -343,29 +343,29 @@ def test_all_light_behind_the_stop_arrives_somewhere(phase):
     optics = camera(0.3e-3, separation=0.01)
     wide = Plane((130, 130), (40e-6, 40e-6))
     operator = PSFOperator(optics, 0.5, WAVELENGTH, wide, tol=1e-2)
-    seen = operator.light(phase)
-    assert seen.window == pytest.approx(seen.passed, rel=2e-2)
+    seen = operator.light_budget(phase)
+    assert seen.window == pytest.approx(seen.through_stop, rel=2e-2)
     assert seen.blocked > 0.1 * seen.panel
     assert open_power(optics) * seen.panel == pytest.approx(192 * 20e-6**2 * 0.8, rel=1e-3)
 
 
 def test_light_of_a_panel_at_the_lens_is_told_by_its_open_pixels(phase):
     at = camera(0.3e-3, separation=0.0)
-    seen = PSFOperator(at, 0.5, WAVELENGTH, PIXELS).light(phase)
-    assert seen.passed == pytest.approx(1.0, rel=1e-6)
+    seen = PSFOperator(at, 0.5, WAVELENGTH, PIXELS).light_budget(phase)
+    assert seen.through_stop == pytest.approx(1.0, rel=1e-6)
     assert seen.vignetting == 1.0
     with pytest.raises(ValueError, match="lens alone"):
-        PSFOperator(at.lens, 0.5, WAVELENGTH, PIXELS).light()
+        PSFOperator(at.lens, 0.5, WAVELENGTH, PIXELS).light_budget()
 
 
 def test_a_relay_is_fresnels_integral(rng):
     """Two strips of light 0.1 mm wide, after 20 mm, by Fresnel's integrals C and S."""
     pitch, side, bend = 0.1e-3, 0.09e-3, WAVELENGTH * 0.02
     values = rng.normal(size=2) + 1j * rng.normal(size=2)
-    band = Band(-1.5e6, 1.5e6, 4e4, 5.0)
-    axis = RelayAxis(2, pitch, side, 400, 61, 400, bend, -0.3e-3 + 1e-5, band)
-    one = RelayAxis(1, pitch, side, 400, 1, 400, bend, 0.0, band)
-    relay = Relay(axis, one, torch.complex128)
+    band = TaperedBand(-1.5e6, 1.5e6, 4e4, 5.0)
+    axis = PropagatorAxis(2, pitch, side, 400, 61, 400, bend, -0.3e-3 + 1e-5, band)
+    one = PropagatorAxis(1, pitch, side, 400, 1, 400, bend, 0.0, band)
+    relay = PanelToLensPropagator(axis, one, torch.complex128)
     field = relay(torch.from_numpy(values[:, None]))
     stretch = math.sqrt(2 / bend)
 
@@ -376,7 +376,7 @@ def test_a_relay_is_fresnels_integral(rng):
         c_s = high - low
         return (c_s[0] + 1j * c_s[1]) / np.sqrt(2j)
 
-    c = axis.first + axis.step * np.arange(61)
+    c = axis.first_sample_position + axis.step * np.arange(61)
     truth = values[0] * strip(c, -pitch) + values[1] * strip(c, 0.0)
     assert relative(field.numpy()[:, 0], truth * strip(np.zeros(1), 0.0)) <= 1e-3
 
@@ -384,10 +384,10 @@ def test_a_relay_is_fresnels_integral(rng):
 @pytest.mark.parametrize("shape", [(5, 6), (7, 8)])
 def test_a_relays_adjoint_is_its_conjugate_transpose(shape, rng):
     """Also where frequencies turn around more than once, in the panel's and the lens' samples."""
-    band = Band(-2.3e5, 1.7e5, 1e3, 4.0)
-    y = RelayAxis(shape[0], 20e-6, 18e-6, 9, 12, 15, 1e-9, -1e-4, band)
-    x = RelayAxis(shape[1], 20e-6, 18e-6, 60, 11, 140, 1e-9, 2e-5, band)
-    relay = Relay(y, x, torch.complex128)
+    band = TaperedBand(-2.3e5, 1.7e5, 1e3, 4.0)
+    y = PropagatorAxis(shape[0], 20e-6, 18e-6, 9, 12, 15, 1e-9, -1e-4, band)
+    x = PropagatorAxis(shape[1], 20e-6, 18e-6, 60, 11, 140, 1e-9, 2e-5, band)
+    relay = PanelToLensPropagator(y, x, torch.complex128)
     panel = torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
     lens = torch.from_numpy(rng.normal(size=(12, 11)) + 1j * rng.normal(size=(12, 11)))
     forward = relay(panel)
@@ -447,7 +447,7 @@ def test_what_cannot_be_asked_is_named(phase):
 
 def test_what_cannot_be_kept_is_refused_before_anything_is_made():
     thesis = Camera(Panel(), Lens(0.1, 5.6, 2.0), separation=0.05)
-    window = thesis.sensor.window((256, 256))
+    window = thesis.sensor.window_plane((256, 256))
     with pytest.raises(ToleranceError):
         PSFOperator(thesis, 1.0, WAVELENGTH, window, tol=1e-6)
     with pytest.raises(ToleranceError):

@@ -11,7 +11,7 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
-from optics.chain.thin_camera import collapsed
+from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.pupil import open_area, pupil_amplitude
@@ -31,10 +31,10 @@ def ray_matrix(camera: Camera) -> np.ndarray:
 def test_the_collapsed_lens_has_the_ray_matrix_of_the_chain(focus, separation):
     """Intensities depend on A and B alone: the sensor's own curvature is a phase."""
     camera = Camera(Panel(), Lens(0.1, 5.6, focus), separation=separation)
-    thin = collapsed(camera, 1.2)
+    thin = collapse_to_thin_camera(camera, 1.2)
     (a, b), _ = ray_matrix(camera)
     (a_thin, b_thin), _ = ray_matrix(thin)
-    assert camera.lever == pytest.approx(b, rel=1e-12)
+    assert camera.ray_matrix_b == pytest.approx(b, rel=1e-12)
     assert b_thin == pytest.approx(b, rel=1e-12)
     assert a_thin == pytest.approx(a, rel=1e-9, abs=1e-12)
     assert thin.separation == 0
@@ -53,7 +53,7 @@ def test_the_shadow_is_where_rays_from_the_object_meet_the_panel(distance, sprea
     """A pixel is open if the ray to it from the object goes on through the stop."""
     camera = Camera(Panel((60, 70), 20e-6), Lens(0.1, 0.1 / 1e-3, 2.0), separation=0.05)
     field = (0.3e-3, -0.5e-3)
-    thin = collapsed(camera, distance, field)
+    thin = collapse_to_thin_camera(camera, distance, field)
     y, x = (positions(n, 20e-6) for n in (60, 70))
     z2 = camera.lens.image_distance
     # A ray through the panel at s meets the lens at s + z1 (s - object) / d.
@@ -69,16 +69,18 @@ def test_the_shadow_is_where_rays_from_the_object_meet_the_panel(distance, sprea
 def test_only_a_parabola_collapses():
     lens = Lens(0.1, 5.6, 2.0, aberrations=((4, 0, 50e-9),))
     with pytest.raises(ValueError, match="aberrations"):
-        collapsed(Camera(Panel(), lens, separation=0.05), 2.0)
+        collapse_to_thin_camera(Camera(Panel(), lens, separation=0.05), 2.0)
     with pytest.raises(ValueError, match="stigmatic"):
-        collapsed(Camera(Panel(), Lens(0.1, 5.6, 2.0, kind="stigmatic"), separation=0.05), 2.0)
+        collapse_to_thin_camera(
+            Camera(Panel(), Lens(0.1, 5.6, 2.0, kind="stigmatic"), separation=0.05), 2.0
+        )
 
 
 def test_a_panel_beyond_the_plane_in_focus_has_no_place_for_a_lens():
     camera = Camera(Panel(), Lens(0.1, 5.6, 0.3), separation=0.4)
-    assert camera.lever < 0
+    assert camera.ray_matrix_b < 0
     with pytest.raises(ValueError, match="plane in focus"):
-        collapsed(camera, 2.0)
+        collapse_to_thin_camera(camera, 2.0)
 
 
 def small_camera(stop: float, **changes) -> Camera:

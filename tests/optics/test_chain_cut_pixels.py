@@ -10,9 +10,9 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
-from optics.chain.cut_pixels import gray_share
+from optics.chain.cut_pixels import cut_pixel_error_share
 from optics.plane import Plane
-from optics.point.question import Question
+from optics.point.request import PSFRequest
 from optics.psf import PSFOperator
 from optics.stop.aperture import Circle, Stop, rectangle
 
@@ -39,20 +39,20 @@ def test_half_a_pixel_isnt_a_whole_one_of_half_the_light(fill, cycles):
     cut = camera(8 * SIDE, (3, 4), opening, 0.0, fill_factor=fill)
     scale = WAVELENGTH * cut.lens.image_distance
     point = Plane((1, 1), (1e-6, 1e-6), (0.0, cycles / SIDE * scale))
-    question = Question(cut.lens, 1.5, WAVELENGTH, point, 1e-2, Budget())
+    question = PSFRequest(cut.lens, 1.5, WAVELENGTH, point, 1e-2, Budget())
     f = cycles * math.sqrt(fill)
     half = np.sinc(f / 2) * np.exp(0.5j * np.pi * f) / 2
     wrong, right = 6 * abs(half - np.sinc(f) / 2) ** 2, 6 * (abs(half) ** 2 + np.sinc(f) ** 2)
     # The window is lit from three columns of three pixels.
     straight = 9 * SIDE**2 * np.sinc(f) ** 2
-    assert gray_share(question, cut, straight) == pytest.approx(wrong / right, rel=2e-2)
+    assert cut_pixel_error_share(question, cut, straight) == pytest.approx(wrong / right, rel=2e-2)
 
 
 def test_whole_pixels_have_nothing_to_tell():
     wide = camera(1e-2, separation=0.0)
     point = Plane((1, 1), (1e-6, 1e-6))
-    question = Question(wide.lens, 1.5, WAVELENGTH, point, 1e-2, Budget())
-    assert gray_share(question, wide, 12 * SIDE**2) == 0.0
+    question = PSFRequest(wide.lens, 1.5, WAVELENGTH, point, 1e-2, Budget())
+    assert cut_pixel_error_share(question, wide, 12 * SIDE**2) == 0.0
 
 
 @pytest.mark.parametrize("fill", [1.0, 0.5])

@@ -27,7 +27,7 @@ BUDGET = Budget(1 << 30)
 def small(seed: int, tol: float = 0.0) -> Iterator[ChainProblem]:
     """Random chains that the judge is soon done with; tol: for all, where it isn't 0."""
     for problem in chains(seed, most=60):
-        quick = problem.judge(np.ones(problem.pixels.shape)).terms < TERMS
+        quick = problem.build_reference(np.ones(problem.pixels.shape)).product_count < TERMS
         if quick and problem.camera.separation and max(problem.pixels.shape) < 120:
             yield replace(problem, tol=tol or problem.tol)
 
@@ -48,7 +48,7 @@ def test_each_method_keeps_what_it_promises(method, tol):
     for problem in islice(small(12, tol), 2):
         operator = problem.operator(tol, method=method, budget=BUDGET)
         light = problem.light(operator)
-        assert problem.judge(light).error(light) <= tol, problem.words
+        assert problem.build_reference(light).error(light) <= tol, problem.description
 
 
 @pytest.mark.parametrize(("distance", "field"), [(0.5, (0.0, 0.0)), (math.inf, (2e-4, -3e-4))])
@@ -61,7 +61,7 @@ def test_a_stop_that_cuts_nothing_collapses(distance, field):
     pixels = Plane((24, 20), (4e-6, 4e-6))
     problem = ChainProblem(camera, distance, 520e-9, pixels, False, 5e-2, phase, field)
     light = problem.light(problem.operator(5e-2, method="collapsed"))
-    assert problem.judge(light).error(light) <= 5e-2
+    assert problem.build_reference(light).error(light) <= 5e-2
 
 
 def test_a_panel_at_the_lens_is_judged_as_before():
@@ -71,10 +71,10 @@ def test_a_panel_at_the_lens_is_judged_as_before():
         near = replace(problem.camera, separation=0.0)
         problem = replace(problem, optics=near, tol=1e-3, sphere=False)
         light = problem.light(problem.operator(1e-3))
-        judge = problem.judge(light)
-        if judge.terms < 3e8:
+        judge = problem.build_reference(light)
+        if judge.product_count < 3e8:
             found += 1
-            assert judge.error(light) <= 1e-3, problem.words
+            assert judge.error(light) <= 1e-3, problem.description
     assert found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from optics.chebyshev import Smooth, smooth
+from optics.chebyshev import ChebyshevExpansion, expand_in_chebyshev
 from optics.plane import Plane
 
 PLANE = Plane((21, 34), (2e-3, 1e-3), (5e-3, -0.01))
@@ -17,12 +17,12 @@ def polynomial(y, x):
 
 def test_a_polynomial_is_known_by_its_degree_and_one():
     y, x = PLANE.mesh()
-    found = Smooth(polynomial, PLANE, 4).rows(slice(None))
+    found = ChebyshevExpansion(polynomial, PLANE, 4).rows(slice(None))
     torch.testing.assert_close(found, polynomial(y, x), rtol=1e-13, atol=1e-13)
 
 
 def test_rows_are_those_of_the_whole():
-    known = Smooth(polynomial, PLANE, 4)
+    known = ChebyshevExpansion(polynomial, PLANE, 4)
     torch.testing.assert_close(known.rows(slice(5, 9)), known.rows(slice(None))[5:9])
 
 
@@ -31,21 +31,21 @@ def test_what_is_no_polynomial_takes_as_many_nodes_as_it_needs(strength):
     def sag(y, x):
         return strength * torch.sqrt(1 + 20 * (y - x) ** 2 + 300 * y * y)
 
-    known = smooth(sag, PLANE)
+    known = expand_in_chebyshev(sag, PLANE)
     assert known is not None
     torch.testing.assert_close(known.rows(slice(None)), sag(*PLANE.mesh()), rtol=2e-14, atol=0)
 
 
 def test_a_kink_is_told():
-    assert smooth(lambda y, x: (y + x).abs(), PLANE) is None
+    assert expand_in_chebyshev(lambda y, x: (y + x).abs(), PLANE) is None
 
 
 def test_one_sample_and_nothing():
     one = Plane((1, 1), (1e-3, 1e-3), (0.2, -0.1))
-    known = smooth(polynomial, one)
+    known = expand_in_chebyshev(polynomial, one)
     assert known is not None
     expected = polynomial(*one.mesh())
     torch.testing.assert_close(known.rows(slice(None)), expected)
-    dark = smooth(lambda y, x: 0 * y * x, PLANE)
+    dark = expand_in_chebyshev(lambda y, x: 0 * y * x, PLANE)
     assert dark is not None
     assert not dark.rows(slice(None)).any()

@@ -10,9 +10,9 @@ from judges import binned, gaussian_psf, natural_image, positions, relative
 from scipy.signal import convolve2d, fftconvolve
 from skimage import restoration
 
-from optics.deconvolution.blurred import require_psf
-from optics.deconvolution.border import continued
-from optics.deconvolution.measured import measured
+from optics.deconvolution.border import extend_periodically
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation import require_psf
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.wiener import wiener
 from optics.operators.blur import blur_shape, transfer_function
@@ -22,13 +22,13 @@ FINE, SIDE, MARGIN, RADIUS = 3, 72, 16, 4.0
 
 
 def filtered(image, psf, weight=None, smooth="flat", noise=1e-3) -> np.ndarray:
-    return wiener(measured(image, psf, noise), weight, smooth).image.numpy()
+    return wiener(build_observation(image, psf, noise), weight, smooth).image.numpy()
 
 
 def likeliest(image, psf, iterations, **how) -> np.ndarray:
     """By the plain algorithm, to the end."""
-    how = {"accelerated": False, "past_noise": True} | how
-    return richardson_lucy(measured(image, psf, 1e-3), iterations, **how).image.numpy()
+    how = {"accelerate": False, "continue_past_noise": True} | how
+    return richardson_lucy(build_observation(image, psf, 1e-3), iterations, **how).image.numpy()
 
 
 def psnr(image, truth) -> float:
@@ -109,7 +109,7 @@ def test_no_filter_is_better_than_that_of_the_pictures_spectrum():
     scene = 5 + np.fft.irfft2(np.fft.rfft2(rng.standard_normal((n, n))) * 0.05 * f**-1.5, (n, n))
     corner = np.roll(np.pad(psf, (0, n - 9)), (-4, -4), (0, 1))
     frame = np.fft.irfft2(np.fft.rfft2(scene) * np.fft.rfft2(corner), (n, n))
-    seen = measured(frame + rng.normal(0, 0.02, (n, n)), psf, None, "periodic")
+    seen = build_observation(frame + rng.normal(0, 0.02, (n, n)), psf, None, "periodic")
     told = psnr(wiener(seen, None, "spectrum").image.numpy(), scene)
     for smooth in ("gradient", "flat"):
         for weight in np.logspace(-6, 1, 30):
@@ -118,44 +118,47 @@ def test_no_filter_is_better_than_that_of_the_pictures_spectrum():
 
 def test_more_noise_asks_for_a_larger_weight(blurred):
     _, noisy, psf = blurred
-    ks = [wiener(measured(noisy, psf, v), None, "flat").weight for v in (1e-4, 3e-3, 3e-2)]
+    ks = [wiener(build_observation(noisy, psf, v), None, "flat").weight for v in (1e-4, 3e-3, 3e-2)]
     assert ks[0] < ks[1] < ks[2]
 
 
 def test_scales_of_picture_and_psf_do_not_move_the_best_weight(blurred):
     _, noisy, psf = blurred
-    k = wiener(measured(noisy, psf, 1e-3), None, "flat").weight
-    assert wiener(measured(50 * noisy, psf, 0.05), None, "flat").weight == k
-    assert wiener(measured(noisy * 0.3, psf * 0.3, 3e-4), None, "flat").weight == k
+    k = wiener(build_observation(noisy, psf, 1e-3), None, "flat").weight
+    assert wiener(build_observation(50 * noisy, psf, 0.05), None, "flat").weight == k
+    assert wiener(build_observation(noisy * 0.3, psf * 0.3, 3e-4), None, "flat").weight == k
 
 
 def test_what_a_filter_leaves_unexplained_is_about_the_noise(blurred):
     _, noisy, psf = blurred
-    assert 0.5 < wiener(measured(noisy, psf, 1e-3)).residual < 1.2
-    assert wiener(measured(noisy, psf[::-1, ::-1].copy() * 0.9, 1e-3), 1e-4, "flat").residual > 0
+    assert 0.5 < wiener(build_observation(noisy, psf, 1e-3)).residual < 1.2
+    assert (
+        wiener(build_observation(noisy, psf[::-1, ::-1].copy() * 0.9, 1e-3), 1e-4, "flat").residual
+        > 0
+    )
 
 
 def test_the_residual_is_what_blurring_again_leaves(blurred):
     """Worked out once somebody asks, from what is then let go."""
     _, noisy, psf = blurred
-    restored = wiener(measured(noisy, psf, 1e-3, "periodic"), 1e-3, "flat")
+    restored = wiener(build_observation(noisy, psf, 1e-3, "periodic"), 1e-3, "flat")
     rows, columns = (np.arange(n) - n // 2 for n in psf.shape)
     kernel = np.zeros(noisy.shape)
     kernel[np.ix_(rows, columns)] = psf
     again = np.fft.ifft2(np.fft.fft2(kernel) * np.fft.fft2(restored.image.numpy())).real
     truth = np.sqrt(np.mean((again - noisy) ** 2)) / 1e-3
-    assert callable(restored.left)
+    assert callable(restored.residual_source)
     assert restored.residual == pytest.approx(truth, rel=1e-3)
-    assert restored.left == restored.residual
+    assert restored.residual_source == restored.residual
 
 
 def test_a_filter_fills_dead_pixels(blurred):
     truth, noisy, psf = blurred
     dead = np.random.default_rng(11).random(noisy.shape) < 0.03
     broken = np.where(dead, 5.0, noisy)
-    seen = measured(broken, psf, 1e-3, weights=(~dead).astype(np.float32))
-    known, naive = wiener(seen).image, wiener(measured(broken, psf, 1e-3)).image
-    whole = wiener(measured(noisy, psf, 1e-3)).image
+    seen = build_observation(broken, psf, 1e-3, weights=(~dead).astype(np.float32))
+    known, naive = wiener(seen).image, wiener(build_observation(broken, psf, 1e-3)).image
+    whole = wiener(build_observation(noisy, psf, 1e-3)).image
     assert psnr(known.numpy(), truth) > psnr(whole.numpy(), truth) - 1.5
     assert psnr(known.numpy(), truth) > psnr(naive.numpy(), truth) + 5
 
@@ -271,8 +274,8 @@ def test_richardson_lucy_equals_the_plain_algorithm_of_what_was_measured(border,
     image, weights = 1 + natural_image(40, 43, 3), rng.uniform(0.2, 2.0, (40, 43))
     weights[10:26, 12:30] = 0
     truth = plainly(image, comet(), 6, weights, border)
-    seen = measured(image, comet(), 1e-3, border, weights * weight)
-    restored = richardson_lucy(seen, 6, accelerated=False, past_noise=True).image.numpy()
+    seen = build_observation(image, comet(), 1e-3, border, weights * weight)
+    restored = richardson_lucy(seen, 6, accelerate=False, continue_past_noise=True).image.numpy()
     assert relative(restored, truth) <= 1e-5
     level = (image * weights).sum() / weights.sum()
     assert restored[18, 21] == pytest.approx(level, rel=1e-6)
@@ -305,9 +308,9 @@ def test_richardson_lucy_raises_the_likelihood_of_the_data(blurred):
 def test_acceleration_does_the_work_of_several_iterations(blurred):
     """As likely after ten as the plain algorithm after twenty."""
     _, noisy, psf = blurred
-    seen = measured(noisy, psf, 1e-3)
-    fast = richardson_lucy(seen, 10, past_noise=True)
-    slow = richardson_lucy(seen, 20, accelerated=False, past_noise=True)
+    seen = build_observation(noisy, psf, 1e-3)
+    fast = richardson_lucy(seen, 10, continue_past_noise=True)
+    slow = richardson_lucy(seen, 20, accelerate=False, continue_past_noise=True)
     assert fast.residual < slow.residual
 
 
@@ -317,8 +320,8 @@ def test_it_ends_where_only_noise_is_left():
     frame = fftconvolve(scene, psf, mode="valid")
     noisy = frame + np.random.default_rng(13).normal(0, 0.02, frame.shape)
     truth = scene[4:-4, 4:-4]
-    ended = richardson_lucy(measured(noisy, psf, 0.02), 200)
-    further = richardson_lucy(measured(noisy, psf, 0.02), 200, past_noise=True)
+    ended = richardson_lucy(build_observation(noisy, psf, 0.02), 200)
+    further = richardson_lucy(build_observation(noisy, psf, 0.02), 200, continue_past_noise=True)
     assert ended.converged
     assert ended.iterations < 100
     assert ended.residual == pytest.approx(1, abs=0.05)
@@ -369,7 +372,7 @@ def test_bad_arguments_are_refused_by_name():
     for k in (0.0, -1.0, math.nan):
         with pytest.raises(ValueError, match=r"weight is .*; it must be positive"):
             filtered(image, psf, k)
-    with pytest.raises(ValueError, match=r"smooth is 'steep'; take one of gradient"):
+    with pytest.raises(ValueError, match=r"penalty_kind is 'steep'; take one of gradient"):
         filtered(image, psf, 0.1, "steep")
     with pytest.raises(ValueError, match=r"iterations is 0; at least 1"):
         likeliest(image, psf, 0)
@@ -391,7 +394,7 @@ def test_bad_arguments_are_refused_by_name():
 def test_the_continued_picture_keeps_its_place_and_has_no_jumps(n, length):
     """The picture in the middle; beyond it nothing exceeds the picture's own values."""
     image = torch.rand(n, n, dtype=torch.float64, generator=torch.Generator().manual_seed(n))
-    whole = continued(image, (length, length))
+    whole = extend_periodically(image, (length, length))
     start = length // 2 - n // 2
     assert torch.equal(whole[start : start + n, start : start + n], image)
     assert whole.min() >= image.min() - 1e-12
@@ -401,15 +404,17 @@ def test_the_continued_picture_keeps_its_place_and_has_no_jumps(n, length):
 def test_next_to_the_picture_stands_its_mirror_image():
     """Beyond the last column, 19, of a ramp: 18 and 17, slowly blended; 19 isn't repeated."""
     ramp = torch.arange(20, dtype=torch.float64).expand(4, 20)
-    whole = continued(ramp, (4, 120))[0, 50:]
+    whole = extend_periodically(ramp, (4, 120))[0, 50:]
     assert whole[19:23].tolist() == pytest.approx([19, 18, 17, 16], abs=0.05)
-    assert continued(ramp, (4, 120))[0, 47:50].tolist() == pytest.approx([3, 2, 1], abs=0.05)
+    assert extend_periodically(ramp, (4, 120))[0, 47:50].tolist() == pytest.approx(
+        [3, 2, 1], abs=0.05
+    )
 
 
 def test_opposite_edges_of_the_continued_picture_meet():
     """A ramp of 20 steps: the seam between its ends is no steeper than a few of its steps."""
     ramp = torch.arange(20, dtype=torch.float64).expand(4, 20)
-    whole = continued(ramp, (8, 60))
+    whole = extend_periodically(ramp, (8, 60))
     seam = torch.roll(whole, 1, -1) - whole
     assert float(seam.abs().max()) < 3
 

@@ -10,8 +10,8 @@ from scipy.signal import fftconvolve
 from test_plug_and_play import chambolle
 
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.choice import METHODS, restore
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.restoration_choice import METHODS, restore
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def blurred():
     psf = np.full((7, 7), 1 / 49)
     frame = fftconvolve(scene, psf, "valid")
     noisy = frame + 0.01 * rng.standard_normal(frame.shape)
-    return scene[3:-3, 3:-3], noisy, measured(noisy.astype(np.float32), psf)
+    return scene[3:-3, 3:-3], noisy, build_observation(noisy.astype(np.float32), psf)
 
 
 def left(picture, sharp):

@@ -12,10 +12,15 @@ from skimage import data
 from test_total_variation import disk
 
 from optics.demosaicing import demosaic
-from optics.demosaicing.colours import Bends, _second, _second_adjoint, brightness_first
-from optics.demosaicing.joint import _BRIGHTNESS, _Splitting
-from optics.demosaicing.mosaiced import Mosaiced
-from optics.demosaicing.noise import noise_of
+from optics.demosaicing.colour_prior import (
+    CurvaturePrior,
+    _second_differences,
+    _second_differences_adjoint,
+    helmert_matrix,
+)
+from optics.demosaicing.joint_demosaicing import _BRIGHTNESS, _Splitting
+from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators import Blur, SpectralMosaic
 from optics.progress import Cancelled, Progress
 
@@ -133,20 +138,23 @@ def test_second_derivatives_have_their_adjoint_and_spectrum():
     rng = np.random.default_rng(4)
     x = torch.from_numpy(rng.standard_normal((2, 6, 7)))
     d = torch.from_numpy(rng.standard_normal((3, 2, 6, 7)))
-    there, back = float((_second(x) * d).sum()), float((x * _second_adjoint(d)).sum())
+    there, back = (
+        float((_second_differences(x) * d).sum()),
+        float((x * _second_differences_adjoint(d)).sum()),
+    )
     assert there == pytest.approx(back)
-    bends = Bends(2, (6, 7), 1.0, 0.1, torch.float64)
-    square = torch.fft.irfft2(torch.fft.rfft2(x) * bends.square, s=(6, 7))
-    assert torch.allclose(_second_adjoint(_second(x)), square)
+    bends = CurvaturePrior(2, (6, 7), 1.0, 0.1, torch.float64)
+    square = torch.fft.irfft2(torch.fft.rfft2(x) * bends.gram_spectrum, s=(6, 7))
+    assert torch.allclose(_second_differences_adjoint(_second_differences(x)), square)
     # Of (y² + 3 x y) / 2, inside: 1 down, 0 along, and 3/2 across both ways.
     y, z = torch.meshgrid(torch.arange(6.0), torch.arange(7.0), indexing="ij")
-    bent = _second((y**2 + 3 * y * z)[None] / 2)[:, 0, 2, 3]
+    bent = _second_differences((y**2 + 3 * y * z)[None] / 2)[:, 0, 2, 3]
     assert bent.tolist() == pytest.approx([1.0, 0.0, 1.5 * math.sqrt(2)])
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 8])
 def test_directions_of_colour_are_orthonormal_and_brightness_is_the_first(bands):
-    turned = brightness_first(bands)
+    turned = helmert_matrix(bands)
     assert torch.allclose(turned @ turned.T, torch.eye(bands, dtype=torch.float64), atol=1e-12)
     assert torch.allclose(turned[0], torch.full((bands,), bands**-0.5, dtype=torch.float64))
 
@@ -164,19 +172,19 @@ def test_splitting_ends_at_the_least_of_its_objective(blurs):
     if psf is not None:
         psf = psf / psf.sum((-2, -1), keepdim=True)
     raw, weight = torch.from_numpy(rng.random(shape)), 0.02
-    problem = Mosaiced(raw, filters, 0.1, psf)
+    problem = MosaicObservation(raw, filters, 0.1, psf)
     splitting = _Splitting(problem, (2, 2), weight)
     for _ in range(500):
         splitting.step()
     x = splitting._x
     point = torch.ones(1, 1, dtype=torch.float64)
-    spread = Blur((point if psf is None else psf).expand(3, -1, -1), problem.whole)
-    camera = SpectralMosaic(filters / problem.gain)
+    spread = Blur((point if psf is None else psf).expand(3, -1, -1), problem.period_shape)
+    camera = SpectralMosaic(filters / problem.filter_gain)
 
     def objective(x):
-        left = camera(problem.seen(spread(x))) - raw / problem.gain
-        turned = torch.tensordot(brightness_first(3), x, 1)
-        second = _second(turned).square().sum(0)
+        left = camera(problem.crop_to_frame(spread(x))) - raw / problem.filter_gain
+        turned = torch.tensordot(helmert_matrix(3), x, 1)
+        second = _second_differences(turned).square().sum(0)
         bends = _BRIGHTNESS * second[0].sqrt() + second[1:].sum(0).sqrt()
         return float((left**2).sum() / 2 + weight * bends.sum())
 
@@ -195,9 +203,9 @@ def test_noise_of_a_mosaic_is_estimated(noise):
     rng = np.random.default_rng(6)
     patches = np.kron(rng.random((3, 4, 4)), np.ones((64, 64)))
     even = torch.from_numpy(mosaic(patches, BAYER, noise))
-    assert noise_of(even, (2, 2)) == pytest.approx(noise, rel=0.1)
+    assert estimate_mosaic_noise(even, (2, 2)) == pytest.approx(noise, rel=0.1)
     scene = np.moveaxis(data.astronaut(), -1, 0)[:, :256, :256] / 255.0
-    found = noise_of(torch.from_numpy(mosaic(scene, BAYER, noise)), (2, 2))
+    found = estimate_mosaic_noise(torch.from_numpy(mosaic(scene, BAYER, noise)), (2, 2))
     assert 0.9 * noise < found < 1.5 * noise + 0.004
 
 

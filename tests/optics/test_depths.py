@@ -10,8 +10,12 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 from skimage import data
 
-from optics.deconvolution.depths import depths, pasted, smooth_depths
-from optics.deconvolution.layered import layered
+from optics.deconvolution.layered_observation import build_layered_observation
+from optics.deconvolution.layered_restoration import (
+    paste_layers,
+    restore_layers,
+    restore_layers_linearly,
+)
 from optics.deconvolution.total_variation import total_variation
 from optics.operators import OccludingBlur, VaryingBlur, layer_weights
 from optics.progress import Cancelled, Progress
@@ -144,8 +148,8 @@ def test_the_smooth_solution_is_that_of_dense_least_squares():
     f = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.fftfreq(shape[1]))
     rough = np.stack([np.fft.ifft2(np.fft.fft2(p) * f**2).real.ravel() for p in points], 1)
     truth = np.linalg.solve(blur.T @ blur + weight * rough, blur.T @ image.ravel())
-    seen = layered(image, psfs, layers, 0.01, "periodic")
-    ours = smooth_depths(seen, weight, occlusion=False, steps=300).image
+    seen = build_layered_observation(image, psfs, layers, 0.01, "periodic")
+    ours = restore_layers_linearly(seen, weight, occlusion=False, steps=300).image
     assert relative(ours, truth.reshape(shape)) <= 1e-4
 
 
@@ -156,15 +160,15 @@ def test_it_ends_where_no_change_lowers_the_objective():
     layers[:, 8:] = 1
     psfs = [comet(3), comet(5)]
     image = gathered(natural_image(*shape, 9), psfs, layers) + rng.normal(0, 0.01, shape)
-    seen = layered(image, psfs, layers, 0.01, "periodic")
-    restored = depths(seen, weight, occlusion=False, iterations=150, inner=15)
-    x = restored.whole.clone().requires_grad_()
-    blur = VaryingBlur(seen.psfs / seen.gain, seen.around)
+    seen = build_layered_observation(image, psfs, layers, 0.01, "periodic")
+    restored = restore_layers(seen, weight, occlusion=False, iterations=150, cg_steps=15)
+    x = restored.period_image.clone().requires_grad_()
+    blur = VaryingBlur(seen.psfs / seen.psf_sum, seen.period_shares)
 
     def objective(picture, smooth=0.0):
         down, along = (torch.roll(picture, -1, axis) - picture for axis in (0, 1))
         length = (down**2 + along**2 + smooth).sqrt().sum()
-        return (blur(picture) - seen.data).square().sum() / 2 + weight * length
+        return (blur(picture) - seen.normalised_image).square().sum() / 2 + weight * length
 
     found = float(objective(x.detach()))
     descent = torch.optim.LBFGS([x], max_iter=300, history_size=30, line_search_fn="strong_wolfe")
@@ -182,10 +186,10 @@ def test_it_ends_where_no_change_lowers_the_objective():
 @pytest.mark.parametrize("model", ["hiding", "adding"])
 def test_together_they_are_better_than_pasted_above_all_at_edges(scene, model):
     truth, layers, psfs, noisy = scene
-    seen = layered(noisy[model], psfs, layers)
+    seen = build_layered_observation(noisy[model], psfs, layers)
     assert seen.noise == pytest.approx(0.01, rel=0.2)
-    ours = depths(seen, occlusion=model == "hiding").image
-    parts = pasted(seen, total_variation)
+    ours = restore_layers(seen, occlusion=model == "hiding").image
+    parts = paste_layers(seen, total_variation)
     at = edges(layers)
     assert psnr(ours, truth) > psnr(noisy[model], truth) + 2
     assert psnr(ours, truth) > psnr(parts, truth) + 0.5
@@ -194,10 +198,10 @@ def test_together_they_are_better_than_pasted_above_all_at_edges(scene, model):
 
 def test_a_model_that_hides_is_worth_it_where_things_do(scene):
     truth, layers, psfs, noisy = scene
-    seen, at = layered(noisy["hiding"], psfs, layers), edges(layers)
-    with_it, without = (depths(seen, occlusion=one).image for one in (True, False))
+    seen, at = build_layered_observation(noisy["hiding"], psfs, layers), edges(layers)
+    with_it, without = (restore_layers(seen, occlusion=one).image for one in (True, False))
     assert psnr(with_it, truth, at) > psnr(without, truth, at) + 3
-    smooth = smooth_depths(seen).image
+    smooth = restore_layers_linearly(seen).image
     assert psnr(smooth, truth) > psnr(noisy["hiding"], truth)
 
 
@@ -205,17 +209,17 @@ def test_one_depth_alone_is_plain_total_variation(scene):
     psfs = scene[2]
     frame = fftconvolve(natural_image(120, 120, 3), psfs[0], mode="valid")
     frame = frame + np.random.default_rng(1).normal(0, 0.01, frame.shape)
-    seen = layered(frame, psfs[:1], np.zeros(frame.shape, int), 0.01)
-    ours = depths(seen, 2e-3, occlusion=False, iterations=100, inner=10).image
-    theirs = total_variation(seen.layer(0), 2e-3, iterations=300).image
+    seen = build_layered_observation(frame, psfs[:1], np.zeros(frame.shape, int), 0.01)
+    ours = restore_layers(seen, 2e-3, occlusion=False, iterations=100, cg_steps=10).image
+    theirs = total_variation(seen.as_single_layer(0), 2e-3, iterations=300).image
     assert relative(ours, theirs) <= 5e-3
 
 
 def test_a_weight_is_found_near_the_best(scene):
     truth, layers, psfs, noisy = scene
-    seen = layered(noisy["hiding"], psfs, layers)
-    own = depths(seen)
-    best = max(psnr(depths(seen, own.weight * 2.0**k).image, truth) for k in (-2, 2))
+    seen = build_layered_observation(noisy["hiding"], psfs, layers)
+    own = restore_layers(seen)
+    best = max(psnr(restore_layers(seen, own.weight * 2.0**k).image, truth) for k in (-2, 2))
     assert psnr(own.image, truth) > best - 0.5
 
 
@@ -225,8 +229,10 @@ def test_clipped_and_dead_pixels_are_filled(scene):
     clipped = noisy["hiding"] > 0.8
     broken = np.where(dead, 7.0, np.minimum(noisy["hiding"], 0.8))
     weights = (~dead).astype(np.float64)
-    known = depths(layered(broken, psfs, layers, weights=weights, clipped=clipped & ~dead)).image
-    whole = depths(layered(noisy["hiding"], psfs, layers)).image
+    known = restore_layers(
+        build_layered_observation(broken, psfs, layers, weights=weights, clipped=clipped & ~dead)
+    ).image
+    whole = restore_layers(build_layered_observation(noisy["hiding"], psfs, layers)).image
     assert psnr(known, truth) > psnr(whole, truth) - 2
     assert float(known.max()) > 0.8
 
@@ -235,7 +241,9 @@ def test_soft_layers_are_taken_as_shares(scene):
     _, layers, psfs, noisy = scene
     shares = np.stack([layers == 0, layers == 1]).astype(float)
     hard, soft = (
-        depths(layered(noisy["hiding"], psfs, one), 1e-3, iterations=3).image
+        restore_layers(
+            build_layered_observation(noisy["hiding"], psfs, one), 1e-3, iterations=3
+        ).image
         for one in (layers, shares)
     )
     assert np.array_equal(hard, soft)
@@ -247,7 +255,9 @@ def test_borders_precision_and_even_pictures(dtype, border):
     layers = np.zeros((21, 24), int)
     layers[5:15, 8:] = 1
     image = np.full((21, 24), 3.0, dtype)
-    found = depths(layered(image, [comet(4), comet(5)], layers, 0.01, border), iterations=5)
+    found = restore_layers(
+        build_layered_observation(image, [comet(4), comet(5)], layers, 0.01, border), iterations=5
+    )
     assert found.image.numpy().dtype == dtype
     assert bool(torch.isfinite(found.image).all())
     if border == "periodic":
@@ -255,34 +265,34 @@ def test_borders_precision_and_even_pictures(dtype, border):
 
 
 def test_progress_is_reported_and_cancelling_stops():
-    seen = layered(np.ones((8, 8)), [comet(3)], np.zeros((8, 8), int), 0.1)
+    seen = build_layered_observation(np.ones((8, 8)), [comet(3)], np.zeros((8, 8), int), 0.1)
     heard = []
-    depths(seen, iterations=2, progress=Progress(lambda f, m: heard.append((f, m))))
+    restore_layers(seen, iterations=2, progress=Progress(lambda f, m: heard.append((f, m))))
     assert heard == [(0.0, "depths 1/2"), (0.5, "depths 2/2")]
     stopped = Progress()
     stopped.cancel()
     with pytest.raises(Cancelled):
-        depths(seen, progress=stopped)
+        restore_layers(seen, progress=stopped)
 
 
 def test_bad_arguments_are_refused_by_name():
     image, layers, psfs = np.ones((8, 9)), np.zeros((8, 9), int), [comet(3), comet(3)]
     with pytest.raises(ValueError, match=r"layers are \(9, 8\); with 2 PSFs"):
-        layered(image, psfs, layers.T)
+        build_layered_observation(image, psfs, layers.T)
     with pytest.raises(ValueError, match=r"layers go from 0 to 2"):
-        layered(image, psfs, layers + 2 * np.eye(8, 9, dtype=int))
+        build_layered_observation(image, psfs, layers + 2 * np.eye(8, 9, dtype=int))
     with pytest.raises(ValueError, match=r"layers miss 1 by 0.5"):
-        layered(image, psfs, np.full((2, 8, 9), 0.75))
+        build_layered_observation(image, psfs, np.full((2, 8, 9), 0.75))
     with pytest.raises(ValueError, match=r"psf sums to 0"):
-        layered(image, [comet(3), 0 * comet(3)], layers)
+        build_layered_observation(image, [comet(3), 0 * comet(3)], layers)
     with pytest.raises(ValueError, match=r"psfs must be one or more"):
-        layered(image, [], layers)
-    seen = layered(image, psfs, layers)
+        build_layered_observation(image, [], layers)
+    seen = build_layered_observation(image, psfs, layers)
     with pytest.raises(ValueError, match=r"weight is -1; it must be positive"):
-        depths(seen, -1.0)
+        restore_layers(seen, -1.0)
     with pytest.raises(ValueError, match=r"power is 2; give one above 0"):
-        depths(seen, power=2.0)
-    with pytest.raises(ValueError, match=r"inner is 0; at least 1"):
-        depths(seen, inner=0)
+        restore_layers(seen, power=2.0)
+    with pytest.raises(ValueError, match=r"cg_steps is 0; at least 1"):
+        restore_layers(seen, cg_steps=0)
     with pytest.raises(ValueError, match=r"as many of both"):
         OccludingBlur(np.ones((2, 3, 3)), np.ones((3, 4, 4)))

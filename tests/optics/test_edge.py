@@ -3,10 +3,10 @@ import pytest
 import torch
 
 from optics.camera import Lens
-from optics.edge import numeric, require_finite, tensors_inside
+from optics.validation import accepts_numpy, require_finite, to_plain_numbers
 
 
-@tensors_inside
+@accepts_numpy
 def doubled(x, *, by=None):
     assert isinstance(x, torch.Tensor)
     return 2 * x if by is None else (2 * x, by * x)
@@ -45,8 +45,8 @@ def test_values_that_are_not_finite_are_counted():
 def test_numbers_stand_for_every_tensor_in_a_description():
     length = torch.tensor(0.125, dtype=torch.float64, requires_grad=True)
     lens = Lens(length, 5.0, aberrations=((2, 0, torch.tensor(1e-7, dtype=torch.float64)),))
-    plain = numeric(lens)
+    plain = to_plain_numbers(lens)
     assert plain == Lens(0.125, 5.0, aberrations=((2, 0, 1e-7),))
     assert isinstance(plain.focal_length, float)
     assert isinstance(plain.aberrations[0][2], float)
-    assert numeric(plain) is plain
+    assert to_plain_numbers(plain) is plain

@@ -9,7 +9,7 @@ import pytest
 import torch
 from judges import direct_transform, positions, relative
 
-from optics.focal import focal_field
+from optics.focal_plane import focal_field
 from optics.plane import Plane
 
 WAVELENGTH, FOCAL = 520e-9, 0.1
@@ -50,7 +50,9 @@ def test_a_gaussian_beam_keeps_its_closed_form(shape, image, before):
     q = -1j * np.pi * waist**2 / WAVELENGTH
     a, b, c, d = 0.0, FOCAL, -1 / FOCAL, 1 - before / FOCAL
     truth = gaussian_beam(image, (a * q + b) / (c * q + d)) / (a + b / q)
-    value = focal_field(gaussian_beam(pupil, q), pupil, image, FOCAL, WAVELENGTH, before=before)
+    value = focal_field(
+        gaussian_beam(pupil, q), pupil, image, FOCAL, WAVELENGTH, distance_before_lens=before
+    )
     assert value.dtype == np.complex128
     assert relative(value, truth) <= 1e-9
 
@@ -60,7 +62,9 @@ def test_a_converging_beam_far_from_the_lens_keeps_its_closed_form():
     pupil, image, before = Plane((256, 256), (8e-6, 8e-6)), Plane((24, 24), (6e-6, 6e-6)), 0.17
     q = 1 / (-1 / 0.3 + 1j * WAVELENGTH / (np.pi * 200e-6**2))
     truth = gaussian_beam(image, FOCAL / (-q / FOCAL + 1 - before / FOCAL)) * q / FOCAL
-    value = focal_field(gaussian_beam(pupil, q), pupil, image, FOCAL, WAVELENGTH, before=before)
+    value = focal_field(
+        gaussian_beam(pupil, q), pupil, image, FOCAL, WAVELENGTH, distance_before_lens=before
+    )
     assert relative(value, truth) <= 1e-6
 
 
@@ -69,9 +73,9 @@ def test_with_the_field_in_the_front_focal_plane_the_phase_is_flat():
     pupil, image = Plane((63, 63), (20e-6, 20e-6)), Plane((40, 41), (15e-6, 15e-6))
     y, x = mesh(pupil)
     field = np.exp(-(y**2 + x**2) / (100e-6) ** 2)
-    flat = focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=FOCAL)
+    flat = focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=FOCAL)
     assert np.abs(flat.real).max() <= 1e-12 * np.abs(flat.imag).max()
-    curved = focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=0.04)
+    curved = focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=0.04)
     y, x = mesh(image)
     turn = np.pi / SCALE * (1 - 0.04 / FOCAL) * (y**2 + x**2)
     assert relative(curved, flat * np.exp(1j * turn)) <= 1e-12
@@ -87,7 +91,7 @@ def test_it_equals_the_direct_sum(shape, before, rng):
     y, x = mesh(image)
     factor = np.exp(1j * np.pi / SCALE * (1 - before / FOCAL) * (y**2 + x**2)) / (1j * SCALE)
     truth = np.array([direct_transform(f, pupil, image, SCALE) for f in field])
-    value = focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=before)
+    value = focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=before)
     assert value.shape == (2, 9, 6)
     assert relative(value, truth * factor * 8e-6 * 9e-6) <= 1e-12
 
@@ -98,7 +102,7 @@ def test_no_light_is_lost(shape, rng):
     pupil = Plane(shape, (10e-6, 14e-6))
     image = full_cell(pupil)
     field = random_field(rng, *shape)
-    value = focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=0.02)
+    value = focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=0.02)
     light = (np.abs(field) ** 2).sum() * pupil.pitch[0] * pupil.pitch[1]
     assert (np.abs(value) ** 2).sum() * image.pitch[0] * image.pitch[1] == pytest.approx(
         light, rel=1e-12
@@ -111,9 +115,14 @@ def test_single_precision_is_pure_and_follows_double(before, rng):
     pupil = Plane((64, 65), (8e-6, 8e-6))
     image = Plane((40, 30), (20e-6, 20e-6), (2.7e-3, -2.6e-3))
     field = random_field(rng, 64, 65)
-    truth = focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=before)
+    truth = focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=before)
     value = focal_field(
-        torch.from_numpy(field).to(torch.complex64), pupil, image, FOCAL, WAVELENGTH, before=before
+        torch.from_numpy(field).to(torch.complex64),
+        pupil,
+        image,
+        FOCAL,
+        WAVELENGTH,
+        distance_before_lens=before,
     )
     assert value.dtype == torch.complex64
     assert relative(value.numpy(), truth) <= 1e-6
@@ -139,7 +148,7 @@ def test_the_gradient_is_the_adjoint(rng):
     pupil, image = Plane((3, 4), (300e-6, 300e-6)), Plane((4, 3), (20e-6, 20e-6), (1e-5, -2e-5))
 
     def forward(field: torch.Tensor) -> torch.Tensor:
-        return focal_field(field, pupil, image, FOCAL, WAVELENGTH, before=0.03)
+        return focal_field(field, pupil, image, FOCAL, WAVELENGTH, distance_before_lens=0.03)
 
     x = torch.from_numpy(random_field(rng, 3, 4)).requires_grad_()
     y = torch.from_numpy(random_field(rng, 4, 3))
@@ -170,8 +179,11 @@ PUPIL = Plane((8, 8), (20e-6, 20e-6))
         ({"focal_length": 0.0}, "focal_length is 0 m; it must be positive"),
         ({"focal_length": -0.1}, "focal_length is -0.1 m; it must be positive"),
         ({"wavelength": math.inf}, "wavelength is inf m; it must be positive and finite"),
-        ({"before": -0.01}, "before is -0.01 m; the field must be in front of the lens"),
-        ({"before": math.nan}, "before is nan m"),
+        (
+            {"distance_before_lens": -0.01},
+            "distance_before_lens is -0.01 m; the field must be in front of the lens",
+        ),
+        ({"distance_before_lens": math.nan}, "distance_before_lens is nan m"),
         (
             {"image_plane": Plane((8, 8), (20e-6, 400e-6))},
             r"image_plane reaches 0.0016 m in x, .* resolve light to 0.0013 m; .* pupil_plane's "

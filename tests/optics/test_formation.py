@@ -10,7 +10,7 @@ from scipy.special import j1
 from optics.formation import (
     form_coherent_image,
     form_image,
-    frequencies,
+    rfft2_frequencies,
     spectrum_of_disc,
     spectrum_of_samples,
 )
@@ -73,7 +73,7 @@ def test_a_disc_has_the_spectrum_of_many_small_samples(shape):
     fine = positions(401, 0.05e-6)
     disc = (fine[:, None] ** 2 + fine[None, :] ** 2 <= (diameter / 2) ** 2) * 1.0
     disc *= 5.0 / disc.sum()
-    fy, fx = (f.numpy() for f in frequencies(plane))
+    fy, fx = (f.numpy() for f in rfft2_frequencies(plane))
     truth = (
         np.exp(-2j * np.pi * fy * fine[None, :]) @ disc @ np.exp(-2j * np.pi * fine[:, None] * fx)
     )
@@ -273,9 +273,9 @@ def test_a_margin_of_half_a_spread_brings_in_all_light(rng):
     assert relative(form_coherent_image(field[3:-3, 3:-3], spread).numpy(), middle.numpy()) > 0.01
 
 
-@pytest.mark.parametrize("name", ["field", "spread"])
+@pytest.mark.parametrize("name", ["field", "amplitude_psf"])
 def test_single_precision_stays_single_in_coherent_light(name, rng):
-    waves = {"field": random_wave(rng, 3, 9, 8), "spread": random_wave(rng, 4, 5)}
+    waves = {"field": random_wave(rng, 3, 9, 8), "amplitude_psf": random_wave(rng, 4, 5)}
     truth = form_coherent_image(**waves)
     single = {n: torch.from_numpy(w).to(torch.complex64) for n, w in waves.items()}
     image = form_coherent_image(**single)
@@ -306,17 +306,18 @@ def test_gradients_pass_through_a_coherent_image(rng):
     ("change", "words"),
     [
         ({"field": torch.ones(8)}, r"field is \(8,\); give \(..., rows, columns\)"),
-        ({"spread": torch.ones(0, 3)}, r"spread is \(0, 3\); give"),
+        ({"amplitude_psf": torch.ones(0, 3)}, r"amplitude_psf is \(0, 3\); give"),
         (
-            {"field": torch.ones(2, 8, 8), "spread": torch.ones(3, 3, 3)},
-            r"field is \(2, 8, 8\) and spread is \(3, 3, 3\); their leading axes must be alike",
+            {"field": torch.ones(2, 8, 8), "amplitude_psf": torch.ones(3, 3, 3)},
+            r"field is \(2, 8, 8\) and amplitude_psf is \(3, 3, 3\); "
+            "their leading axes must be alike",
         ),
         ({"shape": (9, 8)}, r"cannot crop \(8, 8\) to the larger shape \(9, 8\)"),
         ({"field": torch.full((8, 8), math.nan)}, "field has 64 NaN or infinite values of 64"),
-        ({"spread": torch.full((3, 3), math.inf)}, "spread has 9 NaN or infinite"),
+        ({"amplitude_psf": torch.full((3, 3), math.inf)}, "amplitude_psf has 9 NaN or infinite"),
     ],
 )
 def test_what_makes_no_coherent_image_is_refused(change, words):
-    settings = {"field": torch.ones(8, 8), "spread": torch.ones(3, 3)}
+    settings = {"field": torch.ones(8, 8), "amplitude_psf": torch.ones(3, 3)}
     with pytest.raises(ValueError, match=words):
         form_coherent_image(**settings | change)

@@ -9,13 +9,13 @@ from optics.accuracy import Budget, ToleranceError
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
-    Geometry,
+    FourierGeometry,
     GriddedTransform,
     MatrixTransform,
     NonuniformTransform,
+    fast_fft_length,
     plan_transform,
-    quick_length,
-    transforms,
+    valid_transforms,
 )
 from optics.plane import Plane
 
@@ -24,10 +24,10 @@ METHODS = [MatrixTransform, ChirpTransform, CommensurateTransform, GriddedTransf
 PRECISION = [(torch.complex64, 2e-6), (torch.complex128, 1e-11)]
 
 
-def padded(pupil: Plane, shape: tuple[int, int], lengths: tuple[int, int]) -> Geometry:
+def padded(pupil: Plane, shape: tuple[int, int], lengths: tuple[int, int]) -> FourierGeometry:
     """The geometry of an FFT that is padded to `lengths`."""
     pitch = tuple(SCALE / (n * p) for n, p in zip(lengths, pupil.pitch, strict=True))
-    return Geometry(pupil, Plane(shape, pitch), SCALE)
+    return FourierGeometry(pupil, Plane(shape, pitch), SCALE)
 
 
 ON_FFT_GRID = {
@@ -43,12 +43,12 @@ ON_FFT_GRID = {
 }
 ANY_GRID = {
     **ON_FFT_GRID,
-    "anywhere": Geometry(
+    "anywhere": FourierGeometry(
         Plane((7, 10), (8e-6, 6e-6), (1e-4, -3e-4)),
         Plane((9, 6), (3.45e-6, 5e-6), (2e-3, 1e-3)),
         SCALE,
     ),
-    "coarse": Geometry(Plane((8, 5), (4e-4, 3e-4)), Plane((5, 8), (3e-4, 1e-4)), SCALE),
+    "coarse": FourierGeometry(Plane((8, 5), (4e-4, 3e-4)), Plane((5, 8), (3e-4, 1e-4)), SCALE),
 }
 CASES = [
     pytest.param(method, geometry, id=f"{method.name}, {name}")
@@ -57,7 +57,7 @@ CASES = [
 ]
 
 
-def made(method, geometry: Geometry, dtype: torch.dtype):
+def made(method, geometry: FourierGeometry, dtype: torch.dtype):
     """A transform whose own error, if it has one, stays below that of rounding."""
     if method is GriddedTransform:
         return method(geometry, dtype, 1e-7 if dtype == torch.complex64 else 1e-13)
@@ -115,7 +115,9 @@ def test_gradients_pass_both_ways(method):
 @pytest.mark.parametrize("method", [MatrixTransform, ChirpTransform, GriddedTransform])
 def test_single_precision_holds_on_a_long_line(method):
     """2,236 panel pixels reach phases of hundreds of waves; the direct sum judges."""
-    geometry = Geometry(Plane((1, 2236), (8e-6, 8e-6)), Plane((1, 512), (3.45e-6, 3.45e-6)), SCALE)
+    geometry = FourierGeometry(
+        Plane((1, 2236), (8e-6, 8e-6)), Plane((1, 512), (3.45e-6, 3.45e-6)), SCALE
+    )
     rng = np.random.default_rng(3)
     field = np.exp(2j * np.pi * rng.random((1, 2236)))
     truth = direct_transform(field, geometry.pupil, geometry.image, SCALE)
@@ -127,7 +129,7 @@ def test_single_precision_holds_on_a_long_line(method):
 @pytest.mark.parametrize("method", [MatrixTransform, ChirpTransform, GriddedTransform])
 def test_a_window_far_off_axis_keeps_its_precision(method, dtype, bound):
     """A centre 60 mm off the axis turns phases by thousands of waves."""
-    geometry = Geometry(
+    geometry = FourierGeometry(
         Plane((12, 9), (8e-4, 8e-4), (5e-3, 0.0)),
         Plane((7, 8), (3e-6, 3e-6), (60e-3, -55e-3)),
         SCALE,
@@ -141,9 +143,9 @@ def test_a_window_far_off_axis_keeps_its_precision(method, dtype, bound):
 
 def test_all_valid_transforms_are_offered_and_agree():
     for geometry in ON_FFT_GRID.values():
-        found = transforms(geometry, torch.complex128, 1e-6)
+        found = valid_transforms(geometry, torch.complex128, 1e-6)
         assert {type(t) for t in found} == set(METHODS)
-    found = transforms(ANY_GRID["anywhere"], torch.complex128)
+    found = valid_transforms(ANY_GRID["anywhere"], torch.complex128)
     assert {type(t) for t in found} == {MatrixTransform, ChirpTransform}
 
 
@@ -156,23 +158,25 @@ def test_a_grid_that_almost_fits_an_fft_is_not_taken_for_one():
     """A padded length of 16.0005 is no 16: the last sample would be off by a percent of a turn."""
     pupil = Plane((8, 8), (8e-6, 8e-6))
     pitch = SCALE / (16.0005 * 8e-6)
-    geometry = Geometry(pupil, Plane((16, 16), (pitch, pitch)), SCALE)
+    geometry = FourierGeometry(pupil, Plane((16, 16), (pitch, pitch)), SCALE)
     field = random_field((8, 8))
     truth = direct_transform(field, pupil, geometry.image, SCALE)
-    for transform in transforms(geometry, torch.complex128):
+    for transform in valid_transforms(geometry, torch.complex128):
         assert relative(transform(torch.from_numpy(field)).numpy(), truth) <= 1e-11
 
 
 def test_the_plan_is_the_cheapest_that_fits_the_memory():
-    geometry = Geometry(Plane((1080, 1920), (8e-6, 8e-6)), Plane((2, 2), (3.45e-6, 3.45e-6)), SCALE)
+    geometry = FourierGeometry(
+        Plane((1080, 1920), (8e-6, 8e-6)), Plane((2, 2), (3.45e-6, 3.45e-6)), SCALE
+    )
     assert isinstance(plan_transform(geometry), MatrixTransform)
 
 
 def test_without_memory_the_plan_names_what_it_needs():
-    geometry = Geometry(
+    geometry = FourierGeometry(
         Plane((1080, 1920), (8e-6, 8e-6)), Plane((512, 512), (3.45e-6, 3.45e-6)), SCALE
     )
-    least = min(t.bytes for t in transforms(geometry, torch.complex64))
+    least = min(t.bytes for t in valid_transforms(geometry, torch.complex64))
     with pytest.raises(ToleranceError, match=rf"needs {least / 1e6:.0f} MB at least and 1 MB"):
         plan_transform(geometry, budget=Budget(memory=1_000_000))
     assert plan_transform(geometry, budget=Budget(memory=least)).bytes == least
@@ -182,7 +186,7 @@ def test_without_memory_the_plan_names_what_it_needs():
 def test_a_scale_that_is_not_positive_is_refused(scale):
     plane = Plane((2, 2), (1.0, 1.0))
     with pytest.raises(ValueError, match=r"scale .* must be positive"):
-        Geometry(plane, plane, scale)
+        FourierGeometry(plane, plane, scale)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -197,7 +201,7 @@ def test_a_field_of_another_shape_is_refused(method):
 
 def test_a_transform_can_be_named_and_an_unknown_one_is_refused():
     plane = Plane((8, 8), (1e-3, 1e-3))
-    geometry = Geometry(plane, Plane((4, 4), (1e-5, 1e-5)), 1e-7)
+    geometry = FourierGeometry(plane, Plane((4, 4), (1e-5, 1e-5)), 1e-7)
     for name in ("matrix DFT", "chirp-Z"):
         assert plan_transform(geometry, method=name).name == name
     with pytest.raises(ValueError, match=r"method is 'magic'; for a transform .* choose one of"):
@@ -207,7 +211,7 @@ def test_a_transform_can_be_named_and_an_unknown_one_is_refused():
 @pytest.mark.parametrize("error", [1e-1, 1e-3, 1e-5, 1e-8, 1e-12])
 @pytest.mark.parametrize("samples", [(40, 33), (7, 90)])
 def test_gridding_keeps_its_error(samples, error):
-    geometry = Geometry(
+    geometry = FourierGeometry(
         Plane(samples, (9e-5, 7e-5), (1e-4, 0.0)), Plane((21, 24), (4e-6, 3e-6)), SCALE
     )
     field = random_field(samples)
@@ -229,7 +233,7 @@ def test_scattered_points_equal_the_direct_sum(shape, error, few):
     turns = (v[:, None, None] * y + u[None, :, None] * x) / SCALE
     truth = np.sum(field * np.exp(-2j * np.pi * turns), axis=-1)
     transform = NonuniformTransform(
-        torch.from_numpy(y), torch.from_numpy(x), image, SCALE, error, few=few
+        torch.from_numpy(y), torch.from_numpy(x), image, SCALE, error, few_points=few
     )
     assert relative(transform(torch.from_numpy(field)).numpy(), truth) <= 3 * error
     back = torch.from_numpy(random_field(shape, 6))
@@ -240,7 +244,9 @@ def test_scattered_points_equal_the_direct_sum(shape, error, few):
 
 def test_few_points_are_not_for_the_smallest_errors():
     with pytest.raises(ValueError, match=r"error is 1e-10; for few points it is 1e-08 or more"):
-        NonuniformTransform(*torch.zeros(2, 3), Plane((4, 4), (1.0, 1.0)), 1.0, 1e-10, few=True)
+        NonuniformTransform(
+            *torch.zeros(2, 3), Plane((4, 4), (1.0, 1.0)), 1.0, 1e-10, few_points=True
+        )
 
 
 @pytest.mark.parametrize("kind", ["plane", "points"])
@@ -251,7 +257,10 @@ def test_stretch_and_shift_have_the_derivatives_of_the_integral(kind):
     field = torch.from_numpy(random_field(pupil.shape, 7))
     weight = torch.from_numpy(random_field(image.shape, 8))
     if kind == "plane":
-        transform, samples = MatrixTransform(Geometry(pupil, image, SCALE), torch.complex128), field
+        transform, samples = (
+            MatrixTransform(FourierGeometry(pupil, image, SCALE), torch.complex128),
+            field,
+        )
     else:
         y, x = (p.expand(pupil.shape).ravel() for p in pupil.mesh())
         transform, samples = NonuniformTransform(y, x, image, SCALE, 1e-13), field.ravel()
@@ -277,7 +286,7 @@ def test_stretch_and_shift_have_the_derivatives_of_the_integral(kind):
 
 @pytest.mark.parametrize("least", [1, 2, 13, 97, 497, 1055])
 def test_a_quick_length_is_no_shorter_little_longer_and_has_small_factors(least):
-    length = quick_length(least)
+    length = fast_fft_length(least)
     assert least <= length <= 1.125 * least + 1
     left = length
     for factor in (2, 3, 5, 7, 11):
@@ -287,5 +296,5 @@ def test_a_quick_length_is_no_shorter_little_longer_and_has_small_factors(least)
 
 
 def test_a_power_of_two_is_taken_where_it_is_near():
-    assert quick_length(500) == 512
-    assert quick_length(1024) == 1024
+    assert fast_fft_length(500) == 512
+    assert fast_fft_length(1024) == 1024

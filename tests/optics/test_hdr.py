@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from optics.camera import Sensor
-from optics.hdr import CLIPPED, DARK, VALID, merge
+from optics.hdr import CLIPPED, DARK, VALID, merge_bracket
 
 SENSOR = Sensor(
     bits=12, full_well=1e6, gain=2.6, read_noise=2.4, dark_current=1.0, black_level=64.0
@@ -34,7 +34,7 @@ def bracket(rate: float, seed: int, pixels=PIXELS, sensor: Sensor = SENSOR, dark
 
 
 def merged(frames, darks, sensor: Sensor = SENSOR, dark_frames=DARKS):
-    return merge(
+    return merge_bracket(
         torch.from_numpy(frames), torch.from_numpy(EXPOSURES), torch.from_numpy(darks),
         torch.full((len(EXPOSURES),), dark_frames), sensor,
     )  # fmt: skip
@@ -133,7 +133,7 @@ def test_fifteen_stops_of_a_twelve_bit_sensor_stay_in_order():
 def test_the_order_of_exposures_does_not_matter():
     frames, darks = bracket(5e4, seed=7, pixels=50)
     forward = merged(frames, darks)
-    turned = merge(
+    turned = merge_bracket(
         torch.from_numpy(frames[::-1].copy()), torch.from_numpy(EXPOSURES[::-1].copy()),
         torch.from_numpy(darks[::-1].copy()), torch.full((4,), DARKS), SENSOR,
     )  # fmt: skip
@@ -172,4 +172,4 @@ def test_a_bracket_that_does_not_fit_is_refused(change, words):
         "dark_counts": torch.ones(2),
     }
     with pytest.raises(ValueError, match=words):
-        merge(**{**good, **change}, sensor=SENSOR)
+        merge_bracket(**{**good, **change}, sensor=SENSOR)

@@ -9,7 +9,7 @@ from judges import natural_image
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.shrinkage import shrunk
+from optics.deconvolution.shrinkage import shrink
 from optics.deconvolution.wiener import wiener
 from optics.progress import Cancelled, Progress
 
@@ -23,7 +23,7 @@ def test_shrinkage_finds_the_least_of_all_lengths(power, coupling):
     def cost(length, value):
         return np.abs(length) ** power + coupling / 2 * (length - value) ** 2
 
-    found = shrunk(values, power, coupling)
+    found = shrink(values, power, coupling)
     assert np.isfinite(found).all()
     best = np.array([cost(tried * value, value).min() for value in values])
     assert (cost(found, values) <= best * (1 + 1e-6) + 1e-12).all()
@@ -34,7 +34,7 @@ def test_shrinkage_finds_the_least_of_all_lengths(power, coupling):
 def test_soft_thresholding_is_the_case_of_power_one():
     values = np.linspace(-3, 3, 61)
     expected = np.sign(values) * np.maximum(np.abs(values) - 0.5, 0)
-    assert shrunk(values, 1.0, 2.0) == pytest.approx(expected, abs=1e-6)
+    assert shrink(values, 1.0, 2.0) == pytest.approx(expected, abs=1e-6)
 
 
 def test_shrinkage_of_a_half_has_a_closed_form():
@@ -42,7 +42,7 @@ def test_shrinkage_of_a_half_has_a_closed_form():
     for value, beta in ((2.0, 1.0), (3.0, 0.7), (0.5, 40.0)):
         roots = np.roots([1.0, 0.0, -value, 0.5 / beta])
         largest = max(roots.real[np.abs(roots.imag) < 1e-9]) ** 2
-        assert float(shrunk(np.array([value]), 0.5, beta)[0]) == pytest.approx(largest, rel=1e-5)
+        assert float(shrink(np.array([value]), 0.5, beta)[0]) == pytest.approx(largest, rel=1e-5)
 
 
 def objective(x, psf, frame, weight, power):
@@ -90,7 +90,7 @@ def test_it_ends_about_as_low_as_reweighted_least_squares(power):
     problem = seen(frame, psf, 0.01, "periodic")
     costs = {
         rounds: objective(
-            hyper_laplacian(problem, power, weight, rounds=rounds).whole.double().numpy(),
+            hyper_laplacian(problem, power, weight, rounds=rounds).period_image.double().numpy(),
             psf, frame, weight, power,
         )
         for rounds in (4, 10, 40)
@@ -150,7 +150,7 @@ def test_pictures_without_detail_or_light_stay_finite(frame, power):
     (lambda p: hyper_laplacian(p, math.nan), "power is nan"),
     (lambda p: hyper_laplacian(p, weight=-1.0), "weight is -1"),
     (lambda p: hyper_laplacian(p, rounds=1), "rounds is 1"),
-    (lambda p: shrunk(torch.ones(3), 0.5, 0.0), "coupling is 0"),
+    (lambda p: shrink(torch.ones(3), 0.5, 0.0), "coupling is 0"),
 ])  # fmt: skip
 def test_what_doesnt_fit_is_refused_in_words(make, words):
     with pytest.raises(ValueError, match=words):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.constants import Wien, c, h, k, sigma
 
-from optics.light import Spectrum, blackbody, broadband, halogen, monochromatic, tabulated
+from optics.light import Spectrum, blackbody, broadband, halogen, lamp_from_table, monochromatic
 
 
 def planck(wavelength, temperature):
@@ -51,8 +51,8 @@ def test_a_line_has_its_width_and_an_even_lamp_none():
 def test_a_table_is_made_relative_to_its_visible_peak():
     table = Spectrum((300e-9, 500e-9, 900e-9), (9.0, 3.0, 7.0))
     # Brightest of the visible is 400 nm: halfway from 9 to 3.
-    assert tabulated(table).at(400e-9) == pytest.approx(1.0)
-    assert tabulated(table).at(500e-9) == pytest.approx(0.5)
+    assert lamp_from_table(table).at(400e-9) == pytest.approx(1.0)
+    assert lamp_from_table(table).at(500e-9) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_table_is_made_relative_to_its_visible_peak():
         (lambda: monochromatic(0.0), "wavelength is 0 m"),
         (lambda: monochromatic(5e-7, -1e-9), "width is -1e-09 m"),
         (lambda: monochromatic(5e-7, 6e-7), "narrower than its wavelength"),
-        (lambda: tabulated(Spectrum.even(1.0, 800e-9, 900e-9)), "0 from 400 to 720 nm"),
+        (lambda: lamp_from_table(Spectrum.flat(1.0, 800e-9, 900e-9)), "0 from 400 to 720 nm"),
     ],
 )
 def test_a_source_that_cannot_be_is_refused(make, words):

@@ -7,7 +7,7 @@ import pytest
 import torch
 from judges import covered
 
-from optics.chain.openings import Openings
+from optics.chain.stop_mask import BlockwiseStopMask
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
@@ -26,10 +26,10 @@ PLANES = {
 }
 
 
-def cut(openings: Openings, field: torch.Tensor) -> torch.Tensor:
+def cut(openings: BlockwiseStopMask, field: torch.Tensor) -> torch.Tensor:
     """The whole field after the stop."""
     passed = field.clone()
-    for number, rows in enumerate(openings.rows):
+    for number, rows in enumerate(openings.row_blocks):
         openings.apply(passed[rows], number)
     return passed
 
@@ -40,25 +40,25 @@ def test_every_sample_keeps_its_open_share(stop, plane):
     share = covered(stop, RADIUS, plane)
     rng = np.random.default_rng(0)
     field = rng.normal(size=(*plane.shape, 2)) @ (1, 1j)
-    openings = Openings(stop, RADIUS, plane, torch.float64)
+    openings = BlockwiseStopMask(stop, RADIUS, plane, torch.float64)
     passed = cut(openings, torch.from_numpy(field)).numpy()
     assert np.abs(passed - share * field).max() <= 1e-9 * np.abs(field).max()
     power = sum(
-        openings.power(torch.from_numpy(field[rows]), number)
-        for number, rows in enumerate(openings.rows)
+        openings.open_power(torch.from_numpy(field[rows]), number)
+        for number, rows in enumerate(openings.row_blocks)
     )
     assert power == pytest.approx(float((share * np.abs(field) ** 2).sum()), rel=1e-9)
 
 
 def test_blocks_hold_all_rows_once():
-    rows = Openings(Stop(), RADIUS, PLANES["tall, odd"], torch.float64).rows
+    rows = BlockwiseStopMask(Stop(), RADIUS, PLANES["tall, odd"], torch.float64).row_blocks
     assert [n for part in rows for n in range(197)[part]] == list(range(197))
 
 
 def test_shares_are_kept_only_where_the_edge_runs():
     """Of a large grid a round stop's edge takes a small part; what it encloses needs none."""
     plane = Plane((1024, 1024), (2.4e-6, 2.4e-6))
-    blocks = Openings(Stop(), RADIUS, plane, torch.float32).blocks
+    blocks = BlockwiseStopMask(Stop(), RADIUS, plane, torch.float32).segments_by_block
     shares = [s.share for block in blocks for s in block if s.share is not None]
     assert all(share.dtype == torch.float32 for share in shares)
     kept = sum(share.numel() for share in shares)
@@ -70,7 +70,7 @@ def test_shares_are_kept_only_where_the_edge_runs():
 
 def test_a_dark_block_is_closed_without_any_share():
     far = Plane((20, 100), (1e-5, 1e-5), (5e-3, 0.0))
-    openings = Openings(Stop(), RADIUS, far, torch.float64)
+    openings = BlockwiseStopMask(Stop(), RADIUS, far, torch.float64)
     assert not cut(openings, torch.ones(far.shape, dtype=torch.complex128)).any()
-    assert all(s.share is None for block in openings.blocks for s in block)
-    assert openings.power(torch.ones((16, 100), dtype=torch.complex128), 0) == 0
+    assert all(s.share is None for block in openings.segments_by_block for s in block)
+    assert openings.open_power(torch.ones((16, 100), dtype=torch.complex128), 0) == 0

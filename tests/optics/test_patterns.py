@@ -8,7 +8,7 @@ import torch
 from judges import positions
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.patterns import axicon, constant, fresnel_lens
+from optics.patterns import axicon, constant_phase, fresnel_lens
 from optics.psf import PSFOperator
 
 PANEL = Panel()
@@ -21,7 +21,7 @@ def advised(error: ValueError) -> float:
 
 
 def test_a_constant_is_the_same_everywhere():
-    phase = constant(Panel(shape=(2, 3)), 1.5)
+    phase = constant_phase(Panel(shape=(2, 3)), 1.5)
     assert phase.tolist() == [[1.5] * 3] * 2
 
 
@@ -40,9 +40,11 @@ def test_a_fresnel_lens_brings_a_nearer_object_into_focus():
     camera = Camera(panel, Lens(), Sensor(pitch=8e-6))
     lens = fresnel_lens(panel, 1.0, WAVELENGTH)
     near = PSFOperator(
-        camera, 2 / 3, WAVELENGTH, camera.sensor.window((15, 15)), integrate=False, tol=0.1
+        camera, 2 / 3, WAVELENGTH, camera.sensor.window_plane((15, 15)), integrate=False, tol=0.1
     )
-    sharp = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((15, 15)), integrate=False)
+    sharp = PSFOperator(
+        camera, 2.0, WAVELENGTH, camera.sensor.window_plane((15, 15)), integrate=False
+    )
     ideal = float(sharp(torch.zeros(panel.shape)).max())
     assert float(near(lens).max()) == pytest.approx(ideal, rel=0.01)
     assert float(near(torch.zeros(panel.shape)).max()) < 0.6 * ideal
@@ -81,9 +83,9 @@ def test_an_axicon_sends_light_to_a_ring_of_its_radius():
     panel = Panel(shape=(128, 128), pitch=20e-6, unmodulated=0.0)
     camera = Camera(panel, Lens(), Sensor(pitch=10e-6))
     phase = axicon(panel, 300e-6, camera.lens.image_distance, WAVELENGTH)
-    light = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((91, 91)), integrate=False)(
-        phase
-    ).numpy()
+    light = PSFOperator(
+        camera, 2.0, WAVELENGTH, camera.sensor.window_plane((91, 91)), integrate=False
+    )(phase).numpy()
     r = np.hypot(positions(91, 10e-6)[:, None], positions(91, 10e-6)[None, :])
     profile, edges = np.histogram(r, bins=np.arange(0, 450e-6, 10e-6), weights=light)
     assert edges[profile.argmax()] + 5e-6 == pytest.approx(300e-6, abs=25e-6)
@@ -115,6 +117,6 @@ def test_lengths_that_are_not_positive_are_refused_by_name():
 
 def test_patterns_fit_the_panel():
     for panel in (PANEL, replace(PANEL, shape=(5, 4))):
-        assert constant(panel).shape == panel.shape
+        assert constant_phase(panel).shape == panel.shape
         assert fresnel_lens(panel, 10.0, WAVELENGTH).shape == panel.shape
         assert axicon(panel, 1e-5, 0.1, WAVELENGTH).shape == panel.shape

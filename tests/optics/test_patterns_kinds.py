@@ -14,19 +14,19 @@ from scipy.special import jv
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.patterns import (
-    aberrated,
-    annular,
+    annular_phase_mask,
     axicon,
     binary_grating,
     blazed_grating,
-    constant,
-    cubic,
+    constant_phase,
+    cubic_phase_mask,
     fresnel_lens,
     logarithmic_asphere,
     random_patches,
-    sine,
-    steered,
-    superposed,
+    sine_grating,
+    steering_grating,
+    superpose,
+    zernike_pattern,
 )
 from optics.psf import PSFOperator
 
@@ -44,7 +44,7 @@ def mesh(panel: Panel = PANEL) -> tuple[np.ndarray, np.ndarray]:
 
 def picture(phase: torch.Tensor, distance: float = 2.0, side: int = 81) -> np.ndarray:
     """What a point at a distance looks like on the sensor."""
-    pixels = CAMERA.sensor.window((side, side))
+    pixels = CAMERA.sensor.window_plane((side, side))
     return PSFOperator(CAMERA, distance, WAVELENGTH, pixels, integrate=False)(phase).numpy()
 
 
@@ -89,13 +89,13 @@ def test_a_cubic_pattern_is_the_thesis_formula():
     y, x = mesh()
     half = 32 * PANEL.pitch
     truth = 9.0 * ((x / half) ** 3 + (y / half) ** 3)
-    assert np.allclose(cubic(PANEL, 9.0).numpy(), truth)
-    assert np.allclose(cubic(PANEL, 2.0, half / 2).numpy(), truth * 2 / 9 * 8)
+    assert np.allclose(cubic_phase_mask(PANEL, 9.0).numpy(), truth)
+    assert np.allclose(cubic_phase_mask(PANEL, 2.0, half / 2).numpy(), truth * 2 / 9 * 8)
 
 
 def test_a_cubic_pattern_makes_the_psf_indifferent_to_distance():
     """What changes the plain PSF beyond recognition hardly changes the coded one."""
-    coded, plain = cubic(PANEL, 30.0), constant(PANEL)
+    coded, plain = cubic_phase_mask(PANEL, 30.0), constant_phase(PANEL)
     assert similarity(picture(plain), picture(plain, 0.9)) < 0.3
     assert similarity(picture(coded), picture(coded, 0.9)) > 0.95
 
@@ -111,13 +111,13 @@ def test_an_annular_pattern_spreads_light_alike_at_all_distances():
     def change(phase: torch.Tensor) -> float:
         return np.abs(within(phase, 2.0) - within(phase, 0.9)).max()
 
-    assert change(constant(PANEL)) > 0.5
-    assert change(annular(PANEL, 4, 7.0)) < 0.1
+    assert change(constant_phase(PANEL)) > 0.5
+    assert change(annular_phase_mask(PANEL, 4, 7.0)) < 0.1
 
 
 def test_an_annular_pattern_has_so_many_equal_rings():
     panel = Panel(shape=(11, 402), pitch=1e-5)
-    ray = annular(panel, 4, 3.0, 2e-3).numpy()[5, 201:]
+    ray = annular_phase_mask(panel, 4, 3.0, 2e-3).numpy()[5, 201:]
     # 50 pixels a ring: a parabola from 0 over 3 rad back to 0, and nothing beyond 200 pixels.
     inside = (np.arange(50) - 25) / 25
     truth = np.concatenate([np.tile(3.0 * (1 - inside**2), 4), np.zeros(1)])
@@ -159,7 +159,7 @@ def test_a_logarithmic_asphere_lights_its_whole_focal_line():
     phase, about which the rim's wave ripples. A plain lens leaves nothing there."""
 
     def on_axis(phase: torch.Tensor, distance: float) -> float:
-        pixels = LARGE.sensor.window((1, 1))
+        pixels = LARGE.sensor.window_plane((1, 1))
         operator = PSFOperator(LARGE, distance, WAVELENGTH, pixels, integrate=False)
         return float(operator(phase))
 
@@ -171,7 +171,7 @@ def test_a_logarithmic_asphere_lights_its_whole_focal_line():
         field = np.trapezoid(np.exp(-1j * math.pi / WAVELENGTH * path), area)
         return float(abs(field) ** 2 / STOP**4)
 
-    coded, plain = asphere(1.5, 3.0), constant(LARGE.panel)
+    coded, plain = asphere(1.5, 3.0), constant_phase(LARGE.panel)
     best, distances = on_axis(plain, 2.0), np.linspace(1.7, 2.7, 15)
     seen = np.array([on_axis(coded, s) / best for s in distances])
     assert np.allclose(seen, [by_zones(s) for s in distances], rtol=0.01)
@@ -196,7 +196,7 @@ def test_a_logarithmic_asphere_that_cannot_be_is_refused(near, far, message):
 def test_the_rings_of_an_annular_pattern_fill_the_panel():
     """Without a radius, the last one ends in the corners."""
     panel = Panel(shape=(31, 41))
-    phase = annular(panel, 3, 1.0)
+    phase = annular_phase_mask(panel, 3, 1.0)
     width = math.hypot(31, 41) / 2 / 3
     y, x = (np.arange(n) - n // 2 for n in panel.shape)
     place = np.hypot(y[:, None], x) / width
@@ -216,7 +216,7 @@ def test_a_blazed_grating_sends_light_to_one_side(direction):
 
 @pytest.mark.parametrize("shift", [(60e-6, -120e-6), (0.0, 90e-6)])
 def test_a_steered_pattern_shifts_the_psf(shift):
-    assert brightest(steered(PANEL, shift, DISTANCE, WAVELENGTH)) == pytest.approx(
+    assert brightest(steering_grating(PANEL, shift, DISTANCE, WAVELENGTH)) == pytest.approx(
         shift, abs=3.1e-6
     )
 
@@ -242,7 +242,7 @@ def test_the_stripes_of_a_binary_grating_begin_at_the_origin():
 @pytest.mark.parametrize(("period", "amplitude"), [(32, 2.4), (8, 1.1)])
 def test_a_sine_spreads_light_over_orders_as_bessel_functions_do(period, amplitude):
     """exp(i a sin t) = sum of J_k(a) exp(i k t), Jacobi and Anger."""
-    light = orders(sine(Panel(shape=(2, 64)), amplitude, period)[0])
+    light = orders(sine_grating(Panel(shape=(2, 64)), amplitude, period)[0])
     for k in range(4):
         assert light[k * 64 // period] == pytest.approx(jv(k, amplitude) ** 2, abs=2e-4)
 
@@ -251,7 +251,7 @@ def test_a_sine_waves_in_its_direction():
     y, x = mesh()
     along = (x * math.cos(0.4) + y * math.sin(0.4)) / PANEL.pitch
     truth = 1.5 * np.sin(2 * np.pi * along / 20)
-    assert np.allclose(sine(PANEL, 1.5, 20, 0.4).numpy(), truth)
+    assert np.allclose(sine_grating(PANEL, 1.5, 20, 0.4).numpy(), truth)
 
 
 def test_patches_are_rectangles_of_uniform_phases():
@@ -294,7 +294,7 @@ def test_zernike_patterns_are_nolls_polynomials(n, m, truth):
     """Noll 1976, Table I, in radians of a path of 60 nm."""
     y, x = (axis / 1.5e-3 for axis in mesh())
     expected = 2 * math.pi * 60e-9 / WAVELENGTH * truth(np.hypot(y, x), np.arctan2(y, x))
-    phase = aberrated(PANEL, [(n, m, 60e-9)], 1.5e-3, WAVELENGTH)
+    phase = zernike_pattern(PANEL, [(n, m, 60e-9)], 1.5e-3, WAVELENGTH)
     assert np.allclose(phase.numpy(), expected, atol=1e-9)
 
 
@@ -303,65 +303,71 @@ def test_zernike_patterns_undo_the_aberrations_of_a_lens():
     terms = ((4, 0, 80e-9), (3, -1, -90e-9))
     radius = CAMERA.lens.stop_diameter / 2
     aberrant = Camera(PANEL, Lens(aberrations=terms), CAMERA.sensor)
-    pixels = CAMERA.sensor.window((21, 21))
+    pixels = CAMERA.sensor.window_plane((21, 21))
     operator = PSFOperator(aberrant, 2.0, WAVELENGTH, pixels, integrate=False)
     undone = [(n, m, -path) for n, m, path in terms]
-    seen = operator(aberrated(PANEL, undone, radius, WAVELENGTH)).numpy()
-    truth = picture(constant(PANEL), side=21)
+    seen = operator(zernike_pattern(PANEL, undone, radius, WAVELENGTH)).numpy()
+    truth = picture(constant_phase(PANEL), side=21)
     assert similarity(seen, truth) > 0.999
     assert seen.sum() == pytest.approx(truth.sum(), rel=0.01)
 
 
 def test_a_sum_is_a_sum():
-    parts = [sine(PANEL, 1.0, 20), cubic(PANEL, 3.0), constant(PANEL, 2.0)]
-    assert torch.equal(superposed(PANEL, *parts), parts[0] + parts[1] + parts[2])
-    assert not superposed(PANEL).any()
-    given = superposed(PANEL, parts[0].numpy())
+    parts = [sine_grating(PANEL, 1.0, 20), cubic_phase_mask(PANEL, 3.0), constant_phase(PANEL, 2.0)]
+    assert torch.equal(superpose(PANEL, *parts), parts[0] + parts[1] + parts[2])
+    assert not superpose(PANEL).any()
+    given = superpose(PANEL, parts[0].numpy())
     assert isinstance(given, np.ndarray)
 
 
 def test_a_sum_may_be_too_steep_though_its_parts_are_not():
     parts = [blazed_grating(PANEL, 3.0), blazed_grating(PANEL, 4.0)]
     with pytest.raises(ValueError, match=r"the sum changes .* 1\.17 pi .* all by 0\.857 for"):
-        superposed(PANEL, *parts)
-    superposed(PANEL, *(0.857 * part for part in parts))
+        superpose(PANEL, *parts)
+    superpose(PANEL, *(0.857 * part for part in parts))
 
 
 def test_parts_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"a part is \(2, 2\) pixels; the panel has \(48, 64\)"):
-        superposed(PANEL, torch.zeros(2, 2))
+        superpose(PANEL, torch.zeros(2, 2))
 
 
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda: constant(PANEL, math.nan), "phase is nan"),
+        (lambda: constant_phase(PANEL, math.nan), "phase is nan"),
         (lambda: fresnel_lens(PANEL, 1.0, WAVELENGTH, (math.inf, 0.0)), r"centre .* finite"),
-        (lambda: cubic(PANEL, math.inf), "strength is inf"),
-        (lambda: cubic(PANEL, 1.0, 0.0), "radius is 0 m; it must be positive"),
-        (lambda: annular(PANEL, 0, 1.0), "rings is 0; choose 1 to 20"),
-        (lambda: annular(PANEL, 21, 0.1), "rings is 21; choose 1 to 20"),
-        (lambda: annular(PANEL, 3, math.nan), "depth is nan"),
-        (lambda: annular(PANEL, 1, 1.0, 70e-6), "a ring needs at least 8e-05 m"),
+        (lambda: cubic_phase_mask(PANEL, math.inf), "strength is inf"),
+        (lambda: cubic_phase_mask(PANEL, 1.0, 0.0), "radius is 0 m; it must be positive"),
+        (lambda: annular_phase_mask(PANEL, 0, 1.0), "rings is 0; choose 1 to 20"),
+        (lambda: annular_phase_mask(PANEL, 21, 0.1), "rings is 21; choose 1 to 20"),
+        (lambda: annular_phase_mask(PANEL, 3, math.nan), "depth is nan"),
+        (lambda: annular_phase_mask(PANEL, 1, 1.0, 70e-6), "a ring needs at least 8e-05 m"),
         (lambda: blazed_grating(PANEL, 0.0), "period is 0 pixels; it must be positive"),
         (lambda: blazed_grating(PANEL, 5.0, math.nan), "direction is nan"),
-        (lambda: steered(PANEL, (0.0, math.nan), 0.1, WAVELENGTH), "shift .* finite"),
-        (lambda: steered(PANEL, (0.0, 0.0), 0.0, WAVELENGTH), "distance is 0 m"),
+        (lambda: steering_grating(PANEL, (0.0, math.nan), 0.1, WAVELENGTH), "shift .* finite"),
+        (lambda: steering_grating(PANEL, (0.0, 0.0), 0.0, WAVELENGTH), "distance is 0 m"),
         (lambda: binary_grating(PANEL, 1.9, 1.0), "period is 1.9 pixels; stripes need at least 2"),
         (lambda: binary_grating(PANEL, 4, math.inf), "step is inf"),
-        (lambda: sine(PANEL, 0.1, 3.9), "period is 3.9 pixels; choose at least 4"),
-        (lambda: sine(PANEL, math.nan, 8.0), "amplitude is nan"),
+        (lambda: sine_grating(PANEL, 0.1, 3.9), "period is 3.9 pixels; choose at least 4"),
+        (lambda: sine_grating(PANEL, math.nan, 8.0), "amplitude is nan"),
         (
             lambda: random_patches(PANEL, (49, 2), torch.Generator()),
             "patches has 49 rows; choose 1 to 48",
         ),
         (lambda: random_patches(PANEL, (2, 0), torch.Generator()), "0 columns; choose 1 to 64"),
         (lambda: random_patches(PANEL, (2, 2), torch.Generator(), 0.0), "depth is 0 rad"),
-        (lambda: aberrated(PANEL, [(3, 2, 1e-9)], 1e-3, WAVELENGTH), r"\(3, 2\) doesn't exist"),
-        (lambda: aberrated(PANEL, [(2, 0, math.nan)], 1e-3, WAVELENGTH), r"\(2, 0\) is nan m"),
-        (lambda: aberrated(PANEL, [(2, 0, 1e-9)], -1.0, WAVELENGTH), "radius is -1 m"),
-        (lambda: aberrated(PANEL, [(80, 0, 1e-9)], 1e-8, WAVELENGTH), "polynomials overflow"),
-        (lambda: superposed(PANEL, torch.full((48, 64), math.nan)), "a part has 3072 NaN"),
+        (
+            lambda: zernike_pattern(PANEL, [(3, 2, 1e-9)], 1e-3, WAVELENGTH),
+            r"\(3, 2\) doesn't exist",
+        ),
+        (
+            lambda: zernike_pattern(PANEL, [(2, 0, math.nan)], 1e-3, WAVELENGTH),
+            r"\(2, 0\) is nan m",
+        ),
+        (lambda: zernike_pattern(PANEL, [(2, 0, 1e-9)], -1.0, WAVELENGTH), "radius is -1 m"),
+        (lambda: zernike_pattern(PANEL, [(80, 0, 1e-9)], 1e-8, WAVELENGTH), "polynomials overflow"),
+        (lambda: superpose(PANEL, torch.full((48, 64), math.nan)), "a part has 3072 NaN"),
     ],
 )
 def test_what_cannot_be_shown_is_refused_by_name(ask, words):

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from optics.camera import Panel
 from optics.patterns import (
-    aberrated,
-    annular,
+    annular_phase_mask,
     axicon,
     blazed_grating,
-    cubic,
+    cubic_phase_mask,
     fresnel_lens,
-    sine,
-    steered,
+    sine_grating,
+    steering_grating,
+    zernike_pattern,
 )
 
 WAVELENGTH = 550e-9
@@ -74,7 +74,7 @@ def test_of_an_axicon(panel, excess, sign):
 
 @given(panel=PANELS, excess=EXCESS, sign=SIGNS, radius=st.none() | st.floats(1e-4, 1e-2))
 def test_of_a_cubic(panel, excess, sign, radius):
-    judge(lambda s: cubic(panel, s, radius), sign * excess * 10)
+    judge(lambda s: cubic_phase_mask(panel, s, radius), sign * excess * 10)
 
 
 @given(panel=PANELS, excess=EXCESS, sign=SIGNS, share=st.floats(0, 1))
@@ -83,11 +83,11 @@ def test_of_rings(panel, excess, sign, share):
     rings = max(1, round(share * math.floor(radius / 2)))
     if radius < 2:
         with pytest.raises(ValueError, match=r"a ring needs at least"):
-            annular(panel, rings, 1.0)
+            annular_phase_mask(panel, rings, 1.0)
         return
     limit = math.pi * radius / rings / 4
     # A ring's steepest place may lie between pixels.
-    judge(lambda depth: annular(panel, rings, depth), sign * limit * excess, tight=False)
+    judge(lambda depth: annular_phase_mask(panel, rings, depth), sign * limit * excess, tight=False)
 
 
 @given(panel=PANELS, excess=EXCESS, direction=ANGLES)
@@ -105,7 +105,9 @@ def test_of_a_steered_pattern(panel, excess, direction, sign):
     y, x = math.sin(direction), math.cos(direction)
     size = max(abs(y), abs(x))
     judge(
-        lambda shift: steered(panel, (shift * y / size, shift * x / size), 0.13, WAVELENGTH),
+        lambda shift: steering_grating(
+            panel, (shift * y / size, shift * x / size), 0.13, WAVELENGTH
+        ),
         sign * limit * excess,
         tight=min(panel.shape) > 1,
     )
@@ -114,7 +116,7 @@ def test_of_a_steered_pattern(panel, excess, direction, sign):
 @given(panel=PANELS, excess=EXCESS, direction=ANGLES, sign=SIGNS, period=st.floats(4, 500))
 def test_of_a_sine(panel, excess, direction, sign, period):
     judge(
-        lambda amplitude: sine(panel, amplitude, period, direction),
+        lambda amplitude: sine_grating(panel, amplitude, period, direction),
         sign * excess * period / 2,
         tight=False,
     )
@@ -131,7 +133,7 @@ def test_of_aberrations(panel, strength, sign, term):
 
     def make(share: float) -> torch.Tensor:
         path = strength * abs(share)
-        return aberrated(panel, [(*term, path)], radius, WAVELENGTH)
+        return zernike_pattern(panel, [(*term, path)], radius, WAVELENGTH)
 
     judge(make, float(sign))
 
@@ -141,11 +143,11 @@ def test_numbers_beyond_all_reason_are_refused_too():
     for make in (
         lambda: fresnel_lens(panel, 1e-300, WAVELENGTH),
         lambda: fresnel_lens(panel, 1e-320, WAVELENGTH),
-        lambda: cubic(panel, 1e308),
-        lambda: annular(panel, 2, 1e308),
+        lambda: cubic_phase_mask(panel, 1e308),
+        lambda: annular_phase_mask(panel, 2, 1e308),
         lambda: axicon(panel, 1e300, 0.1, WAVELENGTH),
-        lambda: steered(panel, (0.0, 1e300), 0.1, WAVELENGTH),
-        lambda: aberrated(panel, [(2, 0, 1e300)], 1e-4, WAVELENGTH),
+        lambda: steering_grating(panel, (0.0, 1e300), 0.1, WAVELENGTH),
+        lambda: zernike_pattern(panel, [(2, 0, 1e300)], 1e-4, WAVELENGTH),
     ):
         with pytest.raises(ValueError, match=r"must be finite|per pixel|overflow"):
             make()

@@ -52,7 +52,7 @@ def test_the_origin_moves_to_the_corner_and_back(rows, columns):
 @pytest.mark.parametrize("n", [4, 5])
 def test_a_finer_plane_has_the_same_centre_and_field(n, factor):
     plane = Plane((n, n + 1), (6e-6, 3e-6), (1e-3, 0.0))
-    fine = plane.finer(factor)
+    fine = plane.with_finer_pitch(factor)
     assert fine.centre == plane.centre
     for axis in (0, 1):
         field = plane.shape[axis] * plane.pitch[axis]
@@ -74,7 +74,7 @@ def test_a_pitch_that_is_not_positive_is_refused(pitch):
 
 def test_a_refinement_below_one_is_refused():
     with pytest.raises(ValueError, match=r"factor is 0; .*at least 1"):
-        Plane((4, 4), (1e-6, 1e-6)).finer(0)
+        Plane((4, 4), (1e-6, 1e-6)).with_finer_pitch(0)
 
 
 def test_cropping_to_more_and_padding_to_less_are_refused():

@@ -8,7 +8,7 @@ import torch
 from skimage.restoration import denoise_tv_chambolle
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
-from optics.deconvolution.denoiser import Denoiser, denoiser_of
+from optics.deconvolution.denoiser import Denoiser, load_denoiser
 from optics.deconvolution.plug_and_play import plug_and_play
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Cancelled, Progress
@@ -71,23 +71,23 @@ def test_the_network_takes_pictures_of_any_size(shape):
     torch.manual_seed(1)
     network = Denoiser().eval()
     picture = torch.rand(shape)
-    assert network.denoised(picture, 0.1).shape == shape
+    assert network.denoise(picture, 0.1).shape == shape
 
 
 def test_a_picture_twice_as_bright_is_denoised_to_one_twice_as_bright():
     torch.manual_seed(2)
     network, picture = Denoiser().eval(), torch.rand(16, 24)
-    twice = network.denoised(2 * picture, 0.2)
-    assert torch.allclose(twice, 2 * network.denoised(picture, 0.1), atol=1e-5)
+    twice = network.denoise(2 * picture, 0.2)
+    assert torch.allclose(twice, 2 * network.denoise(picture, 0.1), atol=1e-5)
 
 
 def test_weights_that_dont_fit_are_refused():
     torch.manual_seed(3)
     weights = Denoiser().state_dict()
-    again = denoiser_of(weights)
+    again = load_denoiser(weights)
     picture = torch.rand(8, 8)
     assert not any(part.requires_grad for part in again.parameters())
-    assert math.isfinite(float(again.denoised(picture, 0.1).sum()))
+    assert math.isfinite(float(again.denoise(picture, 0.1).sum()))
     weights.popitem()
     with pytest.raises(ValueError, match="weights don't fit"):
-        denoiser_of(weights)
+        load_denoiser(weights)

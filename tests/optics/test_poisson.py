@@ -8,7 +8,7 @@ from scipy.ndimage import convolve
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.poisson import poisson_total_variation
 from optics.deconvolution.total_variation import total_variation
 
@@ -72,7 +72,7 @@ def small():
 
 
 def restored(counts, trust, **how):
-    seen = measured(counts, PSF, 1.0, "periodic", weights=trust)
+    seen = build_observation(counts, PSF, 1.0, "periodic", weights=trust)
     return poisson_total_variation(seen, WEIGHT, iterations=2000, positive=True, **how)
 
 
@@ -107,7 +107,7 @@ def test_few_photons_are_restored_better_than_by_squares():
         frame = rng.poisson(fftconvolve(scene, psf, "valid")).astype(np.float32)
         sharp = scene[3:-3, 3:-3]
         for way, found in ((poisson_total_variation, ours), (total_variation, squares)):
-            left = np.linalg.norm(way(measured(frame, psf)).image.numpy() - sharp)
+            left = np.linalg.norm(way(build_observation(frame, psf)).image.numpy() - sharp)
             found.append(left / np.linalg.norm(frame - sharp))
     assert np.mean(ours) < 0.95 * np.mean(squares)
 
@@ -115,12 +115,14 @@ def test_few_photons_are_restored_better_than_by_squares():
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_no_light_one_photon_and_even_light(dtype):
     for level in (0.0, 1e-30, 7.0):
-        even = poisson_total_variation(measured(np.full((20, 21), level, dtype), PSF)).image
+        even = poisson_total_variation(
+            build_observation(np.full((20, 21), level, dtype), PSF)
+        ).image
         assert np.allclose(even.numpy(), level, rtol=1e-4, atol=1e-35)
     one = np.zeros((20, 21), dtype)
     one[9, 11] = 1
     picture = poisson_total_variation(
-        measured(one, PSF, border="periodic"), 1e-4, iterations=300, positive=True
+        build_observation(one, PSF, border="periodic"), 1e-4, iterations=300, positive=True
     ).image.numpy()
     assert np.isfinite(picture).all()
     assert picture.min() >= 0
@@ -135,7 +137,7 @@ def test_a_full_well_is_at_least_as_bright():
     scene[10:14, 10:14] = 400.0
     light = seen_as(scene)
     clipped = light >= 100
-    seen = measured(np.minimum(light, 100), PSF, 0.1, "periodic", clipped=clipped)
+    seen = build_observation(np.minimum(light, 100), PSF, 0.1, "periodic", clipped=clipped)
     picture = poisson_total_variation(seen, 1e-3, iterations=400).image.numpy()
     assert seen_as(picture)[clipped].min() >= 95
     assert np.abs(seen_as(picture) - light)[:5].max() < 0.2
@@ -147,4 +149,4 @@ def test_a_full_well_is_at_least_as_bright():
 )
 def test_what_can_not_be_asked(how, message):
     with pytest.raises(ValueError, match=message):
-        poisson_total_variation(measured(np.ones((9, 9)), PSF), **how)
+        poisson_total_variation(build_observation(np.ones((9, 9)), PSF), **how)

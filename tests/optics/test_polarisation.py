@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 import torch
 
-from optics.polarisation import Light, PolarisedPath, Polariser, Splitter, linear
+from optics.polarisation import (
+    BeamSplitter,
+    PolarisedPath,
+    Polariser,
+    SourcePolarisation,
+    linear_jones_vector,
+)
 
-LINEAR = Light(1.0)
-POLARISING = Splitter((1.0, 0.0), (0.0, 1.0))
+LINEAR = SourcePolarisation(1.0)
+POLARISING = BeamSplitter((1.0, 0.0), (0.0, 1.0))
 
 
 def power(vector: torch.Tensor) -> float:
@@ -22,7 +28,7 @@ def power(vector: torch.Tensor) -> float:
 @pytest.mark.parametrize("degrees", [0, 20, 45, 70, 90, 135])
 def test_malus_law(degrees):
     angle = math.radians(degrees)
-    passed = power(Polariser(angle).jones @ linear(0.0))
+    passed = power(Polariser(angle).jones_matrix @ linear_jones_vector(0.0))
     assert passed == pytest.approx(math.cos(angle) ** 2, abs=1e-15)
 
 
@@ -30,8 +36,10 @@ def test_malus_law(degrees):
 def test_crossed_polarisers_pass_what_their_extinction_leaves(extinction):
     """Of natural light, half along and half across: each is dimmed once, 1 / extinction."""
     first, second = (Polariser(angle, extinction) for angle in (0.3, 0.3 + math.pi / 2))
-    natural = [(float(share), wave) for share, wave in Light().waves]
-    passed = sum(share * power(second.jones @ first.jones @ wave) for share, wave in natural)
+    natural = [(float(share), wave) for share, wave in SourcePolarisation().incoherent_components]
+    passed = sum(
+        share * power(second.jones_matrix @ first.jones_matrix @ wave) for share, wave in natural
+    )
     assert passed == pytest.approx(1 / extinction, abs=1e-15)
 
 
@@ -58,7 +66,7 @@ def test_an_aligned_polariser_leaves_what_its_extinction_says():
 def test_light_without_a_polariser_is_modulated_as_far_as_it_is_polarised():
     """Intensities along and across of linear light of a degree: (1 ± degree cos 2a) / 2."""
     degree, angle = 0.6, 0.5
-    effect = PolarisedPath(Light(degree, angle)).effect()
+    effect = PolarisedPath(SourcePolarisation(degree, angle)).effect()
     assert float(effect.unmodulated) == pytest.approx((1 - degree * math.cos(2 * angle)) / 2)
     assert float(effect.transmission) == pytest.approx(1.0)
     assert float(PolarisedPath().effect().unmodulated) == pytest.approx(0.5)
@@ -66,7 +74,7 @@ def test_light_without_a_polariser_is_modulated_as_far_as_it_is_polarised():
 
 def test_a_splitter_that_does_not_polarise_dims_and_does_nothing_else():
     alone = PolarisedPath(polariser=Polariser(0.2, 500.0)).effect()
-    cube = Splitter((0.45, 0.45), (0.4, 0.4), angle=0.9)
+    cube = BeamSplitter((0.45, 0.45), (0.4, 0.4), angle=0.9)
     through = PolarisedPath(polariser=Polariser(0.2, 500.0), splitter=cube).effect()
     assert float(through.transmission) == pytest.approx(0.45 * 0.4 * float(alone.transmission))
     assert float(through.unmodulated) == pytest.approx(float(alone.unmodulated))
@@ -76,7 +84,7 @@ def test_a_splitter_that_does_not_polarise_dims_and_does_nothing_else():
 @pytest.mark.parametrize("first", ["transmitted", "reflected"])
 def test_a_splitter_along_the_panel_weighs_both_polarisations(first):
     """Powers of the axes multiply: cos² tp rp modulated, and sin² ts rs unmodulated."""
-    angle, cube = 0.3, Splitter((0.6, 0.4), (0.3, 0.5))
+    angle, cube = 0.3, BeamSplitter((0.6, 0.4), (0.3, 0.5))
     effect = PolarisedPath(LINEAR, Polariser(angle), cube, first=first).effect()
     m, u = math.cos(angle) ** 4 * 0.6 * 0.3, math.cos(angle) ** 2 * math.sin(angle) ** 2 * 0.2
     assert float(effect.transmission) == pytest.approx(m + u)
@@ -94,8 +102,8 @@ def test_a_polarising_splitter_along_the_panel_passes_nothing_back():
 def test_a_polarising_splitter_at_45_degrees_makes_the_panel_a_switch():
     """p at 45° excites both axes alike; s takes half of each, in opposite sign: an intensity
     modulator, whose light is (1 - cos pattern) / 2."""
-    cube = Splitter((1.0, 0.0), (0.0, 1.0), angle=math.pi / 4)
-    effect = PolarisedPath(Light(1.0, math.pi / 4), splitter=cube).effect()
+    cube = BeamSplitter((1.0, 0.0), (0.0, 1.0), angle=math.pi / 4)
+    effect = PolarisedPath(SourcePolarisation(1.0, math.pi / 4), splitter=cube).effect()
     assert float(effect.transmission) == pytest.approx(0.5)
     assert float(effect.unmodulated) == pytest.approx(0.5)
     assert complex(effect.interference) == pytest.approx(-1.0)
@@ -118,10 +126,12 @@ def test_a_polariser_between_splitter_and_panel_is_passed_twice():
 
 def elements():
     for angle, turn, extinction in product((0.0, 0.4), (0.0, 0.6), (30.0, math.inf)):
-        cube = Splitter((0.9, 0.2), (0.05, 0.75), angle=turn)
+        cube = BeamSplitter((0.9, 0.2), (0.05, 0.75), angle=turn)
         for analyser in (None, Polariser(0.8, extinction)):
-            yield PolarisedPath(Light(0.3, 1.0), Polariser(angle, extinction), cube, analyser)
-            yield PolarisedPath(Light(), None, cube, analyser, first="reflected")
+            yield PolarisedPath(
+                SourcePolarisation(0.3, 1.0), Polariser(angle, extinction), cube, analyser
+            )
+            yield PolarisedPath(SourcePolarisation(), None, cube, analyser, first="reflected")
 
 
 @pytest.mark.parametrize("path", list(elements()))
@@ -163,8 +173,8 @@ def brute_force(path: PolarisedPath, phase: np.ndarray, delay: float) -> np.ndar
 @pytest.mark.parametrize("analyser", [None, Polariser(0.7, 200.0)])
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_the_light_behind_a_pattern_is_that_of_both_polarisations_carried_through(analyser, turn):
-    cube = Splitter((0.7, 0.3), (0.2, 0.6), angle=turn)
-    path = PolarisedPath(Light(0.4, 0.2), Polariser(0.3, 40.0), cube, analyser)
+    cube = BeamSplitter((0.7, 0.3), (0.2, 0.6), angle=turn)
+    path = PolarisedPath(SourcePolarisation(0.4, 0.2), Polariser(0.3, 40.0), cube, analyser)
     phase = np.random.default_rng(0).uniform(0, 2, (6, 8))
     delay = 1.1
     p = np.fft.fft2(np.exp(1j * phase)) / math.sqrt(phase.size)
@@ -180,10 +190,10 @@ def test_the_light_behind_a_pattern_is_that_of_both_polarisations_carried_throug
 
 
 def made(angle, extinction, transmission, tp, ts, rp, rs, turn, degree, at, second):
-    cube = Splitter((tp, ts), (rp, rs), turn)
+    cube = BeamSplitter((tp, ts), (rp, rs), turn)
     analyser = Polariser(second, 50.0)
     return PolarisedPath(
-        Light(degree, at), Polariser(angle, extinction, transmission), cube, analyser
+        SourcePolarisation(degree, at), Polariser(angle, extinction, transmission), cube, analyser
     )
 
 
@@ -202,7 +212,9 @@ def test_ideal_elements_have_finite_derivatives():
     angle, transmission, degree, extinction = (
         torch.tensor(n, dtype=torch.float64, requires_grad=True) for n in (0.0, 1.0, 1.0, math.inf)
     )
-    path = PolarisedPath(Light(degree, 0.2), Polariser(angle, extinction, transmission))
+    path = PolarisedPath(
+        SourcePolarisation(degree, 0.2), Polariser(angle, extinction, transmission)
+    )
     sum(path.effect()[:2]).backward()
     for one in (angle, transmission, degree, extinction):
         assert torch.isfinite(one.grad)
@@ -216,15 +228,15 @@ def test_ideal_elements_have_finite_derivatives():
         (lambda: Polariser(transmission=0.0), "transmission is 0"),
         (lambda: Polariser(transmission=1.1), "transmission is 1.1"),
         (lambda: Polariser(math.inf), "angle is inf"),
-        (lambda: Light(1.5), "degree is 1.5"),
-        (lambda: Light(0.5, math.nan), "angle is nan"),
-        (lambda: Splitter((0.7, 0.5), (0.4, 0.5)), "of p light sum to 1.1"),
-        (lambda: Splitter((0.5, 0.5), (-0.1, 0.5)), "reflected is -0.1"),
-        (lambda: Splitter((0.5,), (0.5, 0.5)), "transmitted has 1 shares"),
-        (lambda: Splitter(angle=math.inf), "angle is inf"),
+        (lambda: SourcePolarisation(1.5), "degree is 1.5"),
+        (lambda: SourcePolarisation(0.5, math.nan), "angle is nan"),
+        (lambda: BeamSplitter((0.7, 0.5), (0.4, 0.5)), "of p light sum to 1.1"),
+        (lambda: BeamSplitter((0.5, 0.5), (-0.1, 0.5)), "reflected is -0.1"),
+        (lambda: BeamSplitter((0.5,), (0.5, 0.5)), "transmitted has 1 shares"),
+        (lambda: BeamSplitter(angle=math.inf), "angle is inf"),
         (lambda: PolarisedPath(first="through"), "first is 'through'"),
         (
-            lambda: Splitter((torch.tensor(0.0, requires_grad=True), 0.5)),
+            lambda: BeamSplitter((torch.tensor(0.0, requires_grad=True), 0.5)),
             "transmitted is 0 and its derivative",
         ),
         (

@@ -25,8 +25,8 @@ def test_cancelling_the_whole_stops_its_parts_and_the_other_way_round():
     whole = Progress()
     part = whole.part(0, 1)
     part.cancel()
-    assert whole.cancelled
+    assert whole.is_cancelled
     with pytest.raises(Cancelled):
         whole.report(0.5)
     with pytest.raises(Cancelled):
-        part.check()
+        part.raise_if_cancelled()

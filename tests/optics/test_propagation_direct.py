@@ -10,10 +10,10 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
-from optics.propagation.gauss import gauss_nodes
+from optics.propagation.quadrature_nodes import gauss_nodes
 from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
-from optics.propagation.replicas import copies_miss
-from optics.propagation.span import Span
+from optics.propagation.replicas import replicas_miss_target
+from optics.propagation.span import FreeSpaceSpan
 
 WAVELENGTH = 500e-9
 K = 2 * math.pi / WAVELENGTH
@@ -39,7 +39,7 @@ def beam_on(span, start):
     source = torch.from_numpy(complex_source(y, x, start))
     n, target = span.numeric, span.target
     y, x = ((p - c).numpy() for p, c in zip(target.mesh(), target.centre, strict=True))
-    places = n.place(*np.broadcast_arrays(y, x))
+    places = n.target_position(*np.broadcast_arrays(y, x))
     there = complex_source(places[0], places[1], start + places[2])
     return source, there * np.exp(-1j * K * n.distance)
 
@@ -47,7 +47,7 @@ def beam_on(span, start):
 def error_of(answer, expected, span, field):
     """L2 error on the target over the light of the source."""
     wrong = np.sum(np.abs(answer.numpy() - expected) ** 2) * math.prod(span.target.pitch)
-    return math.sqrt(wrong / float((field.abs() ** 2).sum() * span.area))
+    return math.sqrt(wrong / float((field.abs() ** 2).sum() * span.sample_area))
 
 
 def random_field(shape, seed=0):
@@ -59,7 +59,7 @@ def random_field(shape, seed=0):
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.02, -0.015)])
 def test_a_steep_beam_goes_where_helmholtz_says(distance, tilt):
     target = Plane((9, 12), (0.4e-6, 0.3e-6), (1e-6, -0.5e-6))
-    span = Span(SOURCE, target, distance, WAVELENGTH, band=BAND, tilt=tilt, tol=1e-5)
+    span = FreeSpaceSpan(SOURCE, target, distance, WAVELENGTH, band=BAND, tilt=tilt, tol=1e-5)
     field, expected = beam_on(span, 2e-6)
     method = DirectQuadrature(span)
     assert method.error.value + method.arithmetic <= span.tol
@@ -68,14 +68,14 @@ def test_a_steep_beam_goes_where_helmholtz_says(distance, tilt):
 
 def test_a_strongly_tilted_target():
     target = Plane((8, 9), (0.7e-6, 0.7e-6), (0.0, 0.5e-6))
-    span = Span(SOURCE, target, 2e-5, WAVELENGTH, band=BAND, tilt=(0.9, -0.6), tol=1e-5)
+    span = FreeSpaceSpan(SOURCE, target, 2e-5, WAVELENGTH, band=BAND, tilt=(0.9, -0.6), tol=1e-5)
     field, expected = beam_on(span, 1e-6)
     assert error_of(DirectQuadrature(span).forward(field), expected, span, field) < 1e-6
 
 
 def test_a_tilt_through_the_source_is_refused():
     target = Plane((8, 9), (0.7e-6, 0.7e-6))
-    span = Span(SOURCE, target, 2e-6, WAVELENGTH, band=BAND, tilt=(1.2, 0.0), tol=1e-5)
+    span = FreeSpaceSpan(SOURCE, target, 2e-6, WAVELENGTH, band=BAND, tilt=(1.2, 0.0), tol=1e-5)
     with pytest.raises(ValueError, match="through the source's plane"):
         DirectQuadrature(span)
 
@@ -94,7 +94,7 @@ def cells_by_numpy(span, field, nodes):
                     h = abs(z) / (2 * np.pi * r**2) * (1 / r - 1j * K)
                     h = h * np.exp(1j * K * (r - abs(z)))
                     total += field[j, i].item() * wy * wx * (h if z > 0 else h.conj())
-    return total * span.area
+    return total * span.sample_area
 
 
 @pytest.mark.parametrize("distance", [2e-6, 4e-5, -4e-5])
@@ -102,7 +102,7 @@ def cells_by_numpy(span, field, nodes):
 def test_cells_keep_every_tolerance(distance, tol):
     source = Plane((5, 4), (2e-6, 3e-6), (1e-6, 0.0))
     target = Plane((6, 3), (1.5e-6, 2e-6), (-1e-6, 4e-6))
-    span = Span(source, target, distance, WAVELENGTH, cells=(2e-6, 2.5e-6), tol=tol)
+    span = FreeSpaceSpan(source, target, distance, WAVELENGTH, cells=(2e-6, 2.5e-6), tol=tol)
     field = random_field(source.shape)
     method = DirectQuadrature(span)
     expected = cells_by_numpy(span, field, 30)
@@ -115,7 +115,7 @@ def test_cells_side_by_side_are_one_cell():
     tiles = Plane((8, 8), (1e-6, 1e-6), (1e-6, 0.0))
     answers = []
     for plane in (hole, tiles):
-        span = Span(plane, ANY, 3e-5, WAVELENGTH, cells=plane.pitch, tol=1e-9)
+        span = FreeSpaceSpan(plane, ANY, 3e-5, WAVELENGTH, cells=plane.pitch, tol=1e-9)
         answers.append(DirectQuadrature(span).forward(torch.ones(plane.shape)))
     assert torch.allclose(*answers, rtol=0, atol=1e-9 * float(answers[0].abs().max()))
 
@@ -139,7 +139,7 @@ def test_a_disc_of_cells_on_its_axis():
         share = open_part.reshape(count, fine, count, fine).mean(axis=(1, 3))
         plane = Plane((count, count), (side, side))
         axis = Plane((1, 1), (1e-7, 1e-7))
-        span = Span(plane, axis, z, WAVELENGTH, cells=(side, side), tol=1e-6)
+        span = FreeSpaceSpan(plane, axis, z, WAVELENGTH, cells=(side, side), tol=1e-6)
         light = DirectQuadrature(span).forward(torch.from_numpy(share)).item()
         errors.append(abs(light - disc_on_axis(radius, z)))
     assert errors[0] < 4e-3
@@ -149,7 +149,7 @@ def test_a_disc_of_cells_on_its_axis():
 def test_samples_that_send_copies_are_made_finer():
     target = Plane((9, 8), (0.4e-6, 0.3e-6))
     coarse = Plane((32, 32), (0.5e-6, 0.5e-6))
-    near = Span(coarse, target, 1e-6, WAVELENGTH, band=(1e6, 1e6), tol=1e-3)
+    near = FreeSpaceSpan(coarse, target, 1e-6, WAVELENGTH, band=(1e6, 1e6), tol=1e-3)
     field, expected = beam_on(near, 1e-6)
     method = DirectQuadrature(near)
     assert min(method._factors) > 1
@@ -160,11 +160,11 @@ def test_samples_that_send_copies_are_made_finer():
 
 def test_a_band_that_leaves_no_gap_has_copies_that_cannot_be_missed():
     kappa = 1e-7
-    assert copies_miss((-1e4, 1e4), 1e-5, (-3e4, 3e4), kappa, 1e-4)
-    assert not copies_miss((-5e4, 5e4), 1e-5, (-3e4, 3e4), kappa, 1e-4)
+    assert replicas_miss_target((-1e4, 1e4), 1e-5, (-3e4, 3e4), kappa, 1e-4)
+    assert not replicas_miss_target((-5e4, 5e4), 1e-5, (-3e4, 3e4), kappa, 1e-4)
     # A bandpass field far off the target: neither it nor its copies go there.
-    assert copies_miss((2.45e5, 2.55e5), 1e-5, (-1e4, 1e4), kappa, 1e-4)
-    assert not copies_miss((1.95e5, 2.05e5), 1e-5, (-1e4, 1e4), kappa, 1e-4)
+    assert replicas_miss_target((2.45e5, 2.55e5), 1e-5, (-1e4, 1e4), kappa, 1e-4)
+    assert not replicas_miss_target((1.95e5, 2.05e5), 1e-5, (-1e4, 1e4), kappa, 1e-4)
 
 
 @pytest.mark.parametrize("cells", [None, (2e-6, 2e-6)])
@@ -175,7 +175,9 @@ def test_the_adjoint_is_the_conjugate_transpose(cells, paraxial, distance, shape
     source, target = (
         Plane(s, p.pitch, p.centre) for s, p in zip(shapes, (SMALL, ANY), strict=True)
     )
-    span = Span(source, target, distance, WAVELENGTH, cells=cells, paraxial=paraxial, tol=1e-4)
+    span = FreeSpaceSpan(
+        source, target, distance, WAVELENGTH, cells=cells, paraxial=paraxial, tol=1e-4
+    )
     method = DirectQuadrature(span)
     there, back = random_field((2, *shapes[0])), random_field((2, *shapes[1]), 1)
     one = (method.forward(there) * back.conj()).sum()
@@ -189,7 +191,7 @@ def test_the_adjoint_is_the_conjugate_transpose(cells, paraxial, distance, shape
 def test_derivatives(cells, paraxial, sign):
     def light(field, distance, wavelength, y, x):
         target = Plane(ANY.shape, ANY.pitch, (1e-6 * y, 1e-6 * x))
-        span = Span(
+        span = FreeSpaceSpan(
             SMALL, target, sign * 1e-5 * distance, 1e-7 * wavelength,
             cells=cells, paraxial=paraxial, tilt=(0.1, 0.2), tol=1e-4,
         )  # fmt: skip
@@ -203,7 +205,7 @@ def test_derivatives(cells, paraxial, sign):
 
 
 def test_the_adjoint_is_differentiable_too():
-    span = Span(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-2)
+    span = FreeSpaceSpan(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-2)
     back = random_field(ANY.shape).requires_grad_()
     assert torch.autograd.gradcheck(DirectQuadrature(span).adjoint, back)
 
@@ -212,7 +214,7 @@ def test_memory_is_bounded_and_time_is_that_of_all_pairs():
     speed = MachineSpeed()
     small, large = (
         DirectQuadrature(
-            Span(Plane((n, n), (8e-6, 8e-6)), Plane((n, n), (5e-6, 5e-6)), 1.0, WAVELENGTH,
+            FreeSpaceSpan(Plane((n, n), (8e-6, 8e-6)), Plane((n, n), (5e-6, 5e-6)), 1.0, WAVELENGTH,
                  cells=(8e-6, 8e-6), tol=1e-2)
         )
         for n in (100, 1000)
@@ -222,28 +224,30 @@ def test_memory_is_bounded_and_time_is_that_of_all_pairs():
 
 
 def test_tiles_change_nothing(monkeypatch):
-    span = Span(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-4)
+    span = FreeSpaceSpan(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-4)
     field, back = random_field(SMALL.shape), random_field(ANY.shape)
     method = DirectQuadrature(span)
     there, here = method.forward(field), method.adjoint(back)
     monkeypatch.setattr("optics.propagation.rayleigh_sommerfeld._PAIRS", 50)
-    monkeypatch.setattr("optics.propagation.rayleigh_sommerfeld._SUMMED", 10)
+    monkeypatch.setattr("optics.propagation.rayleigh_sommerfeld._TILE_SOURCE_POINTS", 10)
     assert torch.allclose(method.forward(field), there, rtol=1e-12, atol=0)
     assert torch.allclose(method.adjoint(back), here, rtol=1e-12, atol=0)
 
 
 def test_too_many_points_are_refused_before_any_is_made():
     wide = Plane((64, 64), (1e-3, 1e-3))
-    near = Span(wide, wide, 1e-3, WAVELENGTH, cells=(1e-3, 1e-3), tol=1e-3, budget=Budget(1 << 20))
+    near = FreeSpaceSpan(
+        wide, wide, 1e-3, WAVELENGTH, cells=(1e-3, 1e-3), tol=1e-3, budget=Budget(1 << 20)
+    )
     with pytest.raises(ToleranceError, match="direct quadrature"):
         DirectQuadrature(near)
-    smooth = Span(wide, wide, 1e-3, WAVELENGTH, tol=1e-3)
+    smooth = FreeSpaceSpan(wide, wide, 1e-3, WAVELENGTH, tol=1e-3)
     with pytest.raises(ToleranceError, match="direct quadrature"):
         DirectQuadrature(smooth)
 
 
 def test_a_tolerance_below_rounding_is_refused():
-    span = Span(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-14)
+    span = FreeSpaceSpan(SMALL, ANY, 3e-5, WAVELENGTH, cells=(2e-6, 2e-6), tol=1e-14)
     with pytest.raises(ToleranceError, match="ask for tol") as refusal:
         DirectQuadrature(span)
     # What is asked for leaves room for the quadrature's own error.
@@ -283,7 +287,7 @@ def test_a_paraxial_cell_whose_phase_bends_keeps_every_tolerance(tol):
     """A cell's field by scipy's Fresnel integrals."""
     cell, z = Plane((1, 1), (14e-6, 8e-6)), 1e-3
     target = Plane((4, 3), (5e-6, 6e-6), (3e-6, -2e-6))
-    span = Span(cell, target, z, WAVELENGTH, cells=cell.pitch, paraxial=True, tol=tol)
+    span = FreeSpaceSpan(cell, target, z, WAVELENGTH, cells=cell.pitch, paraxial=True, tol=tol)
     method = DirectQuadrature(span)
     root = math.sqrt(WAVELENGTH * z / 2)
     along = []
@@ -306,7 +310,9 @@ def test_copies_of_a_paraxial_beam_do_not_die_beyond_the_wavelength(distance):
         q = 1 + 1j * WAVELENGTH * z / (math.pi * WAIST**2)
         return np.exp(-(y**2 + x**2) / (WAIST**2 * q)) / q
 
-    span = Span(source, target, distance, WAVELENGTH, paraxial=True, band=(1.2e6, 1.2e6), tol=1e-5)
+    span = FreeSpaceSpan(
+        source, target, distance, WAVELENGTH, paraxial=True, band=(1.2e6, 1.2e6), tol=1e-5
+    )
     field, method = torch.from_numpy(beam(source, 0.0)), DirectQuadrature(span)
     wrong = error_of(method.forward(field), beam(target, distance), span, field)
     assert wrong <= method.error.value + method.arithmetic <= span.tol

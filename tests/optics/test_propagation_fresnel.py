@@ -9,14 +9,14 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
-from optics.propagation.chirped import cell_error
-from optics.propagation.finer import finer, finer_adjoint
+from optics.propagation.chirped import envelope_error
 from optics.propagation.fresnel_integral import mean_chirp
 from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.fresnel_single import SingleFresnel
 from optics.propagation.fresnel_two_step import TwoStepFresnel
 from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
-from optics.propagation.span import Span
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.upsampling import upsample, upsample_adjoint
 
 WAVELENGTH = 500e-9
 METHODS = (FresnelMatrices, SingleFresnel, TwoStepFresnel)
@@ -31,7 +31,7 @@ def random_field(shape, seed=0):
 def error_of(answer, expected, span, field):
     """L2 error on the target over the light of the source."""
     wrong = np.sum(np.abs(answer.numpy() - expected) ** 2) * math.prod(span.target.pitch)
-    return math.sqrt(wrong / float((field.abs() ** 2).sum() * span.area))
+    return math.sqrt(wrong / float((field.abs() ** 2).sum() * span.sample_area))
 
 
 def slit(x, side, scale):
@@ -49,7 +49,7 @@ def test_a_rectangular_aperture_in_the_near_field(method, distance):
     side = (0.5e-3, 0.4e-3)
     source = Plane((1, 1), side, (0.1e-3, -0.05e-3))
     target = Plane((40, 61), (12e-6, 9e-6), (0.2e-3, 0.0))
-    span = Span(source, target, distance, WAVELENGTH, cells=side, paraxial=True, tol=1e-7)
+    span = FreeSpaceSpan(source, target, distance, WAVELENGTH, cells=side, paraxial=True, tol=1e-7)
     y, x = (
         slit(target.coordinates(a).numpy() - source.centre[a], side[a], distance * WAVELENGTH)
         for a in (0, 1)
@@ -65,7 +65,9 @@ def test_a_knife_edge():
     side, scale = 0.04, 0.5 * WAVELENGTH
     source = Plane((1, 1), (side, side), (0.0, side / 2))
     target = Plane((1, 200), (1e-5, 5e-6))
-    span = Span(source, target, 0.5, WAVELENGTH, cells=(side, side), paraxial=True, tol=1e-8)
+    span = FreeSpaceSpan(
+        source, target, 0.5, WAVELENGTH, cells=(side, side), paraxial=True, tol=1e-8
+    )
     got = FresnelMatrices(span).forward(torch.ones(1, 1))[0]
     x = target.coordinates(1).numpy()
     edge = slit(x - side / 2, side, scale) * slit(np.zeros(1), side, scale)
@@ -100,7 +102,7 @@ SMOOTH = Plane((96, 81), (10e-6, 12e-6), (30e-6, -0.1e-3))
 def test_a_gaussian_beam_keeps_every_tolerance(method, distance, tol):
     beam = gaussian(90e-6, (5e3, -4e3), SMOOTH.centre)
     target = Plane((33, 50), (9e-6, 7e-6), (60e-6, -0.12e-3))
-    span = Span(SMOOTH, target, distance, WAVELENGTH, paraxial=True, tol=tol)
+    span = FreeSpaceSpan(SMOOTH, target, distance, WAVELENGTH, paraxial=True, tol=tol)
     field = torch.from_numpy(beam(SMOOTH, 0.0))
     if method is SingleFresnel and abs(distance) < (0.02 if tol == 1e-1 else 0.05):
         with pytest.raises(ToleranceError, match="copies of the field"):
@@ -118,7 +120,7 @@ def test_bandpass_samples_beyond_their_nyquist_rate(method):
     beam = gaussian(90e-6, carrier, SMOOTH.centre)
     distance = 0.06
     target = Plane((20, 24), (9e-6, 8e-6), (0.0, carrier[1] * distance * WAVELENGTH - 0.1e-3))
-    span = Span(SMOOTH, target, distance, WAVELENGTH, carrier=carrier, band=(1.7e4, 1.7e4),
+    span = FreeSpaceSpan(SMOOTH, target, distance, WAVELENGTH, carrier=carrier, band=(1.7e4, 1.7e4),
                 paraxial=True, tol=1e-6)  # fmt: skip
     field = torch.from_numpy(beam(SMOOTH, 0.0))
     expected = beam(target, distance * WAVELENGTH)
@@ -148,7 +150,9 @@ def cells_by_numpy(span, field):
 def test_cells_keep_every_tolerance(method, distance, tol, shapes):
     source = Plane(shapes[0], (10e-6, 12e-6), (30e-6, -0.1e-3))
     target = Plane(shapes[1], (13e-6, 8e-6), (0.1e-3, 50e-6))
-    span = Span(source, target, distance, WAVELENGTH, cells=(9e-6, 12e-6), paraxial=True, tol=tol)
+    span = FreeSpaceSpan(
+        source, target, distance, WAVELENGTH, cells=(9e-6, 12e-6), paraxial=True, tol=tol
+    )
     field = random_field(shapes[0])
     if method is SingleFresnel and tol == 1e-8 and distance < 1 and shapes[0] == (24, 17):
         with pytest.raises(ToleranceError, match="outermost cells"):
@@ -166,7 +170,7 @@ def test_cells_keep_every_tolerance(method, distance, tol, shapes):
 def test_the_adjoint_is_the_conjugate_transpose(method, cells, distance, tol, exact):
     source = Plane((24, 31), (10e-6, 12e-6), (30e-6, -0.1e-3))
     target = Plane((15, 10), (13e-6, 8e-6), (0.1e-3, 50e-6))
-    span = Span(source, target, distance, WAVELENGTH, cells=cells, paraxial=True, tol=tol)
+    span = FreeSpaceSpan(source, target, distance, WAVELENGTH, cells=cells, paraxial=True, tol=tol)
     found = method(span)
     there, back = random_field((2, 24, 31)), random_field((2, 15, 10), 1)
     sent = found.forward(there).to(torch.complex128)
@@ -185,7 +189,7 @@ def test_derivatives_in_every_length(method, cells, sign):
 
     def sent(distance, wavelength, y, x):
         target = Plane((3, 2), (13e-6, 8e-6), (1e-5 * y, 1e-5 * x))
-        span = Span(source, target, sign * 0.01 * distance, 1e-7 * wavelength, cells=cells,
+        span = FreeSpaceSpan(source, target, sign * 0.01 * distance, 1e-7 * wavelength, cells=cells,
                     paraxial=True, tol=1e-6)  # fmt: skip
         return method(span).forward(field)
 
@@ -201,7 +205,9 @@ def test_derivatives_in_every_length(method, cells, sign):
 def test_derivatives_in_the_field_both_ways(method, distance):
     source = Plane((4, 3), (10e-6, 12e-6), (30e-6, -0.1e-3))
     target = Plane((2, 3), (13e-6, 8e-6))
-    span = Span(source, target, distance, WAVELENGTH, cells=(9e-6, 9e-6), paraxial=True, tol=1e-6)
+    span = FreeSpaceSpan(
+        source, target, distance, WAVELENGTH, cells=(9e-6, 9e-6), paraxial=True, tol=1e-6
+    )
     found = method(span)
     assert torch.autograd.gradcheck(found.forward, random_field((4, 3)).requires_grad_())
     assert torch.autograd.gradcheck(found.adjoint, random_field((2, 3)).requires_grad_())
@@ -212,7 +218,11 @@ def test_numbers_and_tensors_give_the_same(method):
     target = Plane((15, 20), (13e-6, 8e-6))
     distance = torch.tensor(0.2, dtype=torch.float64, requires_grad=True)
     numbers, tensors = (
-        method(Span(SMOOTH, target, z, WAVELENGTH, cells=(9e-6, 9e-6), paraxial=True, tol=1e-6))
+        method(
+            FreeSpaceSpan(
+                SMOOTH, target, z, WAVELENGTH, cells=(9e-6, 9e-6), paraxial=True, tol=1e-6
+            )
+        )
         for z in (0.2, distance)
     )
     field = random_field(SMOOTH.shape)
@@ -228,14 +238,14 @@ def test_numbers_and_tensors_give_the_same(method):
 def test_a_scalar_wave_is_served_where_it_is_paraxial():
     source = Plane((24, 17), (10e-6, 12e-6))
     target = Plane((9, 8), (30e-6, 30e-6))
-    far = Span(source, target, 0.05, WAVELENGTH, cells=(9e-6, 12e-6), tol=1e-3)
+    far = FreeSpaceSpan(source, target, 0.05, WAVELENGTH, cells=(9e-6, 12e-6), tol=1e-3)
     field = random_field(source.shape)
     exact = DirectQuadrature(far).forward(field).numpy()
     for method in METHODS:
         found = method(far)
         assert 0 < found.error.value < far.tol
         assert error_of(found.forward(field), exact, far, field) < far.tol
-    steep = Span(source, Plane((9, 8), (30e-6, 30e-6), (0.05, 0.0)), 0.2, WAVELENGTH,
+    steep = FreeSpaceSpan(source, Plane((9, 8), (30e-6, 30e-6), (0.05, 0.0)), 0.2, WAVELENGTH,
                  cells=(9e-6, 12e-6), tol=1e-3)  # fmt: skip
     for method in METHODS:
         with pytest.raises(ToleranceError, match="paraxial method"):
@@ -246,7 +256,7 @@ def test_what_cannot_be_kept_is_refused():
     target = Plane((9, 8), (30e-6, 30e-6))
 
     def span(**changes):
-        return Span(**{
+        return FreeSpaceSpan(**{
             "source": SMOOTH, "target": target, "distance": 0.2, "wavelength": WAVELENGTH,
             "paraxial": True, **changes,
         })  # fmt: skip
@@ -270,12 +280,12 @@ def test_what_cannot_be_kept_is_refused():
 @pytest.mark.parametrize("method", METHODS)
 def test_an_offer_makes_nothing_large(method):
     large = Plane((40_000, 40_000), (8e-6, 8e-6))
-    span = Span(large, large, 1e3, WAVELENGTH, cells=(8e-6, 8e-6), paraxial=True, tol=1e-3,
+    span = FreeSpaceSpan(large, large, 1e3, WAVELENGTH, cells=(8e-6, 8e-6), paraxial=True, tol=1e-3,
                 budget=Budget(1 << 50))  # fmt: skip
     offer = method(span)
     assert offer.bytes > 2e10
     assert offer.cpu_seconds(MachineSpeed()) > 10
-    small = method(Span(SMOOTH, SMOOTH, 0.3, WAVELENGTH, cells=(8e-6, 8e-6), paraxial=True,
+    small = method(FreeSpaceSpan(SMOOTH, SMOOTH, 0.3, WAVELENGTH, cells=(8e-6, 8e-6), paraxial=True,
                         tol=1e-3))  # fmt: skip
     assert small.bytes < 1e8
     assert small.cpu_seconds(MachineSpeed()) < 0.1
@@ -332,8 +342,8 @@ def test_cells_envelopes_between_nodes(turn, nodes):
         made = sum(s * np.exp(1j * a * inside) for s, a in zip(shares, at, strict=True))
         off = np.abs(made - np.exp(1j * u * inside)) ** 2
         worst = max(worst, math.sqrt(np.mean(off)))
-    assert 0.3 * cell_error(turn, nodes) < worst + 1e-15
-    assert worst < 1.02 * cell_error(turn, nodes) + 1e-15
+    assert 0.3 * envelope_error(turn, nodes) < worst + 1e-15
+    assert worst < 1.02 * envelope_error(turn, nodes) + 1e-15
 
 
 @pytest.mark.parametrize("n", [8, 9])
@@ -345,7 +355,7 @@ def test_samples_between_samples(n, factor):
     x = np.arange(n * factor) / factor
     fine = np.exp(2j * math.pi * np.outer(cycles, x))
     coarse = torch.from_numpy(fine[:, ::factor].copy())
-    assert np.abs(finer(coarse, factor, carrier).numpy() - fine).max() < 1e-12
+    assert np.abs(upsample(coarse, factor, carrier).numpy() - fine).max() < 1e-12
     there, back = random_field((2, n)), random_field((2, n * factor), 1)
-    one = (finer(there, factor, carrier) * back.conj()).sum()
-    assert abs(one - (there * finer_adjoint(back, factor, carrier).conj()).sum()) < 1e-12
+    one = (upsample(there, factor, carrier) * back.conj()).sum()
+    assert abs(one - (there * upsample_adjoint(back, factor, carrier).conj()).sum()) < 1e-12

@@ -16,8 +16,8 @@ from optics.accuracy import Budget, ToleranceError
 from optics.plane import Plane
 from optics.propagation import METHODS, FreeSpace, propagate
 from optics.propagation.angular_spectrum import ScaledAngularSpectrum
-from optics.propagation.choice import _CLASSES as PROPAGATORS
-from optics.propagation.span import Span
+from optics.propagation.method_choice import _PROPAGATORS as PROPAGATORS
+from optics.propagation.span import FreeSpaceSpan
 
 BLUE = 0.5e-6
 PANEL = Plane((12, 10), (8e-6, 8e-6))
@@ -191,7 +191,9 @@ def test_answers_of_every_method_are_plain_numbers_both_ways(method, tilt):
     source, served = Plane((32, 30), (4e-6, 5e-6)), False
     for z, cells, paraxial in itertools.product((0.05, -0.05), (None, (3e-6, 4e-6)), (False, True)):
         target = Plane((5, 4), source.pitch)
-        span = Span(source, target, z, BLUE, cells=cells, paraxial=paraxial, tilt=tilt, tol=1e-4)
+        span = FreeSpaceSpan(
+            source, target, z, BLUE, cells=cells, paraxial=paraxial, tilt=tilt, tol=1e-4
+        )
         try:
             propagator = PROPAGATORS[method](span)
         except ValueError:

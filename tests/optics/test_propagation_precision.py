@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from optics.accuracy import ToleranceError
-from optics.propagation.precision import rounding, working_precision
+from optics.propagation.precision import phase_rounding, working_precision
 
 
 @pytest.mark.parametrize("turns", [1e3, 1e6, 1e9])
@@ -22,7 +22,7 @@ def test_a_phase_is_off_by_no_more_than_its_rounding(turns):
         abs(float(Fraction(x * x / scale) - Fraction(x) * Fraction(x) / Fraction(scale)))
         for x in places
     ]
-    assert rounding(turns) / 20 <= 2 * math.pi * max(off) <= rounding(turns)
+    assert phase_rounding(turns) / 20 <= 2 * math.pi * max(off) <= phase_rounding(turns)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_single_precision_is_trusted_with_what_it_does():
 
 
 def test_many_turns_leave_more_than_arithmetic_does():
-    assert working_precision(1e-2, 1e12)[1] == pytest.approx(rounding(1e12))
+    assert working_precision(1e-2, 1e12)[1] == pytest.approx(phase_rounding(1e12))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.75])

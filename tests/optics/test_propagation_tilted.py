@@ -12,7 +12,7 @@ from optics.accuracy import ToleranceError
 from optics.plane import Plane
 from optics.propagation import FreeSpace
 from optics.propagation.angular_spectrum import ScaledAngularSpectrum
-from optics.propagation.span import Span
+from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.tilted import TiltedAngularSpectrum
 
 BLUE = 0.5e-6
@@ -30,18 +30,18 @@ def matrix(method) -> np.ndarray:
 
 def worst(method, truth: np.ndarray) -> float:
     target = method.span.target.pitch
-    weight = math.sqrt(target[0] * target[1] / method.span.area)
+    weight = math.sqrt(target[0] * target[1] / method.span.sample_area)
     return float(np.linalg.norm(matrix(method) - truth, 2)) * weight
 
 
 @pytest.mark.parametrize("tilt", TILTS)
 def test_span_places_samples_as_two_turns_do(tilt):
-    span = Span(SOURCE, TARGET, -2e-4, BLUE, tilt=tilt)
+    span = FreeSpaceSpan(SOURCE, TARGET, -2e-4, BLUE, tilt=tilt)
     own = Plane(TARGET.shape, TARGET.pitch)
-    places = torch.broadcast_tensors(*span.place(*own.mesh()))
+    places = torch.broadcast_tensors(*span.target_position(*own.mesh()))
     for value, expected in zip(places, turned(TARGET, tilt, -2e-4), strict=True):
         assert np.allclose(value.numpy().ravel(), expected, rtol=0, atol=1e-18)
-    corners = np.array(span.corners)
+    corners = np.array(span.target_corners)
     assert corners[:, 2].min() == pytest.approx(places[2].min())
     assert corners[:, 1].max() == pytest.approx(places[1].max())
 
@@ -51,7 +51,9 @@ def test_span_places_samples_as_two_turns_do(tilt):
 def test_a_turned_plane_keeps_every_tolerance(tilt, z):
     truth = cell_matrix(SOURCE, CELLS, TARGET, z, BLUE, tilt=tilt)
     for tol in (1e-1, 1e-3, 1e-5, 1e-8):
-        method = TiltedAngularSpectrum(Span(SOURCE, TARGET, z, BLUE, CELLS, tilt=tilt, tol=tol))
+        method = TiltedAngularSpectrum(
+            FreeSpaceSpan(SOURCE, TARGET, z, BLUE, CELLS, tilt=tilt, tol=tol)
+        )
         assert worst(method, truth) <= method.error.value + method.arithmetic <= tol
 
 
@@ -60,7 +62,7 @@ def test_a_turned_plane_of_the_paraxial_model(z):
     """Fresnel's integral at each point's own depth."""
     tilt = (0.1, -0.2)
     truth = cell_matrix(SOURCE, CELLS, TARGET, z, BLUE, tilt=tilt, paraxial=True)
-    span = Span(SOURCE, TARGET, z, BLUE, CELLS, tilt=tilt, paraxial=True, tol=1e-6)
+    span = FreeSpaceSpan(SOURCE, TARGET, z, BLUE, CELLS, tilt=tilt, paraxial=True, tol=1e-6)
     assert worst(TiltedAngularSpectrum(span), truth) <= 1e-6
 
 
@@ -68,7 +70,7 @@ def test_the_paraxial_model_has_no_grazing_waves():
     """Far off the axis its frequencies are beyond one over the wavelength, and count."""
     target = Plane((3, 2), (20e-6, 15e-6), (0.0, 250e-6))
     truth = cell_matrix(SOURCE, CELLS, target, 2e-4, BLUE, nodes=30, paraxial=True)
-    span = Span(SOURCE, target, 2e-4, BLUE, CELLS, paraxial=True, tol=1e-5)
+    span = FreeSpaceSpan(SOURCE, target, 2e-4, BLUE, CELLS, paraxial=True, tol=1e-5)
     assert worst(TiltedAngularSpectrum(span), truth) <= 1e-5
 
 
@@ -85,7 +87,7 @@ def test_a_smooth_beam_on_a_steep_plane():
 
 
 def test_no_tilt_is_the_same_as_a_plane_that_faces_the_source():
-    span = Span(SOURCE, TARGET, 2e-4, BLUE, CELLS, tol=1e-8)
+    span = FreeSpaceSpan(SOURCE, TARGET, 2e-4, BLUE, CELLS, tol=1e-8)
     facing, turned_ = matrix(ScaledAngularSpectrum(span)), matrix(TiltedAngularSpectrum(span))
     assert relative(turned_, facing) < 1e-7
 
@@ -94,7 +96,7 @@ def test_no_tilt_is_the_same_as_a_plane_that_faces_the_source():
 def test_the_adjoint_is_the_conjugate_transpose(shape):
     target = Plane(shape, TARGET.pitch, TARGET.centre)
     method = TiltedAngularSpectrum(
-        Span(SOURCE, target, 2e-4, BLUE, CELLS, tilt=(0.3, -0.2), tol=1e-9)
+        FreeSpaceSpan(SOURCE, target, 2e-4, BLUE, CELLS, tilt=(0.3, -0.2), tol=1e-9)
     )
     n = math.prod(shape)
     eye = torch.eye(n, dtype=torch.complex128).reshape(n, *shape)
@@ -131,12 +133,14 @@ def test_derivatives_in_field_and_lengths(paraxial):
 def test_a_target_that_cuts_the_source_is_refused():
     wide = Plane((400, 10), (2e-6, 2e-6))
     with pytest.raises(ValueError, match=r"through the source's plane.* to .* on the other side"):
-        TiltedAngularSpectrum(Span(SOURCE, wide, 2e-4, BLUE, CELLS, tilt=(0.8, 0.0)))
+        TiltedAngularSpectrum(FreeSpaceSpan(SOURCE, wide, 2e-4, BLUE, CELLS, tilt=(0.8, 0.0)))
     with pytest.raises(ValueError, match="face the source"):
-        Span(SOURCE, wide, 2e-4, BLUE, CELLS, tilt=(1.6, 0.0))
+        FreeSpaceSpan(SOURCE, wide, 2e-4, BLUE, CELLS, tilt=(1.6, 0.0))
 
 
 def test_a_turned_target_that_grazes_is_refused():
     tall = Plane((180, 10), (2e-6, 2e-6))
     with pytest.raises(ToleranceError, match="graze"):
-        TiltedAngularSpectrum(Span(SOURCE, tall, 1.3e-4, BLUE, CELLS, tilt=(0.75, 0.0), tol=1e-6))
+        TiltedAngularSpectrum(
+            FreeSpaceSpan(SOURCE, tall, 1.3e-4, BLUE, CELLS, tilt=(0.75, 0.0), tol=1e-6)
+        )

@@ -16,9 +16,9 @@ from judges import View, by_lines, relative
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
-from optics.point.question import Question
+from optics.point.request import PSFRequest
 from optics.psf import PolychromaticPSF, PSFOperator
-from optics.psf.rim import rim_field
+from optics.psf.rim_integral import rim_field
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9
@@ -90,10 +90,10 @@ def test_aberrations_of_high_degree_keep_the_tolerance(name, aberration, distanc
 def test_the_rim_sees_the_same_light_as_the_whole_stop(name, distance):
     """Maggi's and Rubinowicz's boundary wave against slices of the stop."""
     lens, pixels = replace(LENS, stop=STOPS[name]), Plane((1, 40), (1e-6, 9e-6))
-    question = Question(lens, distance, WAVELENGTH, pixels, 1e-9, Budget())
+    question = PSFRequest(lens, distance, WAVELENGTH, pixels, 1e-9, Budget())
     x = pixels.coordinates(1).numpy()
     field = rim_field(question, np.abs(x))
-    light = np.abs(field) ** 2 * question.share
+    light = np.abs(field) ** 2 * question.intensity_scale
     assert relative(light[None], exact_light(lens, distance, WAVELENGTH, pixels)) <= 1e-9
 
 
@@ -111,7 +111,7 @@ def test_far_out_of_focus_the_rim_is_taken():
 
 
 def test_nodes_that_fit_no_memory_are_made_block_by_block(monkeypatch):
-    monkeypatch.setattr("optics.psf.scattered._LEAST_BLOCK", 1000)
+    monkeypatch.setattr("optics.psf.scattered_nodes._LEAST_BLOCK", 1000)
     lens, pixels = Lens(0.05, 4.0, math.inf, STOPS["hexagonal"]), Plane((8, 8), (5e-6, 5e-6))
     settings = {"integrate": False, "tol": 1e-4, "method": "scattered"}
     small = Budget(memory=3_000_000)

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from optics.camera import Camera, Lens
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
-from optics.slm import Map, Modulator
+from optics.slm import Modulator, PanelMap
 
 WAVELENGTH = 550e-9
 
@@ -22,7 +22,7 @@ def with_panel(camera: Camera, **changes) -> Camera:
 
 
 def planned(camera: Camera, pixels: Plane | None = None, **settings) -> PSFOperator:
-    pixels = pixels or camera.sensor.window((12, 13))
+    pixels = pixels or camera.sensor.window_plane((12, 13))
     settings = {"unmodulated": 0.0, "tol": 1e-6, "integrate": False} | settings
     return PSFOperator(camera, 2.0, WAVELENGTH, pixels, **settings)
 
@@ -83,7 +83,7 @@ def open_parts(camera: Camera) -> np.ndarray:
 def test_a_panel_without_effects_gives_the_operators_own_psf(small_camera):
     camera = with_panel(small_camera, unmodulated=0.07)
     phase = random_phase(camera)
-    own = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((12, 13)), tol=1e-6)
+    own = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window_plane((12, 13)), tol=1e-6)
     both = modulated_psf(planned(camera, integrate=True), *still(camera, phase))
     assert relative(both.numpy(), own(phase).numpy()) <= 1e-6
 
@@ -140,7 +140,9 @@ def test_scattered_light_is_dimmed_where_the_stop_covers_pixels(small_camera):
     """The same behind a round stop that cuts pixels, and with an uneven beam."""
     x = np.arange(32.0)[None, :]
     camera = replace(
-        with_panel(small_camera, jitter=1.0, illumination=Map(np.exp(-((x - 12.0) ** 2) / 200))),
+        with_panel(
+            small_camera, jitter=1.0, illumination=PanelMap(np.exp(-((x - 12.0) ** 2) / 200))
+        ),
         lens=Lens(0.125, 0.125 / 0.8e-3, 2.0),
     )
     modulator, exposures = still(camera, random_phase(camera))
@@ -163,7 +165,7 @@ def test_the_unmodulated_light_has_its_own_wave(small_camera):
     """Flatness bends what went through the panel and not what the glass reflects: the three
     pictures by themselves, added by hand."""
     y, x = np.mgrid[:24, :32]
-    flatness = Map(3e-7 * ((x - 16) ** 2 + (y - 12) ** 2) / 100)
+    flatness = PanelMap(3e-7 * ((x - 16) ** 2 + (y - 12) ** 2) / 100)
     camera = with_panel(
         small_camera, flatness=flatness, unmodulated=0.2, front_reflection=0.06, reflectivity=0.6
     )
@@ -186,7 +188,7 @@ def test_exposures_are_averaged_by_their_shares(small_camera):
 
 def test_light_is_differentiable_in_the_phase(coarse):
     camera = with_panel(coarse, shape=(2, 3), jitter=0.3, coupling=8e-6, unmodulated=0.1)
-    operator = planned(camera, camera.sensor.window((2, 2)), tol=1e-8)
+    operator = planned(camera, camera.sensor.window_plane((2, 2)), tol=1e-8)
     phase = random_phase(camera).requires_grad_()
     assert torch.autograd.gradcheck(lambda p: modulated_psf(operator, *still(camera, p)), phase)
 
@@ -194,10 +196,10 @@ def test_light_is_differentiable_in_the_phase(coarse):
 def test_what_does_not_belong_together_is_refused(small_camera):
     camera = with_panel(small_camera, unmodulated=0.1)
     modulator, exposures = still(camera, random_phase(camera))
-    pixels = camera.sensor.window((4, 4))
+    pixels = camera.sensor.window_plane((4, 4))
     with pytest.raises(ValueError, match=r"operator adds 0\.1 .* unmodulated=0"):
         modulated_psf(planned(camera, unmodulated=None), modulator, exposures)
-    with pytest.raises(ValueError, match="exposures is empty"):
+    with pytest.raises(ValueError, match="timed_fields is empty"):
         modulated_psf(planned(camera), modulator, [])
     with pytest.raises(ValueError, match="operator is of a lens alone"):
         modulated_psf(PSFOperator(camera.lens, 2.0, WAVELENGTH, pixels), modulator, exposures)

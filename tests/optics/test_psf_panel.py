@@ -45,7 +45,7 @@ def test_a_neutral_rectangle_gives_the_analytic_pattern_on_pixels(small_camera, 
     """sinc² for a full panel, the grating function under sinc² for one with gaps."""
     camera = with_panel(small_camera, shape=shape, fill_factor=fill_factor)
     result = psf(
-        camera, torch.zeros(shape), 2.0, WAVELENGTH, camera.sensor.window((14, 15)), tol=1e-3
+        camera, torch.zeros(shape), 2.0, WAVELENGTH, camera.sensor.window_plane((14, 15)), tol=1e-3
     )
     truth = np.outer(line_on_pixels(camera, shape[0], 14), line_on_pixels(camera, shape[1], 15))
     if fill_factor == 1.0:
@@ -60,7 +60,9 @@ def test_a_small_round_stop_gives_airys_pattern_with_its_exact_area():
     lens = Lens(focal_length=0.125, f_number=0.125 / diameter, focus_distance=2.0)
     panel = Panel(shape=(90, 96), pitch=10e-6, fill_factor=1.0, unmodulated=0.0)
     camera = Camera(panel, lens, Sensor(pitch=12e-6))
-    operator = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((25, 24)), integrate=False)
+    operator = PSFOperator(
+        camera, 2.0, WAVELENGTH, camera.sensor.window_plane((25, 24)), integrate=False
+    )
     value = operator(torch.zeros(panel.shape))
     y, x = positions(25, 12e-6)[:, None], positions(24, 12e-6)[None, :]
     argument = np.pi * diameter * np.hypot(y, x) / scale_of(camera)
@@ -79,7 +81,7 @@ def test_the_orders_of_a_neutral_panel_share_the_light_as_its_gaps_say(small_cam
     fine = replace(small_camera, sensor=Sensor(pitch=scale / pitch / 32))
     orders = 9
     operator = PSFOperator(
-        fine, 2.0, WAVELENGTH, fine.sensor.window((32 * orders, 32 * orders)), integrate=False
+        fine, 2.0, WAVELENGTH, fine.sensor.window_plane((32 * orders, 32 * orders)), integrate=False
     )
     light = operator(torch.zeros(fine.panel.shape)).numpy()
     blocks = light.reshape(orders, 32, orders, 32)
@@ -112,7 +114,7 @@ def test_a_blazed_grating_moves_the_spot_and_pays_the_envelope(small_camera, ord
     camera = replace(small_camera, sensor=Sensor(pitch=step / 2))
     ramp = torch.arange(n, dtype=torch.float64) * (2 * math.pi * order / n)
     operator = PSFOperator(
-        camera, 2.0, WAVELENGTH, camera.sensor.window((9, 61)), integrate=False, tol=1e-9
+        camera, 2.0, WAVELENGTH, camera.sensor.window_plane((9, 61)), integrate=False, tol=1e-9
     )
     neutral = operator(torch.zeros(camera.panel.shape)).numpy()
     blazed = operator(ramp.expand(camera.panel.shape)).numpy()
@@ -145,7 +147,12 @@ def test_defocus_of_a_rectangle_follows_fresnels_integrals(small_camera, distanc
     """Each axis: integral of exp(i pi V x² / wavelength - 2 pi i x u / (wavelength z))."""
     camera = with_panel(small_camera, fill_factor=1.0)
     operator = PSFOperator(
-        camera, distance, WAVELENGTH, camera.sensor.window((31, 32)), integrate=False, tol=0.05
+        camera,
+        distance,
+        WAVELENGTH,
+        camera.sensor.window_plane((31, 32)),
+        integrate=False,
+        tol=0.05,
     )
     value = operator(torch.zeros(camera.panel.shape)).numpy()
     truth = defocused_rectangle(camera, distance, (31, 32))
@@ -164,7 +171,7 @@ def test_the_unmodulated_share_adds_in_intensity(small_camera):
             small_camera,
             2.0,
             WAVELENGTH,
-            small_camera.sensor.window((5, 5)),
+            small_camera.sensor.window_plane((5, 5)),
             integrate=False,
             unmodulated=share,
             tol=1e-9,
@@ -175,9 +182,9 @@ def test_the_unmodulated_share_adds_in_intensity(small_camera):
     assert centre(0.0, squares) <= 1e-20 * neutral
     assert centre(0.07, squares) == pytest.approx(0.07 * neutral, rel=1e-9)
     panel = with_panel(small_camera, unmodulated=0.2)
-    by_default = PSFOperator(panel, 2.0, WAVELENGTH, panel.sensor.window((5, 5)), integrate=False)(
-        squares
-    )
+    by_default = PSFOperator(
+        panel, 2.0, WAVELENGTH, panel.sensor.window_plane((5, 5)), integrate=False
+    )(squares)
     assert float(by_default[2, 2]) == pytest.approx(0.2 * neutral, rel=1e-5)
 
 
@@ -185,10 +192,14 @@ def test_an_object_at_infinity_is_the_limit_of_far_ones(small_camera):
     focused = replace(small_camera, lens=replace(small_camera.lens, focus_distance=20.0))
     phase = random_phase(focused, 1)
     at_infinity = PSFOperator(
-        focused, math.inf, WAVELENGTH, focused.sensor.window((12, 12)), tol=0.1
+        focused, math.inf, WAVELENGTH, focused.sensor.window_plane((12, 12)), tol=0.1
     )(phase)
-    far = PSFOperator(focused, 1e9, WAVELENGTH, focused.sensor.window((12, 12)), tol=0.1)(phase)
-    near = PSFOperator(focused, 20.0, WAVELENGTH, focused.sensor.window((12, 12)), tol=0.1)(phase)
+    far = PSFOperator(focused, 1e9, WAVELENGTH, focused.sensor.window_plane((12, 12)), tol=0.1)(
+        phase
+    )
+    near = PSFOperator(focused, 20.0, WAVELENGTH, focused.sensor.window_plane((12, 12)), tol=0.1)(
+        phase
+    )
     assert relative(far.numpy(), at_infinity.numpy()) <= 1e-5
     assert relative(near.numpy(), at_infinity.numpy()) > 0.01
 
@@ -200,7 +211,9 @@ def test_defocus_keeps_the_tolerance_however_strong(small_camera, distance, tol,
     """Quadrature inside the panel's pixels, with nodes for several waves across each."""
     camera = with_panel(small_camera, shape=shape)
     phase = random_phase(camera, 7)
-    operator = PSFOperator(camera, distance, WAVELENGTH, camera.sensor.window((12, 13)), tol=tol)
+    operator = PSFOperator(
+        camera, distance, WAVELENGTH, camera.sensor.window_plane((12, 13)), tol=tol
+    )
     truth = quadrature_psf(
         camera, phase.numpy(), distance, WAVELENGTH, (12, 13), across_panel_pixel=16
     )
@@ -212,7 +225,7 @@ def test_strong_defocus_of_a_rectangle_follows_fresnels_integrals(small_camera):
     """As below, with a panel so coarse that defocus turns by waves inside a pixel."""
     camera = with_panel(small_camera, fill_factor=1.0, shape=(4, 5), pitch=300e-6)
     operator = PSFOperator(
-        camera, 0.25, WAVELENGTH, camera.sensor.window((31, 32)), integrate=False, tol=1e-9
+        camera, 0.25, WAVELENGTH, camera.sensor.window_plane((31, 32)), integrate=False, tol=1e-9
     )
     assert "curved" in operator.account.method
     value = operator(torch.zeros(camera.panel.shape)).numpy()
@@ -221,7 +234,7 @@ def test_strong_defocus_of_a_rectangle_follows_fresnels_integrals(small_camera):
 
 def test_the_gradient_through_curved_pixels_equals_finite_differences():
     camera = Camera(Panel(shape=(4, 5), pitch=40e-6), Lens(), Sensor(pitch=60e-6))
-    operator = PSFOperator(camera, 0.3, WAVELENGTH, camera.sensor.window((3, 4)), tol=1e-8)
+    operator = PSFOperator(camera, 0.3, WAVELENGTH, camera.sensor.window_plane((3, 4)), tol=1e-8)
     assert "curved" in operator.account.method
     phase = random_phase(camera, 2).requires_grad_()
     assert torch.autograd.gradcheck(lambda p: 100 * operator(p), (phase,), atol=1e-7)
@@ -230,26 +243,28 @@ def test_the_gradient_through_curved_pixels_equals_finite_differences():
 def test_an_object_too_close_for_any_sampling_is_refused(small_camera):
     words = "rad across a panel pixel; bring the object closer to the plane in focus"
     with pytest.raises(ToleranceError, match=words):
-        PSFOperator(small_camera, 1e-6, WAVELENGTH, small_camera.sensor.window((8, 8)))
+        PSFOperator(small_camera, 1e-6, WAVELENGTH, small_camera.sensor.window_plane((8, 8)))
 
 
 @pytest.mark.parametrize("tol", [0.0, -1e-3, float("nan"), 1e-15])
 def test_a_tolerance_below_rounding_is_refused(small_camera, tol):
     with pytest.raises(ToleranceError, match=r"tol .* can't be kept; ask for tol"):
-        PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window((8, 8)), tol=tol)
+        PSFOperator(
+            small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8)), tol=tol
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_single_precision_is_as_good_as_the_account_says(small_camera, seed):
     phase = random_phase(small_camera, seed) * 10
     single = PSFOperator(
-        small_camera, 2.0, WAVELENGTH, small_camera.sensor.window((12, 13)), integrate=False
+        small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((12, 13)), integrate=False
     )
     double = PSFOperator(
         small_camera,
         2.0,
         WAVELENGTH,
-        small_camera.sensor.window((12, 13)),
+        small_camera.sensor.window_plane((12, 13)),
         integrate=False,
         tol=1e-9,
     )
@@ -269,7 +284,7 @@ def test_the_achieved_error_keeps_the_tolerance(small_camera, tol, seed):
     for distance in (*rng.uniform(1.2, 2.0, 6), 2.0):
         try:
             operator = PSFOperator(
-                camera, distance, WAVELENGTH, camera.sensor.window((12, 13)), tol=tol
+                camera, distance, WAVELENGTH, camera.sensor.window_plane((12, 13)), tol=tol
             )
         except ToleranceError:
             continue
@@ -303,7 +318,7 @@ def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
     slope = 2 * math.pi * share * edge / scale_of(camera) * 10e-6
     ramp = (torch.arange(800, dtype=torch.float64) * slope)[None]
     operator = PSFOperator(
-        camera, 1 / (0.5 + vergence), WAVELENGTH, camera.sensor.window((1, 400)), tol=0.1
+        camera, 1 / (0.5 + vergence), WAVELENGTH, camera.sensor.window_plane((1, 400)), tol=0.1
     )
     truth = quadrature_psf(camera, ramp.numpy(), 1 / (0.5 + vergence), WAVELENGTH, (1, 400))
     error = relative(operator(ramp).numpy(), truth)
@@ -315,7 +330,7 @@ def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
 def test_the_gradient_equals_finite_differences():
     """torch.autograd.gradcheck, on pixels, with defocus and unmodulated light."""
     camera = Camera(Panel(shape=(4, 5), pitch=40e-6), Lens(), Sensor(pitch=60e-6))
-    operator = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window((3, 4)), tol=1e-8)
+    operator = PSFOperator(camera, 2.0, WAVELENGTH, camera.sensor.window_plane((3, 4)), tol=1e-8)
     phase = random_phase(camera, 2).requires_grad_()
     # The light of a pixel is a few percent: scaled to one for gradcheck's absolute part.
     assert torch.autograd.gradcheck(lambda p: 100 * operator(p), (phase,), atol=1e-7)
@@ -324,7 +339,7 @@ def test_the_gradient_equals_finite_differences():
 def test_a_batch_of_phases_gives_the_psfs_of_each(small_camera):
     phases = torch.stack([random_phase(small_camera, s) for s in range(3)])
     operator = PSFOperator(
-        small_camera, 2.0, WAVELENGTH, small_camera.sensor.window((7, 6)), tol=1e-8
+        small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((7, 6)), tol=1e-8
     )
     together = operator(phases)
     assert together.shape == (3, 7, 6)
@@ -333,7 +348,7 @@ def test_a_batch_of_phases_gives_the_psfs_of_each(small_camera):
 
 def test_adding_whole_waves_changes_nothing(small_camera):
     phase = random_phase(small_camera, 3)
-    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window((7, 6)))
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((7, 6)))
     waves = 2 * math.pi * torch.randint(-9, 9, phase.shape, dtype=torch.float64)
     assert relative(operator(phase + waves).numpy(), operator(phase).numpy()) <= 1e-5
 
@@ -342,7 +357,7 @@ def test_oversampled_points_sum_to_their_pixel(small_camera):
     """A midpoint sum of 16 x 16 shares is the pixel's light to its own second order."""
     phase = random_phase(small_camera, 4)
     pixels = quadrature_psf(small_camera, phase.numpy(), 2.0, WAVELENGTH, (5, 5))
-    points = small_camera.sensor.window((5, 5)).finer(15)
+    points = small_camera.sensor.window_plane((5, 5)).with_finer_pitch(15)
     operator = PSFOperator(small_camera, 2.0, WAVELENGTH, points, integrate=False, tol=1e-9)
     sums = operator(phase).numpy().reshape(5, 15, 5, 15).sum((1, 3))
     assert relative(sums, pixels) <= 2e-3
@@ -350,7 +365,7 @@ def test_oversampled_points_sum_to_their_pixel(small_camera):
 
 def test_the_account_tells_method_sampling_and_time(small_camera):
     result = psf(
-        small_camera, torch.zeros(24, 32), 2.0, WAVELENGTH, small_camera.sensor.window((8, 8))
+        small_camera, torch.zeros(24, 32), 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8))
     )
     assert result.account.cpu_spent is not None
     assert result.account.cpu_spent >= 0
@@ -362,7 +377,7 @@ def test_the_account_tells_method_sampling_and_time(small_camera):
 
 def test_bad_arguments_are_refused_by_name(small_camera):
     def operator(distance=2.0, wavelength=WAVELENGTH, shape=(8, 8), **options):
-        pixels = small_camera.sensor.window(shape)
+        pixels = small_camera.sensor.window_plane(shape)
         return PSFOperator(small_camera, distance, wavelength, pixels, **options)
 
     with pytest.raises(ValueError, match=r"distance is 0 m; the object must be in front"):

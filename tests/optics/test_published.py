@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from optics.fourier import Geometry, transforms
+from optics.fourier import FourierGeometry, valid_transforms
 from optics.plane import Plane, centred_crop
 
 FOLDER = (
@@ -36,10 +36,10 @@ def test_a_published_pattern_gives_its_published_psf(iteration):
     )
     pitch, window = 8e-6, (200, 200)
     plane = Plane(window, (1e-6, 1e-6))
-    geometry = Geometry(Plane(grey.shape, (pitch, pitch)), plane, 1920 * pitch * 1e-6)
+    geometry = FourierGeometry(Plane(grey.shape, (pitch, pitch)), plane, 1920 * pitch * 1e-6)
     phase = torch.from_numpy(grey).to(torch.float64) * (2 * np.pi / 255)
     wanted = centred_crop(torch.from_numpy(published), window).numpy().ravel()
-    for transform in transforms(geometry, torch.complex64):
+    for transform in valid_transforms(geometry, torch.complex64):
         field = transform(torch.polar(torch.ones_like(phase), phase))
         intensity = (field.real**2 + field.imag**2).numpy().ravel()
         correlation = np.corrcoef(intensity, wanted)[0, 1]

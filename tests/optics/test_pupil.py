@@ -6,7 +6,7 @@ import pytest
 from judges import positions
 
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import panel_phase, phase_step, pupil_amplitude, vergence_error
+from optics.pupil import phase_step_per_pixel, pupil_amplitude, pupil_phase_on_panel, vergence_error
 
 
 def camera_with_stop(shape, pitch, diameter) -> Camera:
@@ -45,12 +45,14 @@ def test_defocus_is_the_spherical_wave_the_lens_does_not_focus(small_camera, dis
     x = positions(32, 40e-6)[None, :]
     excess = 1 / distance + 1 / z - 1 / lens.focal_length
     truth = np.pi / 500e-9 * excess * (y**2 + x**2)
-    assert np.allclose(panel_phase(small_camera, distance, 500e-9).numpy(), truth, atol=1e-9)
+    assert np.allclose(
+        pupil_phase_on_panel(small_camera, distance, 500e-9).numpy(), truth, atol=1e-9
+    )
 
 
 def test_defocus_is_exactly_zero_in_focus(small_camera):
     assert vergence_error(small_camera.lens, 2.0) == 0
-    assert not panel_phase(small_camera, 2.0, 500e-9).any()
+    assert not pupil_phase_on_panel(small_camera, 2.0, 500e-9).any()
 
 
 def test_the_phase_step_is_the_steepest_inside_the_stop(small_camera):
@@ -59,8 +61,8 @@ def test_the_phase_step_is_the_steepest_inside_the_stop(small_camera):
     vergence = abs(1 / 1.5 - 1 / 2.0)
     corner = math.hypot(12, 16) * 40e-6
     expected = 2 * math.pi / 500e-9 * vergence * corner * 40e-6
-    assert phase_step(small_camera, 1.5, 500e-9) == pytest.approx(expected)
+    assert phase_step_per_pixel(small_camera, 1.5, 500e-9) == pytest.approx(expected)
     stopped = replace(small_camera, lens=replace(small_camera.lens, f_number=0.125 / 0.5e-3))
-    assert phase_step(stopped, 1.5, 500e-9) == pytest.approx(
+    assert phase_step_per_pixel(stopped, 1.5, 500e-9) == pytest.approx(
         expected * (0.25e-3 + math.sqrt(2) * 40e-6) / corner
     )

@@ -25,8 +25,8 @@ from optics.plane import Plane
 from optics.progress import Cancelled, Progress
 from optics.retrieval import design_plane
 from optics.retrieval.gerchberg_saxton import gerchberg_saxton
-from optics.retrieval.goal import Goal
-from optics.retrieval.starts import STARTS
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.start_phases import STARTS
 
 SHAPE, WINDOW, LENGTH, DIAMETER = (60, 64), (61, 64), 128, 55.0
 CAMERA = camera(SHAPE, DIAMETER)
@@ -56,7 +56,7 @@ def test_the_iterates_are_those_of_the_whole_transform(start, target):
     """Thirty iterations in single precision and on a window, against all samples in double."""
     random = torch.rand(SHAPE, generator=seeded(3), dtype=torch.float64).numpy() * 2 * np.pi
     first = random if start == "random" else lens_start(target)
-    amplitude = Goal(CAMERA, tensor(target), PLANE, WAVELENGTH).amplitude.numpy()
+    amplitude = RetrievalGoal(CAMERA, tensor(target), PLANE, WAVELENGTH).amplitude.numpy()
     truth = gerchberg_saxton_by_whole_ffts(first, target, LENGTH, 30, amplitude)
     found = solve(30, start, 3, target)
     assert np.percentile(turned(found, truth)[STOP > 0], 99.9) < 1e-2

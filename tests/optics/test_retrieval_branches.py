@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from optics.retrieval import branches as module
-from optics.retrieval.branches import short_ways
+from optics.retrieval.branches import shortest_phase_paths
 
 TURN = 2 * math.pi
 
@@ -39,7 +39,7 @@ def random(frames: int, shape=(2, 7), seed=0) -> torch.Tensor:
 @pytest.mark.parametrize("reach", [TURN, 1.3 * TURN, 2 * TURN, 3 * TURN, 3.35 * TURN])
 def test_no_other_orders_are_shorter(frames, reach):
     phases = random(frames)
-    ways = short_ways(phases, reach)
+    ways = shortest_phase_paths(phases, reach)
     assert ways.shape == phases.shape
     assert ways.dtype == torch.float32
     least = least_costs(phases.numpy(), reach)
@@ -54,7 +54,7 @@ def test_no_other_orders_are_shorter(frames, reach):
 def test_across_the_end_of_a_wave_the_way_is_short_where_there_is_another():
     """From 0.9 to 0.1 turn: a fifth of a turn up, or four fifths down."""
     phases = TURN * torch.tensor([0.9, 0.1], dtype=torch.float64).reshape(2, 1, 1)
-    two, one = (short_ways(phases, waves * TURN).flatten().tolist() for waves in (2, 1))
+    two, one = (shortest_phase_paths(phases, waves * TURN).flatten().tolist() for waves in (2, 1))
     assert two == pytest.approx([0.9 * TURN, 1.1 * TURN], rel=1e-6)
     assert one == pytest.approx([0.9 * TURN, 0.1 * TURN], rel=1e-6)
 
@@ -62,7 +62,7 @@ def test_across_the_end_of_a_wave_the_way_is_short_where_there_is_another():
 def test_where_there_is_one_wave_there_is_no_choice():
     phases = random(3)
     for reach in (TURN, TURN * (1 - 1e-12), 1.0001 * TURN):
-        ways = short_ways(phases, reach).numpy()
+        ways = shortest_phase_paths(phases, reach).numpy()
         at_end = (phases.numpy() % TURN) < 1e-3
         assert np.abs(ways - phases.numpy() % TURN)[~at_end].max() < 1e-5
 
@@ -70,9 +70,9 @@ def test_where_there_is_one_wave_there_is_no_choice():
 @pytest.mark.parametrize("at_a_time", [1, 5, 17])
 def test_pixels_in_blocks_of_any_size_are_the_same(at_a_time, monkeypatch):
     phases = random(4)
-    together = short_ways(phases, 3 * TURN)
+    together = shortest_phase_paths(phases, 3 * TURN)
     monkeypatch.setattr(module, "_AT_A_TIME", at_a_time)
-    assert torch.equal(short_ways(phases, 3 * TURN), together)
+    assert torch.equal(shortest_phase_paths(phases, 3 * TURN), together)
 
 
 def test_a_long_video_is_cut_into_few_pixels_at_a_time(monkeypatch):
@@ -83,11 +83,11 @@ def test_a_long_video_is_cut_into_few_pixels_at_a_time(monkeypatch):
         sizes.append(phases.numel())
         return shortest(phases, reach)
 
-    shortest = module._shortest
-    monkeypatch.setattr(module, "_shortest", counting)
+    shortest = module._shortest_paths_of_block
+    monkeypatch.setattr(module, "_shortest_paths_of_block", counting)
     monkeypatch.setattr(module, "_AT_A_TIME", 6000)
     phases = random(300, (20, 31))
-    ways = short_ways(phases, 3 * TURN)
+    ways = shortest_phase_paths(phases, 3 * TURN)
     assert max(sizes) <= 6000
     assert sum(sizes) == phases.numel()
     steps = ways.diff(dim=0).abs().mean()
@@ -98,11 +98,11 @@ def test_a_long_video_is_cut_into_few_pixels_at_a_time(monkeypatch):
 def test_phases_at_the_very_end_of_the_range_are_shown_within_it():
     edge = torch.tensor([0.0, TURN, -1e-17, TURN - 1e-12, 3 * TURN, -TURN]).reshape(1, 1, 6)
     for reach in (TURN, 3 * TURN):
-        ways = short_ways(edge, reach).double()
+        ways = shortest_phase_paths(edge, reach).double()
         assert float(ways.min()) >= 0
         assert float(ways.max()) <= reach * (1 + 1e-6)
 
 
 def test_less_than_a_wave_is_refused():
     with pytest.raises(ValueError, match=r"reach is 1\.90 pi; a pattern needs 2 pi: choose a sh"):
-        short_ways(random(2), 1.9 * math.pi)
+        shortest_phase_paths(random(2), 1.9 * math.pi)

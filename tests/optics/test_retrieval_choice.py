@@ -22,8 +22,8 @@ from judges.retrieval import (
 
 from optics.accuracy import MachineSpeed
 from optics.progress import Cancelled, Progress
-from optics.retrieval import METHODS, Retrieved, design_plane, retrieve
-from optics.retrieval.goal import Goal
+from optics.retrieval import METHODS, RetrievalResult, design_plane, retrieve
+from optics.retrieval.goal import RetrievalGoal
 
 SHAPE, WINDOW, LENGTH, DIAMETER = (55, 64), (61, 54), 128, 52.0
 CAMERA = camera(SHAPE, DIAMETER)
@@ -36,7 +36,7 @@ SNAIL = MachineSpeed(fft=1e-4)
 """A machine so slow that few iterations fit into any budget."""
 
 
-def solve(method=None, frames=1, optics=CAMERA, target=None, seed=1, **options) -> Retrieved:
+def solve(method=None, frames=1, optics=CAMERA, target=None, seed=1, **options) -> RetrievalResult:
     if target is None:
         target = tensor(DOTS if method == "weighted" else RING)
     return retrieve(
@@ -136,7 +136,7 @@ def test_a_slow_crystal_keeps_its_method_whatever_the_budget():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_larger_budget_buys_more_iterations_and_none_is_overdrawn(method):
-    frames, goal = served(method), Goal(CAMERA, tensor(RING), PLANE, WAVELENGTH)
+    frames, goal = served(method), RetrievalGoal(CAMERA, tensor(RING), PLANE, WAVELENGTH)
     way, counts = METHODS[method], []
     for seconds in np.geomspace(1e-2, 1e3, 12):
         count = way.iterations(goal, frames, seconds, MachineSpeed())

@@ -23,20 +23,22 @@ from judges.retrieval import (
 from optics.progress import Progress
 from optics.retrieval import descent as module
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.descent import Descent
-from optics.retrieval.goal import Goal
-from optics.slm import Map
+from optics.retrieval.descent import GradientDescent
+from optics.retrieval.goal import RetrievalGoal
+from optics.slm import PanelMap
 
 SHAPE, WINDOW, LENGTH, DIAMETER = (40, 48), (45, 50), 96, 38.0
 TARGET = ring(WINDOW, 13, 2.5)
 
 
-def goal_of(target=TARGET, **panel) -> Goal:
+def goal_of(target=TARGET, **panel) -> RetrievalGoal:
     optics = camera(SHAPE, DIAMETER, **panel)
-    return Goal(optics, tensor(target), design_plane(optics, WAVELENGTH, WINDOW), WAVELENGTH)
+    return RetrievalGoal(
+        optics, tensor(target), design_plane(optics, WAVELENGTH, WINDOW), WAVELENGTH
+    )
 
 
-def solution(goal: Goal, frames=1, iterations=60) -> torch.Tensor:
+def solution(goal: RetrievalGoal, frames=1, iterations=60) -> torch.Tensor:
     """What a quick method gives, which knows nothing of the panel."""
     return retrieve(
         goal.camera, goal.target, goal.plane, WAVELENGTH, frames=frames, iterations=iterations,
@@ -64,7 +66,7 @@ PANELS = {
     "ideal": {"unmodulated": 0.0},
     "few levels": {"unmodulated": 0.0, "levels": 24},
     "unmodulated": {"unmodulated": 0.12, "front_reflection": 0.03, "reflectivity": 0.6},
-    "uneven": {"unmodulated": 0.08, "flatness": Map(DISH), "illumination": Map(BEAM)},
+    "uneven": {"unmodulated": 0.08, "flatness": PanelMap(DISH), "illumination": PanelMap(BEAM)},
     "jitter": {"unmodulated": 0.1, "jitter": 0.4},
     "gap": {"unmodulated": 0.0, "gap_reflection": 0.3},
     "coupled": {"unmodulated": 0.05, "coupling": 0.35 * PITCH},
@@ -97,7 +99,9 @@ def test_the_light_is_what_the_panels_data_say(name):
     phase = solution(goal)[0]
     truth = by_hand(phase.double().numpy(), panel)
     # The coupling's own rule is good to 3e-3 beside the steepest edges.
-    assert relative(Descent(goal).light(phase), truth) < (1e-2 if name == "coupled" else 3e-3)
+    assert relative(GradientDescent(goal).frame_intensity(phase), truth) < (
+        1e-2 if name == "coupled" else 3e-3
+    )
 
 
 @pytest.mark.parametrize("name", PANELS)
@@ -107,7 +111,7 @@ def test_the_error_falls(name):
     panel = PANELS[name]
     goal = goal_of(**panel)
     start = solution(goal)
-    found = Descent(goal).run(start, 12, Progress())
+    found = GradientDescent(goal).run(start, 12, Progress())
     assert found.shape == start.shape
     assert found.dtype == torch.float32
     before, after = (by_hand(p[0].double().numpy(), panel) for p in (start, found))
@@ -124,7 +128,7 @@ def test_it_makes_up_for_what_the_quick_methods_dont_know():
     panel = {"unmodulated": 0.0, "coupling": 0.3 * PITCH, "levels": 48}
     goal = goal_of(**panel)
     start = solution(goal, iterations=300)
-    found = Descent(goal).run(start, 25, Progress())
+    found = GradientDescent(goal).run(start, 25, Progress())
     before, after = (by_hand(p[0].double().numpy(), panel) for p in (start, found))
     assert merits(after, TARGET)[1] < 0.8 * merits(before, TARGET)[1]
     assert merits(after, TARGET)[2] < 0.75 * merits(before, TARGET)[2]
@@ -133,7 +137,7 @@ def test_it_makes_up_for_what_the_quick_methods_dont_know():
 def test_several_frames_share_their_mean():
     goal = goal_of(unmodulated=0.0)
     start = solution(goal, frames=3, iterations=6)
-    found = Descent(goal).run(start, 12, Progress())
+    found = GradientDescent(goal).run(start, 12, Progress())
     assert found.shape == (3, *SHAPE)
     before, after = (
         merits(np.mean([by_hand(q, PANELS["ideal"]) for q in p.double().numpy()], axis=0), TARGET)
@@ -149,7 +153,7 @@ def test_what_comes_is_never_worse_than_the_start(iterations, monkeypatch):
     monkeypatch.setattr(module, "_RATE", 50.0)
     goal = goal_of(unmodulated=0.0)
     start = solution(goal, iterations=200)
-    found = Descent(goal).run(start, iterations, Progress())
+    found = GradientDescent(goal).run(start, iterations, Progress())
     before, after = (by_hand(p[0].double().numpy(), PANELS["ideal"]) for p in (start, found))
     assert merits(after, TARGET)[2] <= merits(before, TARGET)[2] + 1e-6
 
@@ -157,9 +161,9 @@ def test_what_comes_is_never_worse_than_the_start(iterations, monkeypatch):
 @pytest.mark.parametrize("name", PANELS)
 def test_the_derivative_is_finite_and_points_downhill(name):
     goal = goal_of(**PANELS[name])
-    descent = Descent(goal)
+    descent = GradientDescent(goal)
     phase = solution(goal)[0].clone().requires_grad_()
-    light = descent.light(phase)
+    light = descent.frame_intensity(phase)
     light[tensor(TARGET) > 0.5].sum().backward()
     assert torch.isfinite(phase.grad).all()
     assert phase.grad.abs().max() > 0
@@ -173,7 +177,7 @@ def test_the_derivative_is_that_of_a_panel_of_endless_levels():
     shown = quantised(solution(goal)[0].double().numpy())
     phase = torch.from_numpy(shown).float().requires_grad_()
     weight = np.random.default_rng(0).normal(size=WINDOW)
-    (Descent(goal).light(phase) * torch.from_numpy(weight)).sum().backward()
+    (GradientDescent(goal).frame_intensity(phase) * torch.from_numpy(weight)).sum().backward()
     stop = stop_share(SHAPE, DIAMETER)
     change = np.random.default_rng(1).normal(size=SHAPE)
 
@@ -192,4 +196,4 @@ def test_a_panel_that_reaches_farther_may_use_all_of_its_waves():
     stop = stop_share(SHAPE, DIAMETER)
     truth = intensity(stop * np.exp(1j * shown)) / (LENGTH**2 * (stop**2).sum())
     assert 6 * np.pi < REACH
-    assert relative(Descent(goal, orders=3).light(phase), truth) < 3e-3
+    assert relative(GradientDescent(goal, orders=3).frame_intensity(phase), truth) < 3e-3

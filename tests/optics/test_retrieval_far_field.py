@@ -7,7 +7,7 @@ from judges import relative
 from judges.retrieval import direct_sums, sums_back, whole_far_field, window_of
 
 from optics.retrieval import far_field as module
-from optics.retrieval.far_field import FarField, unit
+from optics.retrieval.far_field import FarField, unit_modulus
 
 # Odd and even, landscape and portrait, lengths that no side divides, windows as wide as they.
 GRIDS = [
@@ -32,7 +32,7 @@ def random(shape, dtype, seed=0) -> torch.Tensor:
 def test_there_and_back_are_direct_sums(shape, length, window, dtype):
     far_field = FarField(shape, length, window)
     field, image = random(shape, dtype), random(window, dtype, 1)
-    there, back = far_field.forward(field), far_field.back(image)
+    there, back = far_field.forward(field), far_field.adjoint(image)
     assert there.dtype == back.dtype == dtype
     assert relative(there, direct_sums(field.numpy(), length, window)) < TOLS[dtype]
     y, x = (np.arange(n) for n in shape)
@@ -45,7 +45,7 @@ def test_back_is_the_adjoint(shape, length, window):
     far_field = FarField(shape, length, window)
     field, image = random(shape, torch.complex128), random(window, torch.complex128, 1)
     left = torch.vdot(far_field.forward(field).flatten(), image.flatten())
-    right = torch.vdot(field.flatten(), far_field.back(image).flatten())
+    right = torch.vdot(field.flatten(), far_field.adjoint(image).flatten())
     assert abs(left - right) < 1e-13 * float(field.norm() * image.norm()) * length
 
 
@@ -62,7 +62,7 @@ def test_a_bounce_is_the_panel_between_two_transforms(
     uneven = torch.from_numpy(np.random.default_rng(2).uniform(0.2, 1, shape)).to(torch.float32)
     y, x = (np.arange(n) for n in shape)
     for amplitude in (None, uneven):
-        bounced = far_field.bounce(images, amplitude)
+        bounced = far_field.round_trip(images, amplitude)
         assert bounced.shape == images.shape
         assert bounced.dtype == dtype
         for index in np.ndindex(2, 3):
@@ -76,10 +76,10 @@ def test_a_bounce_is_the_panel_between_two_transforms(
 def test_batches_are_transformed_one_by_one():
     far_field = FarField((6, 7), 16, (5, 4))
     fields, images = (random((2, 3, *s), torch.complex64) for s in ((6, 7), (5, 4)))
-    there, back = far_field.forward(fields), far_field.back(images)
+    there, back = far_field.forward(fields), far_field.adjoint(images)
     for index in np.ndindex(2, 3):
         assert relative(there[index], far_field.forward(fields[index])) < 1e-6
-        assert relative(back[index], far_field.back(images[index])) < 1e-6
+        assert relative(back[index], far_field.adjoint(images[index])) < 1e-6
 
 
 @pytest.mark.parametrize(("shape", "length"), [((9, 6), 18), ((5, 8), 15)])
@@ -106,7 +106,7 @@ def test_the_work_is_counted_in_samples_of_ffts(monkeypatch):
     fft = module.fft
     monkeypatch.setattr(module, "fft", counting)
     far_field = FarField((40, 30), 96, (20, 24))
-    far_field.bounce(random((20, 24), torch.complex64))
+    far_field.round_trip(random((20, 24), torch.complex64))
     assert sum(counted) == far_field.samples
 
 
@@ -116,15 +116,15 @@ def test_derivatives_pass_through():
     assert torch.autograd.gradcheck(far_field.forward, (field,))
     assert torch.autograd.gradcheck(far_field.intensity, (field,))
     image = random((5, 3), torch.complex128).requires_grad_()
-    assert torch.autograd.gradcheck(far_field.back, (image,))
+    assert torch.autograd.gradcheck(far_field.adjoint, (image,))
 
 
 def test_a_field_of_zero_stays_and_has_finite_derivatives():
     far_field = FarField((4, 5), 12, (5, 3))
     for dtype in TOLS:
-        assert not far_field.bounce(torch.zeros(5, 3, dtype=dtype)).any()
+        assert not far_field.round_trip(torch.zeros(5, 3, dtype=dtype)).any()
     field = torch.zeros(4, 5, dtype=torch.complex64, requires_grad=True)
-    (far_field.intensity(field).sum() + unit(field).abs().sum()).backward()
+    (far_field.intensity(field).sum() + unit_modulus(field).abs().sum()).backward()
     assert torch.isfinite(torch.view_as_real(field.grad)).all()
 
 

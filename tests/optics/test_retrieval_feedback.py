@@ -21,8 +21,8 @@ from judges.retrieval import (
 
 from optics.progress import Cancelled, Progress
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.feedback import refine
-from optics.retrieval.goal import Goal
+from optics.retrieval.camera_feedback import refine
+from optics.retrieval.goal import RetrievalGoal
 
 SHAPE, WINDOW, LENGTH = (60, 64), (61, 64), 128
 CAMERA = camera(SHAPE)
@@ -47,11 +47,11 @@ def bench(figure: float = 0.0, gain: float = 1.0, straight: float = 0.0):
     return measure
 
 
-def goal_of(target=TARGET) -> Goal:
-    return Goal(CAMERA, tensor(target), PLANE, WAVELENGTH)
+def goal_of(target=TARGET) -> RetrievalGoal:
+    return RetrievalGoal(CAMERA, tensor(target), PLANE, WAVELENGTH)
 
 
-def solution(goal: Goal, frames: int) -> torch.Tensor:
+def solution(goal: RetrievalGoal, frames: int) -> torch.Tensor:
     return retrieve(
         CAMERA, goal.target, PLANE, WAVELENGTH, frames=frames, iterations=60, generator=seeded()
     ).phases

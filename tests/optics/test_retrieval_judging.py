@@ -19,9 +19,9 @@ from judges.retrieval import (
 )
 
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.goal import Goal
-from optics.retrieval.judging import judge
-from optics.retrieval.slow_crystal import shown_light
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.quality import measure_quality
+from optics.retrieval.slow_crystal import displayed_psf
 
 SHAPE, WINDOW, LENGTH = (135, 240), (224, 224), 480
 LATTICE = [(30 * i + 7 * j, 28 * j - 5 * i) for i in range(-2, 3) for j in range(-2, 3)]
@@ -75,8 +75,10 @@ def test_figures_are_those_of_their_definitions():
     optics, window = camera((20, 24)), (17, 30)
     target = rng.uniform(0, 1, window) ** 4
     psf = rng.uniform(0, 1, window) / 1000
-    goal = Goal(optics, tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
-    quality = judge(goal, tensor(psf))
+    goal = RetrievalGoal(
+        optics, tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
+    quality = measure_quality(goal, tensor(psf))
     assert (quality.efficiency, quality.contrast, quality.nrmse) == pytest.approx(
         merits(psf, target)
     )
@@ -85,8 +87,10 @@ def test_figures_are_those_of_their_definitions():
 def test_a_perfect_picture_is_perfect():
     optics, window = camera((20, 24)), (17, 30)
     target = ring(window, 6, 2)
-    goal = Goal(optics, 5 * tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
-    quality = judge(goal, tensor(target / target.sum()))
+    goal = RetrievalGoal(
+        optics, 5 * tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
+    quality = measure_quality(goal, tensor(target / target.sum()))
     assert quality.contrast == pytest.approx(0, abs=1e-12)
     assert quality.nrmse == pytest.approx(0, abs=1e-12)
     assert quality.efficiency == pytest.approx(target[target > 0.02].sum() / target.sum())
@@ -96,19 +100,23 @@ def test_a_perfect_picture_is_perfect():
 def test_the_light_judged_is_that_of_a_whole_fft(window):
     """Of frames at random, through a stop, on odd and even windows up to the whole far field."""
     optics = camera((20, 24), stop=19.0)
-    goal = Goal(optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    goal = RetrievalGoal(
+        optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
     phases = np.random.default_rng(0).uniform(-9, 30, (3, 20, 24))
     truth = light(quantised(phases), 48, window, stop_share((20, 24), 19.0))
-    assert relative(shown_light(goal, torch.from_numpy(phases), 1), truth) < 2e-3
+    assert relative(displayed_psf(goal, torch.from_numpy(phases), 1), truth) < 2e-3
 
 
 def test_a_mean_is_of_the_light_and_not_of_the_phases():
     """Two blazes to either side: half of the light on each, and none between."""
     optics, window = camera((20, 24)), (17, 30)
-    goal = Goal(optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
-    tilt = torch.from_numpy(2 * np.pi * 6 * np.arange(24) / goal.length).expand(20, 24)
-    psf = shown_light(goal, torch.stack([tilt, -tilt]), 1).numpy()
-    peak = 20 * 24 / goal.length**2 / 2
+    goal = RetrievalGoal(
+        optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
+    tilt = torch.from_numpy(2 * np.pi * 6 * np.arange(24) / goal.far_field_samples).expand(20, 24)
+    psf = displayed_psf(goal, torch.stack([tilt, -tilt]), 1).numpy()
+    peak = 20 * 24 / goal.far_field_samples**2 / 2
     assert psf[8, 21] == pytest.approx(peak, rel=0.01)
     assert psf[8, 9] == pytest.approx(peak, rel=0.01)
     assert psf[8, 15] < 0.1 * peak

@@ -22,11 +22,17 @@ from judges.retrieval import (
 )
 
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.branches import short_ways
+from optics.retrieval.branches import shortest_phase_paths
 from optics.retrieval.far_field import FarField
-from optics.retrieval.goal import Goal
-from optics.retrieval.slow_crystal import Crystal, crystal_of, moving_light, orders_of, shown_light
-from optics.slm import Map, Response, grey_to_phase, phase_to_grey
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.slow_crystal import (
+    LiquidCrystal,
+    crystal_of_goal,
+    displayed_psf,
+    moving_crystal_intensity,
+    usable_orders,
+)
+from optics.slm import PanelMap, PhaseResponse, grey_to_phase, phase_to_grey
 
 TURN = 2 * math.pi
 
@@ -57,9 +63,9 @@ def test_moving_light_is_the_mean_over_many_moments(tau, waves):
     rng = np.random.default_rng(0)
     phases, besides = rng.uniform(0, TURN * waves, (3, 16, 20)), rng.normal(size=(16, 20))
     far_field = FarField((16, 20), 40, (18, 15))
-    crystal = Crystal(1 / 60, tau, TURN)
+    crystal = LiquidCrystal(1 / 60, tau, TURN)
     truth = by_small_steps(phases, 1 / 60, tau, 40, (18, 15), besides)
-    seen = moving_light(
+    seen = moving_crystal_intensity(
         far_field,
         torch.ones(16, 20),
         torch.from_numpy(phases),
@@ -73,9 +79,9 @@ def test_moving_light_is_the_mean_over_many_moments(tau, waves):
 def test_a_crystal_without_inertia_shows_the_plain_mean():
     rng = np.random.default_rng(1)
     phases = rng.uniform(0, TURN, (4, 16, 20))
-    crystal = Crystal(1 / 60, 0.0, TURN)
+    crystal = LiquidCrystal(1 / 60, 0.0, TURN)
     amplitude = rng.uniform(0.1, 1, (16, 20))
-    seen = moving_light(
+    seen = moving_crystal_intensity(
         FarField((16, 20), 40, (18, 15)),
         torch.from_numpy(amplitude).float(),
         torch.from_numpy(phases),
@@ -88,11 +94,11 @@ def test_a_crystal_without_inertia_shows_the_plain_mean():
 
 def test_one_frame_stands_however_slow_the_crystal():
     phases = np.random.default_rng(2).uniform(0, TURN, (1, 16, 20))
-    seen = moving_light(
+    seen = moving_crystal_intensity(
         FarField((16, 20), 40, (18, 15)),
         torch.ones(16, 20),
         torch.from_numpy(phases),
-        Crystal(1 / 60, 20e-3, TURN),
+        LiquidCrystal(1 / 60, 20e-3, TURN),
         6,
     )
     assert relative(seen, light(phases, 40, (18, 15)) * 40**2 * 320) < 1e-5
@@ -104,9 +110,11 @@ SHAPE, WINDOW, LENGTH = (60, 64), (61, 64), 128
 TARGET = ring(WINDOW, 18, 2)
 
 
-def goal_of(**panel) -> Goal:
+def goal_of(**panel) -> RetrievalGoal:
     optics = camera(SHAPE, **panel)
-    return Goal(optics, tensor(TARGET), design_plane(optics, WAVELENGTH, WINDOW), WAVELENGTH)
+    return RetrievalGoal(
+        optics, tensor(TARGET), design_plane(optics, WAVELENGTH, WINDOW), WAVELENGTH
+    )
 
 
 def dish() -> np.ndarray:
@@ -124,20 +132,20 @@ def test_shown_light_is_that_of_the_panels_levels_on_their_way(orders):
     goal = goal_of(response_time=5e-3)
     shown = quantised(phases, orders=orders)
     truth = by_small_steps(shown, 1 / 60, 5e-3, LENGTH, WINDOW) / (60 * 64 * LENGTH**2)
-    assert relative(shown_light(goal, torch.from_numpy(phases), orders), truth) < 1e-3
+    assert relative(displayed_psf(goal, torch.from_numpy(phases), orders), truth) < 1e-3
 
 
 def test_shown_light_knows_of_a_flatness_that_is_taken_off_and_put_on_again():
     """With a dish of a panel the pattern is rounded elsewhere, and is the same light besides."""
     phases = np.random.default_rng(4).uniform(0, 6, (2, *SHAPE))
-    goal = goal_of(flatness=Map(dish()))
+    goal = goal_of(flatness=PanelMap(dish()))
     figure = dish() * (TURN / WAVELENGTH)
     shown = quantised(phases - figure)
     truth = light(shown + figure, LENGTH, WINDOW)
-    assert relative(shown_light(goal, torch.from_numpy(phases), 1), truth) < 1e-4
+    assert relative(displayed_psf(goal, torch.from_numpy(phases), 1), truth) < 1e-4
 
 
-@pytest.mark.parametrize("flatness", [None, Map(dish())])
+@pytest.mark.parametrize("flatness", [None, PanelMap(dish())])
 def test_half_of_what_a_slow_crystal_loses_is_recovered(flatness):
     """At 5 ms and 60 Hz: against a video that knows nothing of the motion."""
     shape, window = (135, 240), (160, 160)
@@ -153,8 +161,8 @@ def test_half_of_what_a_slow_crystal_loses_is_recovered(flatness):
     }
     blind, aware = found.values()
     assert (blind.method, aware.method) == ("joint", "responding")
-    goal = Goal(slow, target, plane, WAVELENGTH)
-    moving = shown_light(goal, blind.phases, blind.orders).numpy()
+    goal = RetrievalGoal(slow, target, plane, WAVELENGTH)
+    moving = displayed_psf(goal, blind.phases, blind.orders).numpy()
     caught, contrast, _ = merits(moving, target.numpy())
     lost = blind.quality.efficiency - caught
     assert lost > 0.1
@@ -179,9 +187,9 @@ def test_ways_that_are_short_are_what_recovers():
 
 # How the ways are shown
 
-BENT = Response.tabulated(WAVELENGTH, np.linspace(0, 1, 256) ** 1.3 * 0.75)
-LIFTED = Response.tabulated(WAVELENGTH, 0.1 + 0.8 * np.linspace(0, 1, 256))
-PATCHY = Response(
+BENT = PhaseResponse.from_curve(WAVELENGTH, np.linspace(0, 1, 256) ** 1.3 * 0.75)
+LIFTED = PhaseResponse.from_curve(WAVELENGTH, 0.1 + 0.8 * np.linspace(0, 1, 256))
+PATCHY = PhaseResponse(
     (WAVELENGTH,), torch.linspace(0, 1, 256) * torch.tensor([1.0, 0.8]).reshape(1, 1, 2, 1)
 )
 
@@ -193,14 +201,14 @@ PATCHY = Response(
         ({"response": BENT}, 2),  # 5.0 pi
         ({"response": LIFTED}, 2),  # 5.4 pi, from 0.7 pi
         ({"response": PATCHY}, 2),  # 5.4 pi on the right
-        ({"flatness": Map(dish())}, 3),
-        ({"response": LIFTED, "flatness": Map(dish())}, 2),
+        ({"flatness": PanelMap(dish())}, 3),
+        ({"response": LIFTED, "flatness": PanelMap(dish())}, 2),
     ],
 )
 def test_the_panel_shows_the_ways_that_were_found(panel, orders):
     """Each phase within half a level of where it was asked for, no wave above or below it."""
     goal = goal_of(response_time=5e-3, **panel)
-    assert orders_of(goal.camera.panel, WAVELENGTH) == orders
+    assert usable_orders(goal.camera.panel, WAVELENGTH) == orders
     found = retrieve(
         goal.camera, goal.target, goal.plane, WAVELENGTH, frames=3, iterations=6,
         generator=seeded(),
@@ -220,11 +228,11 @@ def test_the_panel_shows_the_ways_that_were_found(panel, orders):
 
 def test_the_crystal_is_read_from_the_panel():
     """6.7 pi are three waves, less half a level; a panel of less than two has one."""
-    crystal = crystal_of(goal_of(response_time=4e-3, frame_rate=50.0))
+    crystal = crystal_of_goal(goal_of(response_time=4e-3, frame_rate=50.0))
     assert (crystal.frame_time, crystal.response_time) == (0.02, 4e-3)
     assert crystal.reach == pytest.approx(3 * TURN - REACH / 255 / 2, rel=1e-6)
     weak = goal_of(max_phase=((WAVELENGTH, 3.9 * math.pi),))
-    assert orders_of(weak.camera.panel, WAVELENGTH) == 1
+    assert usable_orders(weak.camera.panel, WAVELENGTH) == 1
 
 
 def test_ways_are_short_in_radians_a_frame():
@@ -240,4 +248,6 @@ def test_ways_are_short_in_radians_a_frame():
         return float(np.sqrt(np.mean((ways - np.roll(ways, 1, axis=0)) ** 2)))
 
     assert step(phases) < 0.6 * step(phases % TURN)
-    assert step(phases) == pytest.approx(step(short_ways(found.phases, 3 * TURN).numpy()), rel=1e-5)
+    assert step(phases) == pytest.approx(
+        step(shortest_phase_paths(found.phases, 3 * TURN).numpy()), rel=1e-5
+    )

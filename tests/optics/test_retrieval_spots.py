@@ -18,8 +18,8 @@ from judges.retrieval import (
 
 from optics.progress import Progress
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.goal import Goal
-from optics.retrieval.spots import find_spots, weighted
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.spots import find_spots, weighted_spots_field
 from optics.retrieval.superpixel import Superpixels
 
 SHAPE, WINDOW, LENGTH = (55, 97), (81, 90), 200
@@ -40,8 +40,8 @@ def single_samples(heights=(1.0,) * 9) -> np.ndarray:
     return target
 
 
-def goal_of(target: np.ndarray) -> Goal:
-    return Goal(CAMERA, tensor(target), PLANE, WAVELENGTH)
+def goal_of(target: np.ndarray) -> RetrievalGoal:
+    return RetrievalGoal(CAMERA, tensor(target), PLANE, WAVELENGTH)
 
 
 def powers(phase: np.ndarray) -> np.ndarray:
@@ -83,8 +83,8 @@ def test_weights_make_the_spots_what_they_shall_be(heights):
     """Powers over shares by direct sums, against Gerchberg-Saxton from the same start."""
     target = single_samples(heights)
     pixels = Superpixels(goal_of(target), 1)
-    even = weighted(pixels, 60, seeded(), Progress())
-    got = powers(pixels.pattern(even).numpy()) / np.array(heights)
+    even = weighted_spots_field(pixels, 60, seeded(), Progress())
+    got = powers(pixels.pixel_phases(even).numpy()) / np.array(heights)
     plain = retrieve(
         CAMERA, tensor(target), PLANE, WAVELENGTH, method="gerchberg-saxton", iterations=60,
         start="random", generator=seeded(),
@@ -94,12 +94,12 @@ def test_weights_make_the_spots_what_they_shall_be(heights):
     assert got.std() / got.mean() < 0.2 * usual.std() / usual.mean()
     # On the axis and beside, a random superposition would leave pi / 4 of the light.
     diffraction_limited = SHAPE[0] * SHAPE[1] / LENGTH**2
-    assert 0.7 < powers(pixels.pattern(even).numpy()).sum() / diffraction_limited < 1
+    assert 0.7 < powers(pixels.pixel_phases(even).numpy()).sum() / diffraction_limited < 1
 
 
 def test_the_field_is_dark_but_at_the_spots():
     pixels = Superpixels(goal_of(single_samples()), 1)
-    field = weighted(pixels, 3, seeded(), Progress())
+    field = weighted_spots_field(pixels, 3, seeded(), Progress())
     assert field.shape == WINDOW
     assert (field != 0).numpy().nonzero()[0].tolist() == sorted(40 + y for y, _ in PLACES)
 
@@ -133,6 +133,8 @@ def test_wide_dots_get_their_light_too():
 
 def test_the_seed_alone_decides():
     pixels = Superpixels(goal_of(single_samples()), 1)
-    first, again, other = (weighted(pixels, 5, seeded(s), Progress()) for s in (1, 1, 2))
+    first, again, other = (
+        weighted_spots_field(pixels, 5, seeded(s), Progress()) for s in (1, 1, 2)
+    )
     assert torch.equal(first, again)
     assert not torch.allclose(first, other)

@@ -20,16 +20,18 @@ from judges.retrieval import (
 from optics.progress import Progress
 from optics.retrieval import design_plane
 from optics.retrieval import superpixel as module
-from optics.retrieval.gerchberg_saxton import iterate, over_compensated
-from optics.retrieval.goal import Goal
-from optics.retrieval.starts import quadratic, random
+from optics.retrieval.gerchberg_saxton import iterate_constraint, over_compensated_constraint
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.start_phases import quadratic_start, random_start
 from optics.retrieval.superpixel import Superpixels, superpixel_side
-from optics.slm import Map
+from optics.slm import PanelMap
 
 
-def goal_of(shape, window, stop=None, **panel) -> Goal:
+def goal_of(shape, window, stop=None, **panel) -> RetrievalGoal:
     optics = camera(shape, stop, **panel)
-    return Goal(optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    return RetrievalGoal(
+        optics, torch.ones(window), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
 
 
 # Panels that a side divides, and panels that it doesn't: the last superpixels reach beyond.
@@ -43,11 +45,11 @@ def test_the_pattern_is_the_windows_field_at_every_pixel(shape, side, window):
     pixels = Superpixels(goal_of(shape, window), side)
     rng = np.random.default_rng(0)
     fields = rng.normal(size=(2, *window)) + 1j * rng.normal(size=(2, *window))
-    patterns = pixels.pattern(torch.from_numpy(fields).to(torch.complex64)).numpy()
+    patterns = pixels.pixel_phases(torch.from_numpy(fields).to(torch.complex64)).numpy()
     assert patterns.shape == (2, *shape)
     y, x = (np.arange(n) - (side - 1) / 2 for n in shape)
     for field, pattern in zip(fields, patterns, strict=True):
-        truth = sums_back(field, pixels.goal.length, y, x)
+        truth = sums_back(field, pixels.goal.far_field_samples, y, x)
         seen = np.abs(truth) > 1e-3 * np.abs(truth).max()
         assert seen.mean() > 0.99
         assert turned(pattern, truth)[seen].max() < 1e-3
@@ -59,8 +61,10 @@ def test_at_the_middle_of_a_superpixel_the_pattern_is_the_superpixels(shape, sid
     pixels = Superpixels(goal_of(shape, (20, 18)), side)
     rng = np.random.default_rng(1)
     window = rng.normal(size=(20, 18)) + 1j * rng.normal(size=(20, 18))
-    coarse = sums_back(window, pixels.goal.length // side, *(np.arange(n) for n in pixels.shape))
-    pattern = pixels.pattern(torch.from_numpy(window).to(torch.complex64)).numpy()
+    coarse = sums_back(
+        window, pixels.goal.far_field_samples // side, *(np.arange(n) for n in pixels.shape)
+    )
+    pattern = pixels.pixel_phases(torch.from_numpy(window).to(torch.complex64)).numpy()
     middles = pattern[side // 2 :: side, side // 2 :: side]
     coarse = coarse[: middles.shape[0], : middles.shape[1]]
     seen = np.abs(coarse) > 1e-2 * np.abs(coarse).max()
@@ -73,8 +77,8 @@ def test_a_pattern_of_all_pixels_is_told_to_superpixels(shape, side):
     pixels = Superpixels(goal_of(shape, (20, 19)), side)
     rng = np.random.default_rng(2)
     window = torch.from_numpy(rng.normal(size=(20, 19)) + 1j * rng.normal(size=(20, 19)))
-    pattern = pixels.pattern(pixels.lowered(window)).numpy()
-    truth = sums_back(window.numpy(), pixels.goal.length, *(np.arange(n) for n in shape))
+    pattern = pixels.pixel_phases(pixels.to_superpixel_origin(window)).numpy()
+    truth = sums_back(window.numpy(), pixels.goal.far_field_samples, *(np.arange(n) for n in shape))
     seen = np.abs(truth) > 1e-3 * np.abs(truth).max()
     assert turned(pattern, truth)[seen].max() < 1e-3
 
@@ -94,7 +98,7 @@ def test_superpixels_lie_in_the_middle_of_their_pixels(shape, side):
 @pytest.mark.parametrize(("shape", "side"), PANELS)
 def test_superpixels_have_their_pixels_mean_amplitude(shape, side):
     """What reaches beyond the panel is dark; the target gets the light that is there."""
-    slope = Map(np.array([[1.0, 0.2], [0.7, 0.4]]))
+    slope = PanelMap(np.array([[1.0, 0.2], [0.7, 0.4]]))
     for goal in (goal_of(shape, (8, 9), stop=50.0, illumination=slope), goal_of(shape, (8, 9))):
         pixels = Superpixels(goal, side)
         amplitude = goal.amplitude.numpy()
@@ -102,14 +106,14 @@ def test_superpixels_have_their_pixels_mean_amplitude(shape, side):
         for (row, column), value in np.ndenumerate(amplitude):
             truth[row // side, column // side] += value / side**2
         assert relative(pixels.amplitude, truth) < 1e-6
-        power = (np.abs(whole_far_field(truth, goal.length // side)) ** 2).sum()
-        assert float(pixels.intensity.double().sum()) == pytest.approx(power, rel=1e-5)
+        power = (np.abs(whole_far_field(truth, goal.far_field_samples // side)) ** 2).sum()
+        assert float(pixels.target_intensity.double().sum()) == pytest.approx(power, rel=1e-5)
 
 
 def test_an_even_panel_needs_no_amplitude():
-    assert Superpixels(goal_of((54, 96), (8, 8)), 3).uneven is None
-    assert Superpixels(goal_of((55, 97), (8, 8)), 3).uneven is not None
-    assert Superpixels(goal_of((54, 96), (8, 8), stop=50.0), 3).uneven is not None
+    assert Superpixels(goal_of((54, 96), (8, 8)), 3).uneven_amplitude is None
+    assert Superpixels(goal_of((55, 97), (8, 8)), 3).uneven_amplitude is not None
+    assert Superpixels(goal_of((54, 96), (8, 8), stop=50.0), 3).uneven_amplitude is not None
 
 
 @pytest.mark.parametrize(
@@ -140,13 +144,17 @@ def test_patterns_of_superpixels_are_as_good_as_those_of_pixels(shape):
     """A ring's efficiency, contrast and error, on a whole FFT of all pixels."""
     optics, window = camera(shape), (64, 64)
     target = ring(window, 20, 3)
-    goal = Goal(optics, tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH)
+    goal = RetrievalGoal(
+        optics, tensor(target), design_plane(optics, WAVELENGTH, window), WAVELENGTH
+    )
     found = {}
     for side in (1, superpixel_side(goal)):
         pixels = Superpixels(goal, side)
-        start = pixels.lit(quadratic(goal, pixels))
-        asked = iterate(pixels, start, over_compensated(pixels.intensity), 40, Progress(), "")
-        psf = light(pixels.pattern(asked).numpy()[None], goal.length, window)
+        start = pixels.panel_field(quadratic_start(goal, pixels))
+        asked = iterate_constraint(
+            pixels, start, over_compensated_constraint(pixels.target_intensity), 40, Progress(), ""
+        )
+        psf = light(pixels.pixel_phases(asked).numpy()[None], goal.far_field_samples, window)
         found[side] = merits(psf, target)
     fine, coarse = found.values()
     assert max(found) >= 3
@@ -157,7 +165,7 @@ def test_patterns_of_superpixels_are_as_good_as_those_of_pixels(shape):
 
 def test_random_starts_fill_a_wave_evenly():
     pixels = Superpixels(goal_of((54, 96), (8, 8)), 1)
-    counts, _ = np.histogram(random(pixels, seeded()).numpy(), bins=8, range=(0, 2 * np.pi))
+    counts, _ = np.histogram(random_start(pixels, seeded()).numpy(), bins=8, range=(0, 2 * np.pi))
     assert counts.sum() == 54 * 96
     # Six standard deviations of a binomial count.
     assert np.abs(counts - 648).max() < 6 * np.sqrt(648)

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from optics.camera import Sensor
-from optics.sensor import draw
-from optics.sensor.emva1288 import measure, pair_moments, uniformity
+from optics.sensor import sample_frame
+from optics.sensor.emva1288 import measure_characteristics, pair_moments, uniformity
 
 TRUE = Sensor(
     shape=(256, 256), bits=12, full_well=12_000.0, gain=3.3, read_noise=7.0, dark_current=40.0,
@@ -19,14 +19,16 @@ EXPOSURES = np.linspace(0.06, 3.0, 50)
 def frames(rate, exposure, count, seed, sensor=TRUE, **stages):
     generator = torch.Generator().manual_seed(seed)
     light = torch.full(sensor.shape, rate * exposure)
-    return [draw(light, exposure, sensor, generator, **stages).numpy() for _ in range(count)]
+    return [
+        sample_frame(light, exposure, sensor, generator, **stages).numpy() for _ in range(count)
+    ]
 
 
 @pytest.fixture(scope="module")
 def found():
     lit = {t: tuple(frames(RATE, t, 2, n)) for n, t in enumerate(EXPOSURES)}
     dark = {t: tuple(frames(0.0, t, 2, 1000 + n)) for n, t in enumerate(EXPOSURES)}
-    return measure(lit, dark)
+    return measure_characteristics(lit, dark)
 
 
 def test_photon_transfer_gives_the_gain(found):
@@ -43,7 +45,7 @@ def test_the_mean_is_linear_and_ends_at_the_well(found):
     assert found.linearity_error < 0.001
     assert found.rate == pytest.approx(RATE, rel=0.02)
     # The variance begins to fall a few standard deviations of shot noise below the well.
-    assert 0.92 * 12_000 < found.full_scale < 12_000
+    assert 0.92 * 12_000 < found.saturation_capacity < 12_000
 
 
 def test_averages_give_prnu_and_dsnu(found):
@@ -71,7 +73,7 @@ def test_a_sensor_that_isnt_linear_is_found_out():
         pair = frames(RATE, t, 2, n)
         bent[t] = tuple(np.round(f - 0.03 * (f - 120.0) ** 2 / 3600).astype(int) for f in pair)
     dark = {t: tuple(frames(0.0, t, 2, 1000 + n)) for n, t in enumerate(EXPOSURES[:35])}
-    assert measure(bent, dark).linearity_error > 0.002
+    assert measure_characteristics(bent, dark).linearity_error > 0.002
 
 
 BLACK = np.zeros((8, 8), dtype=int)
@@ -87,7 +89,9 @@ BLACK = np.zeros((8, 8), dtype=int)
 )
 def test_too_few_frames_are_refused(lit, dark, message):
     with pytest.raises(ValueError, match=message):
-        measure(dict.fromkeys(lit, (BLACK, BLACK)), dict.fromkeys(dark, (BLACK, BLACK)))
+        measure_characteristics(
+            dict.fromkeys(lit, (BLACK, BLACK)), dict.fromkeys(dark, (BLACK, BLACK))
+        )
 
 
 def test_frames_that_dont_fit_are_refused():

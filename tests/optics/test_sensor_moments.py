@@ -11,7 +11,7 @@ import torch
 from judges.sensor import judged
 
 from optics.camera import Sensor
-from optics.sensor import draw, fixed_pattern, moments
+from optics.sensor import fixed_pattern, moments, sample_frame
 
 WELL_FIRST = Sensor(
     shape=(8, 8), bits=8, full_well=150.0, gain=0.9, read_noise=0.8, black_level=3.0,
@@ -55,7 +55,7 @@ def test_dark_current_and_response_change_the_electrons():
     sensor = replace(WELL_FIRST, dark_current=5.0, prnu=0.05, shape=(32, 32))
     light = torch.full((32, 32), 100.0)
     mean, variance = moments(light, 2.0, sensor, clipping=False, quantisation=False)
-    gain = fixed_pattern(sensor).gain.to(torch.float64)
+    gain = fixed_pattern(sensor).response.to(torch.float64)
     assert torch.allclose(mean, 100 * gain + 10, rtol=1e-12)
     assert torch.allclose(variance, 100 * gain + 10 + 0.8**2, rtol=1e-12)
     plain, _ = moments(light, 2.0, sensor, fixed_pattern=False, dark_current=False, shot="none",
@@ -68,7 +68,9 @@ def test_frames_have_the_moments_that_are_told():
     sensor = replace(WELL_FIRST, dsnu=1.0, prnu=0.02, dark_current=3.0, shape=(4, 8))
     light = torch.linspace(0, 170, 32).reshape(4, 8)
     generator = torch.Generator().manual_seed(1)
-    frames = torch.stack([draw(light, 0.5, sensor, generator) for _ in range(4000)]).double()
+    frames = torch.stack(
+        [sample_frame(light, 0.5, sensor, generator) for _ in range(4000)]
+    ).double()
     electrons = (frames - sensor.black_level) * sensor.gain
     mean, variance = moments(light, 0.5, sensor)
     error = (electrons.mean(0) - mean).abs() / (variance / 4000).sqrt()
@@ -131,7 +133,7 @@ def test_a_burnt_pixel_doesnt_vary():
     ],
 )
 def test_what_makes_no_sense_is_refused_by_moments_and_draws(light, exposure, options, message):
-    for function, more in ((moments, ()), (draw, (torch.Generator(),))):
+    for function, more in ((moments, ()), (sample_frame, (torch.Generator(),))):
         with pytest.raises(ValueError, match=message):
             function(light, exposure, WELL_FIRST, *more, **options)
 

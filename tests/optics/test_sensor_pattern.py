@@ -12,33 +12,33 @@ import torch
 
 from optics.camera import Sensor
 from optics.light import Spectrum
-from optics.sensor import Mosaic, draw, fixed_pattern, row_starts
-from optics.sensor.drawing import electrons_of
-from optics.sensor.shutter import span
+from optics.sensor import Mosaic, fixed_pattern, row_starts, sample_frame
+from optics.sensor.frame_sampling import electrons_from_normal
+from optics.sensor.shutter import frame_duration
 
 SENSOR = Sensor(shape=(300, 400), prnu=0.01, dsnu=2.0, dead=0.002, hot=0.004, hot_current=500.0,
                 fixed_seed=5)  # fmt: skip
-EVEN = Spectrum.even(0.5)
-BAYER = Mosaic(("RG", "GB"), {"R": EVEN, "G": EVEN.scaled(0.5), "B": EVEN})
+EVEN = Spectrum.flat(0.5)
+BAYER = Mosaic(("RG", "GB"), {"R": EVEN, "G": EVEN.with_scale(0.5), "B": EVEN})
 
 
 def test_maps_have_the_spreads_and_shares_that_were_given():
     """Within five standard errors of 120,000 pixels."""
     maps = fixed_pattern(SENSOR)
-    good = maps.gain[maps.gain > 0]
+    good = maps.response[maps.response > 0]
     error = 1 / math.sqrt(2 * 120_000)
     assert float(good.std()) == pytest.approx(0.01, rel=5 * error)
     assert float(good.mean()) == pytest.approx(1.0, abs=5 * 0.01 / math.sqrt(120_000))
     assert float(maps.offset.std()) == pytest.approx(2.0, rel=5 * error + 0.001)
-    assert int((maps.gain == 0).sum()) == pytest.approx(240, abs=5 * math.sqrt(240))
-    assert int((maps.current == 500).sum()) == pytest.approx(480, abs=5 * math.sqrt(480))
-    assert not bool(((maps.gain == 0) & (maps.current > 0)).any())
+    assert int((maps.response == 0).sum()) == pytest.approx(240, abs=5 * math.sqrt(240))
+    assert int((maps.hot_current == 500).sum()) == pytest.approx(480, abs=5 * math.sqrt(480))
+    assert not bool(((maps.response == 0) & (maps.hot_current > 0)).any())
 
 
 def test_maps_belong_to_the_camera():
     again = fixed_pattern(replace(SENSOR, gain=3.0))
-    assert torch.equal(again.gain, fixed_pattern(SENSOR).gain)
-    assert not torch.equal(again.gain, fixed_pattern(replace(SENSOR, fixed_seed=6)).gain)
+    assert torch.equal(again.response, fixed_pattern(SENSOR).response)
+    assert not torch.equal(again.response, fixed_pattern(replace(SENSOR, fixed_seed=6)).response)
 
 
 def test_maps_last_as_long_as_their_sensor():
@@ -53,34 +53,34 @@ def test_maps_last_as_long_as_their_sensor():
 def test_hot_and_dead_pixels_stay_where_they_are_in_all_frames():
     quiet = {"read_noise": False, "shot": "none"}
     frames = [
-        draw(torch.full(SENSOR.shape, 300.0), 10.0, SENSOR, torch.Generator().manual_seed(n),
-             **quiet)
+        sample_frame(torch.full(SENSOR.shape, 300.0), 10.0, SENSOR,
+                     torch.Generator().manual_seed(n), **quiet)
         for n in (1, 2)
     ]  # fmt: skip
     assert torch.equal(*frames)
     maps = fixed_pattern(SENSOR)
     electrons = (frames[0] - 64) * 2.6
     # 500 e-/s over 10 s and 10 of dark current; steps of 2.6 and offsets of 9 at most.
-    assert float((electrons[maps.current > 0] - 5310).abs().max()) < 5 * 0.01 * 300 + 11
-    assert float((electrons[maps.gain == 0] - 10).abs().max()) < 11
+    assert float((electrons[maps.hot_current > 0] - 5310).abs().max()) < 5 * 0.01 * 300 + 11
+    assert float((electrons[maps.response == 0] - 10).abs().max()) < 11
 
 
 def test_an_even_sensor_draws_the_same_pixels_whatever_their_shape():
-    frame = draw(torch.full((10,), 50.0), 1.0, Sensor(), torch.Generator().manual_seed(0))
+    frame = sample_frame(torch.full((10,), 50.0), 1.0, Sensor(), torch.Generator().manual_seed(0))
     assert frame.shape == (10,)
     assert frame.dtype == torch.int32
 
 
 def test_numbers_are_whole_only_if_they_are_rounded():
-    frame = draw(torch.tensor([10.0]), 1.0, Sensor(dark_current=0.0), torch.Generator(),
+    frame = sample_frame(torch.tensor([10.0]), 1.0, Sensor(dark_current=0.0), torch.Generator(),
                  shot="none", read_noise=False, quantisation=False)  # fmt: skip
     assert frame.dtype == torch.float64
     assert float(frame) == 64 + 10 / 2.6
 
 
 def test_nothing_clips_where_clipping_is_off():
-    frame = draw(torch.tensor([1e6]), 1.0, Sensor(dark_current=0.0), torch.Generator(), shot="none",
-                 read_noise=False, clipping=False)  # fmt: skip
+    frame = sample_frame(torch.tensor([1e6]), 1.0, Sensor(dark_current=0.0), torch.Generator(),
+                         shot="none", read_noise=False, clipping=False)  # fmt: skip
     assert int(frame) == round(64 + 1e6 / 2.6)
 
 
@@ -93,7 +93,7 @@ def test_numbers_end_where_well_and_converter_do():
 
     def frame(light, sensor, read_noise=True):
         generator = torch.Generator().manual_seed(1)
-        return draw(light, 1.0, sensor, generator, read_noise=read_noise)
+        return sample_frame(light, 1.0, sensor, generator, read_noise=read_noise)
 
     assert (frame(bright, sensor, False) == 64 + 500).all()
     deep = replace(sensor, full_well=1e5)
@@ -110,15 +110,17 @@ def test_a_frame_without_noise_is_the_rounded_mean():
     light = torch.tensor([[0.0, 1.0, 2.4, 3.8, 5000.0]])
 
     def quiet(sensor):
-        return draw(light, 1.0, sensor, torch.Generator(), shot="none", read_noise=False,
+        return sample_frame(light, 1.0, sensor, torch.Generator(), shot="none", read_noise=False,
                     dark_current=False)  # fmt: skip
 
     assert quiet(sensor).tolist() == [[100, 100, 101, 102, 2100]]
     uneven = replace(sensor, dsnu=50.0, fixed_seed=2)
     pattern = fixed_pattern(uneven)
-    too_much = torch.round(light / 2.5 + pattern.steps * pattern.step / 2.5 + 100)
+    too_much = torch.round(
+        light / 2.5 + pattern.offset_steps * pattern.electrons_per_step / 2.5 + 100
+    )
     assert torch.equal(quiet(uneven), too_much.to(torch.int32))
-    assert bool((pattern.steps < 0).any() and (pattern.steps > 0).any())
+    assert bool((pattern.offset_steps < 0).any() and (pattern.offset_steps > 0).any())
 
 
 @pytest.mark.parametrize("shot", ["Poisson", "skewed", "Gaussian"])
@@ -129,7 +131,7 @@ def test_dim_pixels_beside_bright_ones_are_drawn_as_poissons(shot):
 
     def drawn(seed):
         generator = torch.Generator().manual_seed(seed)
-        return draw(light, 1.0, sensor, generator, shot=shot, read_noise=False)
+        return sample_frame(light, 1.0, sensor, generator, shot=shot, read_noise=False)
 
     dim, bright = drawn(1).double()
     assert float((dim == 0).double().mean()) == pytest.approx(math.exp(-0.3), abs=0.02)
@@ -143,8 +145,9 @@ def test_dim_pixels_beside_bright_ones_are_drawn_as_poissons(shot):
 def test_electrons_come_as_poissons_or_nearly_so(shot, electrons):
     """Kolmogorov's distance from scipy's distribution; 0.0665 / sqrt(electrons) of the normal."""
     sensor = Sensor(gain=1.0, black_level=0.0, dark_current=0.0)
-    numbers = draw(torch.full((200_000,), electrons), 1.0, sensor, torch.Generator().manual_seed(3),
-                   shot=shot, read_noise=False)  # fmt: skip
+    numbers = sample_frame(torch.full((200_000,), electrons), 1.0, sensor,
+                           torch.Generator().manual_seed(3), shot=shot,
+                           read_noise=False)  # fmt: skip
     counts = torch.bincount(numbers, minlength=100) / 200_000
     distance = abs(counts.cumsum(0).numpy() - st.poisson.cdf(range(len(counts)), electrons)).max()
     normal = 0.0665 / math.sqrt(electrons) if shot == "Gaussian" and electrons > 10 else 0.0
@@ -161,7 +164,7 @@ def test_skewed_numbers_are_poissons_without_any_chance(mean, apart):
     and variance."""
     steps = 2_000_000
     noise = torch.from_numpy(st.norm.ppf((np.arange(steps) + 0.5) / steps))
-    counts = electrons_of(torch.full((steps,), mean, dtype=torch.float64), noise, "skewed")
+    counts = electrons_from_normal(torch.full((steps,), mean, dtype=torch.float64), noise, "skewed")
     shares = torch.bincount(counts.long()).double() / steps
     k = torch.arange(len(shares)).double()
     distance = abs(shares.cumsum(0).numpy() - st.poisson.cdf(k.numpy(), mean)).max()
@@ -180,13 +183,13 @@ def test_a_mosaic_repeats_from_the_first_pixel():
 
 def test_a_mosaic_takes_each_pixel_from_its_channel():
     channels = torch.stack([torch.full((2, 2), value) for value in (1.0, 2.0, 3.0)])
-    assert BAYER.gather(channels).tolist() == [[1, 2], [2, 3]]
+    assert BAYER.sample_channels(channels).tolist() == [[1, 2], [2, 3]]
     with pytest.raises(ValueError, match=r"channels is \(2, 4, 4\); it must be 3 pictures, of R"):
-        BAYER.gather(torch.ones(2, 4, 4))
+        BAYER.sample_channels(torch.ones(2, 4, 4))
 
 
 def test_mosaics_are_equal_by_what_they_hold():
-    same = Mosaic(("RG", "GB"), {"B": EVEN, "G": EVEN.scaled(0.5), "R": EVEN})
+    same = Mosaic(("RG", "GB"), {"B": EVEN, "G": EVEN.with_scale(0.5), "R": EVEN})
     assert same == BAYER
     assert hash(replace(SENSOR, colour=same)) == hash(replace(SENSOR, colour=BAYER))
     assert Mosaic(("RG", "GB"), {"R": EVEN, "G": EVEN, "B": EVEN}) != BAYER
@@ -208,7 +211,7 @@ def test_rows_start_one_after_the_other():
     assert row_starts(rolling, 2.0).tolist() == pytest.approx([2.0, 2.00001, 2.00002, 2.00003])
     assert row_starts(rolling, 2.0, rolling=False).tolist() == [2.0] * 4
     assert row_starts(Sensor(shape=(3, 4))).tolist() == [0.0] * 3
-    assert span(rolling, 0.01) == pytest.approx(0.01003)
+    assert frame_duration(rolling, 0.01) == pytest.approx(0.01003)
 
 
 @pytest.mark.parametrize(

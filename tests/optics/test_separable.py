@@ -10,11 +10,11 @@ from scipy.ndimage import convolve1d
 from scipy.signal import convolve2d
 from skimage import data
 
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.separable import (
     SeparableFilter,
     blur_matrix,
-    separable,
+    restore_separable,
     separable_parts,
 )
 from optics.deconvolution.wiener import wiener
@@ -118,8 +118,8 @@ def test_a_flat_prior_is_the_filter_in_two_dimensions(border, weight):
     """The same problem by conjugate gradients on frequencies, to the end."""
     down, along = cubic_kernel(15), cubic_kernel(12, 12.0, -3.0)
     _, frame = blurred((50, 43), down, along)
-    seen = measured(frame, np.outer(down, along), 0.01, border)
-    ours = separable(seen, weight, "flat")
+    seen = build_observation(frame, np.outer(down, along), 0.01, border)
+    ours = restore_separable(seen, weight, "flat")
     theirs = wiener(seen, weight, "flat", steps=3000)
     assert relative(ours.image, theirs.image) <= 5e-4
     assert ours.residual == pytest.approx(theirs.residual, rel=1e-3)
@@ -162,18 +162,19 @@ def test_its_own_weight_is_near_the_best_there_is(prior, noise):
     """Judged by the true error over all weights of a grid."""
     down, along = cubic_kernel(21), cubic_kernel(21)
     truth, frame = blurred((96, 90), down, along, noise)
-    seen = measured(frame, np.outer(down, along), None)
+    seen = build_observation(frame, np.outer(down, along), None)
     best = max(
-        psnr(separable(seen, w, prior).image, truth) for w in np.logspace(-6, 1, 29).tolist()
+        psnr(restore_separable(seen, w, prior).image, truth)
+        for w in np.logspace(-6, 1, 29).tolist()
     )
-    assert psnr(separable(seen, None, prior).image, truth) > best - 0.5
+    assert psnr(restore_separable(seen, None, prior).image, truth) > best - 0.5
 
 
 def test_neighbours_restore_better_than_a_flat_prior_and_both_better_than_nothing():
     down, along = cubic_kernel(21), cubic_kernel(21)
     truth, frame = blurred((96, 90), down, along)
-    seen = measured(frame, np.outer(down, along), None)
-    flat, neighbours = (psnr(separable(seen, None, prior).image, truth) for prior in PRIORS)
+    seen = build_observation(frame, np.outer(down, along), None)
+    flat, neighbours = (psnr(restore_separable(seen, None, prior).image, truth) for prior in PRIORS)
     assert neighbours > flat + 0.5
     assert flat > psnr(frame, truth) + 3
     assert neighbours > psnr(wiener(seen).image, truth) - 1
@@ -195,7 +196,7 @@ def test_a_psf_that_is_no_product_is_refused_with_how_far_it_is_from_one():
     with pytest.raises(ValueError, match=rf"isn't separable.*leaves out {left_out:.2g} of it"):
         separable_parts(disk)
     with pytest.raises(ValueError, match="isn't separable"):
-        separable(measured(np.ones((20, 20)), disk))
+        restore_separable(build_observation(np.ones((20, 20)), disk))
     assert separable_parts(disk, 1.1 * left_out)[0].shape == (9,)
 
 
@@ -212,15 +213,15 @@ def test_precision_is_the_images_and_single_is_enough(dtype):
     down, along = cubic_kernel(15), cubic_kernel(15)
     _, frame = blurred((40, 40), down, along)
     psf = np.outer(down, along)
-    restored = separable(measured(frame.astype(dtype), psf, 0.01), 1e-3).image
-    exact = separable(measured(frame, psf, 0.01), 1e-3).image
+    restored = restore_separable(build_observation(frame.astype(dtype), psf, 0.01), 1e-3).image
+    exact = restore_separable(build_observation(frame, psf, 0.01), 1e-3).image
     assert restored.numpy().dtype == dtype
     assert relative(restored, exact) <= 1e-5
 
 
 def test_a_constant_picture_stays_constant():
     psf = 0.5 * np.outer(cubic_kernel(9), cubic_kernel(9))
-    assert np.allclose(separable(measured(np.full((20, 22), 3.0), psf)).image, 6.0)
+    assert np.allclose(restore_separable(build_observation(np.full((20, 22), 3.0), psf)).image, 6.0)
 
 
 def test_multiplications_are_those_of_the_products():
@@ -239,6 +240,8 @@ def test_bad_arguments_are_refused_by_name():
     with pytest.raises(ValueError, match=r"image is \(12, 12\); its last axes must be \(8, 8\)"):
         SeparableFilter(kernel, kernel, (8, 8))(frame, 0.1)
     with pytest.raises(ValueError, match="weight is -1; it must be positive"):
-        separable(measured(frame, np.outer(kernel, kernel)), -1.0)
+        restore_separable(build_observation(frame, np.outer(kernel, kernel)), -1.0)
     with pytest.raises(ValueError, match="don't separate into rows and columns"):
-        separable(measured(frame, np.outer(kernel, kernel), clipped=frame > np.eye(12)))
+        restore_separable(
+            build_observation(frame, np.outer(kernel, kernel), clipped=frame > np.eye(12))
+        )

@@ -10,10 +10,14 @@ import pytest
 from scipy import constants
 
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import open_area, open_radius, pupil_amplitude
-from optics.retrieval.grid import design_plane, far_length
-from optics.shadow import in_focus, shadowed, share_through
+from optics.pupil import open_area, open_pupil_radius, pupil_amplitude
+from optics.retrieval.grid import design_plane, far_field_length
 from optics.stop.aperture import Circle, Stop, regular_polygon
+from optics.stop_shadow import (
+    panel_to_focus_distance,
+    share_through_stop,
+    with_stop_shadow_on_panel,
+)
 from optics.throughput import electron_rate
 
 Z1 = 0.05
@@ -32,7 +36,7 @@ def traced(camera: Camera, height: float, slope: float) -> tuple[float, float]:
 @pytest.mark.parametrize("focus", [0.4, 2.0, math.inf])
 def test_a_ray_at_the_shadows_rim_meets_the_stops(focus):
     camera = replace(CAMERA, lens=replace(CAMERA.lens, focus_distance=focus))
-    rim = shadowed(camera).lens.stop_diameter / 2
+    rim = with_stop_shadow_on_panel(camera).lens.stop_diameter / 2
     slope = rim / (focus - Z1) if focus < math.inf else 0.0
     at_lens, at_sensor = traced(camera, rim, slope)
     assert at_lens == pytest.approx(camera.lens.stop_diameter / 2)
@@ -41,16 +45,23 @@ def test_a_ray_at_the_shadows_rim_meets_the_stops(focus):
 
 
 def test_in_one_plane_there_is_no_other_shadow():
-    assert shadowed(NEAR) is NEAR
-    assert in_focus(NEAR) == 2.0
-    assert in_focus(CAMERA) == 2.0 - Z1
-    assert in_focus(replace(CAMERA, lens=replace(CAMERA.lens, focus_distance=math.inf))) == math.inf
+    assert with_stop_shadow_on_panel(NEAR) is NEAR
+    assert panel_to_focus_distance(NEAR) == 2.0
+    assert panel_to_focus_distance(CAMERA) == 2.0 - Z1
+    assert (
+        panel_to_focus_distance(replace(CAMERA, lens=replace(CAMERA.lens, focus_distance=math.inf)))
+        == math.inf
+    )
 
 
 @pytest.mark.parametrize("separation", [0.15, 0.2])
 def test_a_panel_in_the_plane_in_focus_is_refused(separation):
     camera = replace(NEAR, lens=Lens(0.1, 10.0, 0.15), separation=separation)
-    for ask in (in_focus, shadowed, lambda camera: design_plane(camera, 550e-9, (8, 8))):
+    for ask in (
+        panel_to_focus_distance,
+        with_stop_shadow_on_panel,
+        lambda camera: design_plane(camera, 550e-9, (8, 8)),
+    ):
         with pytest.raises(ValueError, match=f"separation is {separation:g} m; the panel must"):
             ask(camera)
 
@@ -58,7 +69,7 @@ def test_a_panel_in_the_plane_in_focus_is_refused(separation):
 def test_the_design_grid_lies_where_gratings_send_light():
     """The step of the far field is a grating of one wave in `length` pixels."""
     wavelength = 550e-9
-    slope = wavelength / (far_length(CAMERA) * CAMERA.panel.pitch)
+    slope = wavelength / (far_field_length(CAMERA) * CAMERA.panel.pitch)
     _, straight = traced(CAMERA, 1e-3, 0.0)
     _, steered = traced(CAMERA, 1e-3, slope)
     pitch = design_plane(CAMERA, wavelength, (8, 8)).pitch[0]
@@ -68,9 +79,9 @@ def test_the_design_grid_lies_where_gratings_send_light():
 
 def test_less_of_the_panel_is_open_than_the_stop_is_wide():
     camera, spread = replace(CAMERA, panel=Panel((150, 160), 80e-6)), 2.0 / (2.0 - Z1)
-    area = float(pupil_amplitude(shadowed(camera)).sum()) * 80e-6**2
+    area = float(pupil_amplitude(with_stop_shadow_on_panel(camera)).sum()) * 80e-6**2
     assert area == pytest.approx(math.pi * (5e-3 / spread) ** 2, rel=1e-9)
-    assert open_radius(shadowed(camera)) == pytest.approx(5e-3 / spread)
+    assert open_pupil_radius(with_stop_shadow_on_panel(camera)) == pytest.approx(5e-3 / spread)
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0, math.inf])
@@ -110,11 +121,11 @@ def test_vignetting_is_the_share_of_rays_that_pass(field, distance):
         for p, s in zip((y, x), slopes, strict=True)
     ]
     share = passing(ends).sum() / passing((y, x)).sum()
-    assert share_through(camera, distance, field) == pytest.approx(share, abs=2e-3)
+    assert share_through_stop(camera, distance, field) == pytest.approx(share, abs=2e-3)
 
 
 def test_without_a_separation_nothing_is_lost():
-    assert share_through(NEAR, 0.3, (0.02, 0.01)) == pytest.approx(1, abs=1e-12)
+    assert share_through_stop(NEAR, 0.3, (0.02, 0.01)) == pytest.approx(1, abs=1e-12)
 
 
 def test_in_one_plane_the_distance_does_not_matter_to_the_light():

@@ -8,8 +8,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.slanted_edge import slanted_edge
-from optics.system_mtf import optical_transfer, system_mtf
+from optics.slanted_edge import measure_edge_response
+from optics.system_mtf import neutral_panel_otf, system_mtf
 
 
 @functools.cache
@@ -51,9 +51,9 @@ def test_a_gaussian_blur_is_found_again(degrees, sigma):
     def gaussian(f):
         return np.exp(-2 * (math.pi * sigma * f) ** 2)
 
-    found = slanted_edge(100 + 900 * edge(gaussian, 3 / sigma / 2, angle))
+    found = measure_edge_response(100 + 900 * edge(gaussian, 3 / sigma / 2, angle))
     assert found.angle == pytest.approx(angle, abs=math.radians(0.02))
-    assert found.at(NYQUIST) == pytest.approx(with_pixels(gaussian, angle, NYQUIST), abs=0.01)
+    assert found.mtf_at(NYQUIST) == pytest.approx(with_pixels(gaussian, angle, NYQUIST), abs=0.01)
 
 
 CAMERA = Camera(
@@ -70,14 +70,14 @@ def test_a_cameras_own_transfer_is_found_again(horizontal, distance):
     pitch = CAMERA.sensor.pitch
 
     def transfer(f):
-        return optical_transfer(CAMERA, 550e-9, f / pitch, across, distance)
+        return neutral_panel_otf(CAMERA, 550e-9, f / pitch, across, distance)
 
     cutoff = pitch * CAMERA.lens.stop_diameter / (550e-9 * CAMERA.lens.image_distance)
     picture = edge(transfer, cutoff, angle)
-    found = slanted_edge(picture.T if horizontal else picture)
+    found = measure_edge_response(picture.T if horizontal else picture)
     truth = system_mtf(CAMERA, 550e-9, NYQUIST / pitch, across, distance)
     assert found.horizontal == horizontal
-    assert found.at(NYQUIST) == pytest.approx(truth, abs=0.01)
+    assert found.mtf_at(NYQUIST) == pytest.approx(truth, abs=0.01)
 
 
 def test_an_edge_may_fall_instead_of_rising():
@@ -85,8 +85,8 @@ def test_an_edge_may_fall_instead_of_rising():
         return np.exp(-2 * (math.pi * 0.7 * f) ** 2)
 
     picture = edge(gaussian, 2.5, math.radians(5))
-    assert slanted_edge(1 - picture).at(NYQUIST) == pytest.approx(
-        slanted_edge(picture).at(NYQUIST), abs=1e-6
+    assert measure_edge_response(1 - picture).mtf_at(NYQUIST) == pytest.approx(
+        measure_edge_response(picture).mtf_at(NYQUIST), abs=1e-6
     )
 
 
@@ -106,11 +106,11 @@ def plain(degrees=5.0, **more):
 )
 def test_pictures_without_a_slanted_edge_are_refused(picture, message):
     with pytest.raises(ValueError, match=message):
-        slanted_edge(picture)
+        measure_edge_response(picture)
 
 
 def test_only_what_is_known_is_told():
     with pytest.raises(ValueError, match=r"frequencies reach 1\.2 cycles a pixel; 0 to 0.997"):
-        slanted_edge(plain()).at(1.2)
+        measure_edge_response(plain()).mtf_at(1.2)
     with pytest.raises(ValueError, match="oversampling is 0; give 1 or more"):
-        slanted_edge(plain(), 0)
+        measure_edge_response(plain(), 0)

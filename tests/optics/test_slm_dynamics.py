@@ -7,7 +7,13 @@ import torch
 from scipy.integrate import quad, solve_ivp
 from scipy.special import j0
 
-from optics.slm.dynamics import first_start, nodes_for, relaxed, steady_starts, time_nodes
+from optics.slm.dynamics import (
+    first_start_phase,
+    relaxed_phase,
+    steady_start_phases,
+    time_node_count,
+    time_nodes,
+)
 from optics.slm.flicker import flicker_nodes
 
 FRAME = 1 / 60
@@ -17,7 +23,7 @@ def test_the_phase_follows_the_equation_of_first_order():
     """dp/dt = (end - p) / tau, integrated by scipy."""
     end, start, tau = 3.0, -1.0, 5e-3
     known = solve_ivp(lambda t, p: (end - p) / tau, (0, FRAME), [start], rtol=1e-10, atol=1e-12)
-    phase = relaxed(torch.tensor(end), torch.tensor(start), FRAME, tau)
+    phase = relaxed_phase(torch.tensor(end), torch.tensor(start), FRAME, tau)
     assert float(phase) == pytest.approx(known.y[0, -1], rel=1e-6)
 
 
@@ -26,7 +32,7 @@ def test_the_phase_follows_the_equation_of_first_order():
 def test_a_cycle_begins_where_it_ends(tau, frames):
     """After so many cycles from rest that nothing is left of the beginning."""
     phases = torch.rand(frames, 3, dtype=torch.float64) * 6
-    starts = steady_starts(phases, FRAME, tau)
+    starts = steady_start_phases(phases, FRAME, tau)
     state = torch.zeros(3, dtype=torch.float64)
     for _ in range(math.ceil(40 * tau / (frames * FRAME)) + 1):
         seen = []
@@ -38,25 +44,25 @@ def test_a_cycle_begins_where_it_ends(tau, frames):
 
 def test_at_once_a_frame_begins_with_the_one_before():
     phases = torch.rand(4, 2, 3)
-    assert torch.equal(steady_starts(phases, FRAME, 0.0), phases.roll(1, 0))
+    assert torch.equal(steady_start_phases(phases, FRAME, 0.0), phases.roll(1, 0))
 
 
 @pytest.mark.parametrize("tau", [1e-9, 1e-5])
 def test_a_quick_crystal_is_nearly_at_once(tau):
     phases = torch.rand(4, 3, dtype=torch.float64)
-    assert torch.allclose(steady_starts(phases, FRAME, tau), phases.roll(1, 0), atol=1e-12)
+    assert torch.allclose(steady_start_phases(phases, FRAME, tau), phases.roll(1, 0), atol=1e-12)
 
 
 def test_a_slow_crystal_stands_at_the_mean():
     """A million times slower than the video: the mean to within a millionth."""
     phases = torch.rand(5, 3, dtype=torch.float64) * 6
-    starts = steady_starts(phases, FRAME, 1e6 * 5 * FRAME)
+    starts = steady_start_phases(phases, FRAME, 1e6 * 5 * FRAME)
     assert torch.allclose(starts, phases.mean(0).expand(5, 3), rtol=0, atol=1e-5)
 
 
 def test_the_starts_are_differentiable():
     phases = torch.rand(3, 2, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda p: steady_starts(p, FRAME, 5e-3), phases)
+    assert torch.autograd.gradcheck(lambda p: steady_start_phases(p, FRAME, 5e-3), phases)
 
 
 @pytest.mark.parametrize("tau", [1e-4, 5e-3, 17e-3, 3.0])
@@ -74,7 +80,7 @@ def test_few_nodes_give_the_mean_light_of_a_frame(tau, change):
         for a, b in pairwise(ends)
     )
     for tol in (1e-2, 1e-3, 1e-6):
-        times, shares = time_nodes(FRAME, tau, nodes_for(change, FRAME, tau, tol))
+        times, shares = time_nodes(FRAME, tau, time_node_count(change, FRAME, tau, tol))
         mean = sum(
             s * np.exp(1j * change * math.exp(-t / tau)) for t, s in zip(times, shares, strict=True)
         )
@@ -85,7 +91,7 @@ def test_few_nodes_give_the_mean_light_of_a_frame(tau, change):
 
 def test_a_wave_of_change_takes_four_nodes_for_a_thousandth():
     """Equal steps in time take more than a hundred."""
-    assert nodes_for(2 * math.pi, FRAME, 5e-3, 1e-3) == 4
+    assert time_node_count(2 * math.pi, FRAME, 5e-3, 1e-3) == 4
 
 
 def test_nodes_are_exact_for_polynomials_in_what_is_left():
@@ -113,8 +119,8 @@ def test_extreme_crystals_have_nodes_inside_the_frame(tau, count):
         (lambda: time_nodes(FRAME, -1.0, 3), "tau is -1 s"),
         (lambda: time_nodes(FRAME, math.inf, 3), "tau is inf s"),
         (lambda: time_nodes(FRAME, 1e-3, 0), "count is 0"),
-        (lambda: first_start(torch.zeros(0, 2), FRAME, 1e-3), "phases has no frame"),
-        (lambda: nodes_for(1e3, FRAME, 5e-3, 1e-3), "changes by 1e.03 rad within a frame"),
+        (lambda: first_start_phase(torch.zeros(0, 2), FRAME, 1e-3), "phases has no frame"),
+        (lambda: time_node_count(1e3, FRAME, 5e-3, 1e-3), "changes by 1e.03 rad within a frame"),
         (lambda: flicker_nodes(0.5, 1e4, 1e-3), "moves the phase by 5e.03 rad"),
     ],
 )

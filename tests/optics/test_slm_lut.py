@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 import torch
 
-from optics.slm import Map, Modulator, Panel, Response, grey_to_phase, max_phase, phase_to_grey
+from optics.slm import (
+    Modulator,
+    Panel,
+    PanelMap,
+    PhaseResponse,
+    grey_to_phase,
+    max_phase,
+    phase_to_grey,
+)
 from optics.slm.lut import whole_waves
 
 PANEL = Panel((12, 20))
@@ -26,7 +34,7 @@ def regional(*shape):
     """A response of regions that all differ, at two wavelengths."""
     powers = np.linspace(0.7, 1.6, 2 * math.prod(shape)).reshape(2, *shape)
     shares = np.stack([bent(p) for p in powers.ravel()]).reshape(2, *shape, 256)
-    return Response((450e-9, 600e-9), torch.from_numpy(shares))
+    return PhaseResponse((450e-9, 600e-9), torch.from_numpy(shares))
 
 
 def curve_at(response, panel, row, column, wavelength):
@@ -51,7 +59,7 @@ def curve_at(response, panel, row, column, wavelength):
 
 
 def test_a_measured_response_is_followed_level_by_level():
-    panel = replace(PANEL, response=Response.tabulated(WAVELENGTH, s_shaped(0.8)))
+    panel = replace(PANEL, response=PhaseResponse.from_curve(WAVELENGTH, s_shaped(0.8)))
     grey = np.arange(240, dtype=np.uint8).reshape(12, 20)
     phase = grey_to_phase(panel, grey, 560e-9)
     assert np.allclose(phase, max_phase(panel, 560e-9) * s_shaped(0.8)[grey], rtol=1e-14)
@@ -59,7 +67,7 @@ def test_a_measured_response_is_followed_level_by_level():
 
 def test_phases_that_were_measured_are_met_at_their_wavelengths():
     phases = np.stack([20 * bent(1.2), 15 * bent(0.9)])
-    panel = replace(PANEL, response=Response.measured(PANEL, [480e-9, 600e-9], phases))
+    panel = replace(PANEL, response=PhaseResponse.from_phases(PANEL, [480e-9, 600e-9], phases))
     grey = torch.arange(256, dtype=torch.uint8)
     for wavelength, phase in zip((480e-9, 600e-9), phases, strict=True):
         assert np.allclose(grey_to_phase(panel, grey, wavelength).numpy(), phase, rtol=1e-12)
@@ -89,8 +97,8 @@ def test_regions_have_no_seams():
 
 def test_wavelengths_may_come_in_any_order():
     shares = torch.from_numpy(np.stack([bent(0.8), bent(1.0), bent(1.5)]))[:, None, None]
-    sorted_ = Response((450e-9, 550e-9, 650e-9), shares)
-    mixed = Response((650e-9, 450e-9, 550e-9), shares[[2, 0, 1]])
+    sorted_ = PhaseResponse((450e-9, 550e-9, 650e-9), shares)
+    mixed = PhaseResponse((650e-9, 450e-9, 550e-9), shares[[2, 0, 1]])
     for wavelength in np.linspace(400e-9, 700e-9, 13):
         assert torch.equal(sorted_.at(wavelength), mixed.at(wavelength))
 
@@ -100,7 +108,7 @@ def test_the_phase_is_differentiable_in_the_response():
     grey = torch.tensor([[0, 1, 2], [3, 2, 1]], dtype=torch.uint8)
 
     def phase(shares):
-        panel = Panel((2, 3), levels=4, response=Response((5e-7,), shares))
+        panel = Panel((2, 3), levels=4, response=PhaseResponse((5e-7,), shares))
         return grey_to_phase(panel, grey, 5e-7)
 
     assert torch.autograd.gradcheck(phase, start)
@@ -132,19 +140,19 @@ def test_what_is_no_grey_level_is_refused(grey, words):
 )
 def test_what_is_no_response_is_refused(shares, words):
     with pytest.raises(ValueError, match=words):
-        Response.tabulated(500e-9, shares)
+        PhaseResponse.from_curve(500e-9, shares)
 
 
 def test_responses_of_strange_wavelengths_are_refused():
     shares = torch.tensor([[[[0.0, 1.0]]]] * 2)
     with pytest.raises(ValueError, match="must differ"):
-        Response((5e-7, 5e-7), shares)
+        PhaseResponse((5e-7, 5e-7), shares)
     with pytest.raises(ValueError, match="wavelength is -5e-07 m"):
-        Response((5e-7, -5e-7), shares)
+        PhaseResponse((5e-7, -5e-7), shares)
     with pytest.raises(ValueError, match=r"need wavelengths \(1\)"):
-        Response((5e-7,), shares)
+        PhaseResponse((5e-7,), shares)
     with pytest.raises(ValueError, match=r"phases are \(3,\); they need wavelengths \(1\)"):
-        Response.measured(Panel(levels=3), [5e-7], [0.0, 1.0, 2.0])
+        PhaseResponse.from_phases(Panel(levels=3), [5e-7], [0.0, 1.0, 2.0])
 
 
 # Phase to grey
@@ -176,7 +184,7 @@ def test_every_pixel_gets_the_nearest_level_of_its_curve(regions, orders):
 @pytest.mark.parametrize("orders", [1, 3])
 def test_neighbouring_phases_are_neighbouring_levels_except_at_wraps(shares, orders):
     """Phases as close as the mean step of the used levels: at most 2 levels apart."""
-    panel = replace(PANEL, response=Response.tabulated(WAVELENGTH, shares))
+    panel = replace(PANEL, response=PhaseResponse.from_curve(WAVELENGTH, shares))
     phases = max_phase(panel, WAVELENGTH) * shares
     step = np.diff(phases[phases < 2 * np.pi * orders]).min()
     grey = phase_to_grey(panel, np.arange(0, 100, step), WAVELENGTH, orders).astype(int)
@@ -210,14 +218,14 @@ def test_the_wraps_that_a_panel_holds_are_told():
 
 def test_the_weakest_region_decides_how_many_waves_there_are():
     shares = torch.linspace(0, 1, 256) * torch.tensor([[[1.0], [0.5]]])
-    panel = replace(PANEL, response=Response((WAVELENGTH,), shares[None]))
+    panel = replace(PANEL, response=PhaseResponse((WAVELENGTH,), shares[None]))
     assert whole_waves(panel, WAVELENGTH) == 1
 
 
 def test_the_first_level_needs_no_phase_of_zero():
     """A curve from 1 to 9 rad: phase 0.5 is shown as a wave more."""
     panel = Panel((1, 1), max_phase=((5e-7, 1.0),))
-    panel = replace(panel, response=Response.tabulated(5e-7, 1 + 8 * LEVELS))
+    panel = replace(panel, response=PhaseResponse.from_curve(5e-7, 1 + 8 * LEVELS))
     grey = phase_to_grey(panel, np.array([[0.5]]), 5e-7)
     assert grey_to_phase(panel, grey, 5e-7)[0, 0] == pytest.approx(0.5 + 2 * np.pi, abs=8 / 510)
 
@@ -225,7 +233,7 @@ def test_the_first_level_needs_no_phase_of_zero():
 def test_what_a_panel_of_known_flatness_shows_makes_the_wave_that_was_asked_for():
     """Up to the rounding to levels, at any wavelength, and unless the flatness is taken away."""
     y, x = np.mgrid[:12, :20]
-    panel = replace(PANEL, flatness=Map(1e-6 * (x / 20) ** 2 - 3e-7 * y / 12))
+    panel = replace(PANEL, flatness=PanelMap(1e-6 * (x / 20) ** 2 - 3e-7 * y / 12))
     wanted = np.random.default_rng(2).uniform(0, 2 * np.pi, PANEL.shape)
     for wavelength in (480e-9, 600e-9):
         modulator = Modulator(panel, wavelength)
@@ -238,7 +246,7 @@ def test_what_a_panel_of_known_flatness_shows_makes_the_wave_that_was_asked_for(
 
 def test_a_phase_of_another_shape_than_an_uneven_panel_is_refused():
     for panel in (
-        replace(PANEL, flatness=Map(np.zeros((2, 2)))),
+        replace(PANEL, flatness=PanelMap(np.zeros((2, 2)))),
         replace(PANEL, response=regional(2, 2)),
     ):
         with pytest.raises(ValueError, match=r"phase is \(5,\); .* needs \(12, 20\)"):
@@ -266,7 +274,7 @@ def test_levels_and_pixels_may_be_few(dtype):
 def test_a_stretch_that_no_level_reaches_is_stepped_over():
     """Levels without effect at the beginning, a jump in the middle: still the nearest."""
     shares = np.concatenate([np.zeros(50), 0.3 * LEVELS[:156], 0.8 + 0.4 * LEVELS[:50]])
-    panel = replace(PANEL, response=Response.tabulated(WAVELENGTH, shares))
+    panel = replace(PANEL, response=PhaseResponse.from_curve(WAVELENGTH, shares))
     curve = max_phase(panel, WAVELENGTH) * shares
     curve_used = curve[curve < 4 * np.pi]
     phase = np.linspace(0, 4 * np.pi, 999)

@@ -6,8 +6,8 @@ import pytest
 import torch
 from scipy.special import j0
 
-from optics.slm import Map, Modulator, Panel, Response, modulator
-from optics.slm.reflection import front_share, unturned_share
+from optics.slm import Modulator, Panel, PanelMap, PhaseResponse, modulator
+from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
 
 WAVELENGTH = 550e-9
 PANEL = Panel((6, 8))
@@ -26,12 +26,12 @@ def made(**effects):
 def beam():
     """A Gaussian beam that is off the panel's centre."""
     y, x = np.mgrid[:6, :8]
-    return Map(3.0 * np.exp(-((y - 1) ** 2 + (x - 5) ** 2) / 20))
+    return PanelMap(3.0 * np.exp(-((y - 1) ** 2 + (x - 5) ** 2) / 20))
 
 
 def bowl():
     y, x = np.mgrid[:6, :8]
-    return Map(4e-7 * ((y - 3) ** 2 + (x - 4) ** 2) / 25)
+    return PanelMap(4e-7 * ((y - 3) ** 2 + (x - 4) ** 2) / 25)
 
 
 # One at a time
@@ -48,15 +48,15 @@ def test_effects_that_are_off_are_not_called(monkeypatch):
     def called(*args, **kwargs):
         raise AssertionError("an effect is off, and was computed")
 
-    names = "coupled gap_light flatness_phase flicker_nodes scattered_share"
-    for name in (names + " first_start nodes_for relaxed time_nodes").split():
+    names = "fringing_field_mean gap_amplitude flatness_phase flicker_nodes scattered_share"
+    for name in (names + " first_start_phase time_node_count relaxed_phase time_nodes").split():
         monkeypatch.setattr(modulator, name, called)
     plain = made(unmodulated=0.0)
     grey = plain.grey(phases())
-    assert len(plain.still(grey)) == 1
-    assert len(list(plain.cycle(phases(3), FRAME))) == 3
-    assert plain.scattered == plain.unmodulated == 0
-    assert plain.straight == []
+    assert len(plain.still_fields(grey)) == 1
+    assert len(list(plain.video_cycle_fields(phases(3), FRAME))) == 3
+    assert plain.jitter_scatter_share == plain.unmodulated_share == 0
+    assert plain.unmodulated_fields == []
 
 
 def test_the_illumination_has_a_mean_of_one_and_its_root_is_the_amplitude():
@@ -115,23 +115,29 @@ def test_coupling_reaches_the_light_in_pixels():
 def test_light_that_is_not_modulated_is_what_wasnt_turned_and_what_the_glass_reflects():
     """0.5 % of the light that falls in are 0.5 / 60 of what comes out."""
     both = made(front_reflection=0.005, unmodulated=0.06)
-    assert both.unmodulated == pytest.approx(0.005 / 0.6 + (1 - 0.005 / 0.6) * 0.06)
-    assert front_share(both.panel) + unturned_share(both.panel) == both.unmodulated
-    ((share, field),) = both.straight
-    assert (share, field) == (both.unmodulated, None)
+    assert both.unmodulated_share == pytest.approx(0.005 / 0.6 + (1 - 0.005 / 0.6) * 0.06)
+    assert (
+        front_reflection_share(both.panel) + transmitted_unmodulated_share(both.panel)
+        == both.unmodulated_share
+    )
+    ((share, field),) = both.unmodulated_fields
+    assert (share, field) == (both.unmodulated_share, None)
 
 
 def test_the_glass_does_not_have_the_panels_flatness():
     both = made(front_reflection=0.005, flatness=bowl(), illumination=beam())
-    (glass, flat), (through, bent) = both.straight
-    assert (glass, through) == (front_share(both.panel), unturned_share(both.panel))
+    (glass, flat), (through, bent) = both.unmodulated_fields
+    assert (glass, through) == (
+        front_reflection_share(both.panel),
+        transmitted_unmodulated_share(both.panel),
+    )
     assert not flat.is_complex()
     assert torch.allclose(bent, flat * torch.exp(2j * np.pi * bowl().values / WAVELENGTH))
 
 
 def test_jitter_scatters_what_ruze_says():
-    assert made(jitter=0.3).scattered == pytest.approx(1 - math.exp(-0.09), rel=1e-12)
-    assert made(jitter=1e-9).scattered == pytest.approx(1e-18, rel=1e-12)
+    assert made(jitter=0.3).jitter_scatter_share == pytest.approx(1 - math.exp(-0.09), rel=1e-12)
+    assert made(jitter=1e-9).jitter_scatter_share == pytest.approx(1e-18, rel=1e-12)
 
 
 # Together, and in time
@@ -142,7 +148,7 @@ def test_a_flickering_picture_fades_by_bessels_function():
     flickering = made(flicker=0.05)
     grey = torch.full(PANEL.shape, 200, dtype=torch.uint8)
     phase = float(flickering.phase(grey)[0, 0])
-    nodes = flickering.still(grey, dtype=torch.float64)
+    nodes = flickering.still_fields(grey, dtype=torch.float64)
     mean = sum(share * complex(field[0, 0]) for share, field in nodes)
     assert abs(mean - np.exp(1j * phase) * j0(0.05 * phase)) <= 1e-2
     assert sum(share for share, _ in nodes) == pytest.approx(1)
@@ -166,7 +172,9 @@ def test_a_videos_light_is_the_mean_over_time(tau, flicker):
             moments = (end + (state - end) * left) * ripple[:, None, None]
             known += far_light(slow.modulation(moments)).mean((0, 1)) / 3
         state = end + (state - end) * (math.exp(-FRAME / tau) if tau else 0.0)
-    found = sum(share * far_light(field) for _, share, field in slow.cycle(video, FRAME))
+    found = sum(
+        share * far_light(field) for _, share, field in slow.video_cycle_fields(video, FRAME)
+    )
     assert float((found - known).norm() / known.norm()) <= 1e-3
 
 
@@ -175,7 +183,7 @@ def far_light(field):
 
 
 def test_each_frame_has_its_share_of_a_cycle():
-    parts = list(made(response_time=4e-3, flicker=0.01).cycle(phases(5), FRAME))
+    parts = list(made(response_time=4e-3, flicker=0.01).video_cycle_fields(phases(5), FRAME))
     shares = [0.0] * 5
     for frame, share, _ in parts:
         shares[frame] += share
@@ -185,14 +193,14 @@ def test_each_frame_has_its_share_of_a_cycle():
 
 def test_one_frame_for_ever_is_a_still():
     video = phases(1)
-    fields = [field for _, _, field in made(response_time=5e-3).cycle(video, FRAME)]
+    fields = [field for _, _, field in made(response_time=5e-3).video_cycle_fields(video, FRAME)]
     assert len(fields) == 1
     assert torch.allclose(fields[0], torch.exp(1j * video[0]))
 
 
 def test_everything_at_once_is_bounded_and_finite():
     everything = made(
-        response=Response.tabulated(WAVELENGTH, torch.linspace(0, 1.1, 256) ** 1.2),
+        response=PhaseResponse.from_curve(WAVELENGTH, torch.linspace(0, 1.1, 256) ** 1.2),
         response_time=5e-3,
         coupling=1.5e-6,
         flicker=0.01,
@@ -204,7 +212,7 @@ def test_everything_at_once_is_bounded_and_finite():
     )
     most = float(torch.sqrt(beam().values.max() / beam().values.mean())) * (1 + 0.3 * 0.13 / 0.87)
     grey = everything.grey(phases(), orders=2)
-    for _, field in everything.still(grey):
+    for _, field in everything.still_fields(grey):
         assert field.dtype == torch.complex64
         assert torch.isfinite(torch.view_as_real(field)).all()
         assert float(field.abs().max()) <= most * (1 + 1e-5)
@@ -234,7 +242,7 @@ def test_a_videos_mean_light_is_differentiable_in_its_frames():
     panel = replace(PANEL, shape=(2, 2), response_time=8e-3, flicker=0.01)
 
     def light(video):
-        cycle = Modulator(panel, WAVELENGTH).cycle(video, FRAME)
+        cycle = Modulator(panel, WAVELENGTH).video_cycle_fields(video, FRAME)
         return sum(share * far_light(field)[0, 0] for _, share, field in cycle)
 
     assert torch.autograd.gradcheck(light, video)
@@ -243,7 +251,9 @@ def test_a_videos_mean_light_is_differentiable_in_its_frames():
 def test_at_a_phase_of_zero_gradients_are_finite():
     everything = made(coupling=1e-6, gap_reflection=0.2, response_time=5e-3, flicker=0.01)
     video = torch.zeros(2, *PANEL.shape, dtype=torch.float64, requires_grad=True)
-    sum(s * far_light(f).sum() for _, s, f in everything.cycle(video, FRAME)).backward()
+    sum(
+        s * far_light(f).sum() for _, s, f in everything.video_cycle_fields(video, FRAME)
+    ).backward()
     assert torch.isfinite(video.grad).all()
 
 
@@ -254,7 +264,7 @@ def test_arrays_come_in_and_go_out():
     field = one.modulation(one.phase(grey))
     assert isinstance(field, np.ndarray)
     assert field.dtype == np.complex128
-    ((_, kept),) = one.still(grey)
+    ((_, kept),) = one.still_fields(grey)
     assert np.allclose(kept.numpy(), field, atol=1e-5)
 
 
@@ -282,4 +292,4 @@ def test_what_is_no_phase_of_the_panel_is_refused(phase, words):
 
 def test_a_video_without_frames_is_refused():
     with pytest.raises(ValueError, match="phases has no frame"):
-        list(made(response_time=1e-3).cycle(phases(0), FRAME))
+        list(made(response_time=1e-3).video_cycle_fields(phases(0), FRAME))

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from optics.camera import Panel as CamerasPanel
-from optics.slm import Map, Modulator, Panel, Response, max_phase
+from optics.slm import Modulator, Panel, PanelMap, PhaseResponse, max_phase
 
 LINE = torch.linspace(0, 1, 256)
 
@@ -28,9 +28,12 @@ def test_a_camera_and_the_modulator_have_the_same_panel():
         ({"front_reflection": -0.1}, "front_reflection is -0.1; it is a share"),
         ({"front_reflection": 0.7}, "front_reflection is 0.7; .* reflectivity, 0.6"),
         ({"gap_reflection": 2.0}, "gap_reflection is 2; it is a share"),
-        ({"illumination": Map(torch.zeros(2, 2))}, "illumination goes from 0 to 0"),
-        ({"illumination": Map(torch.tensor([[1.0, -1.0]]))}, "illumination goes from -1 to 1"),
-        ({"response": Response.tabulated(5e-7, LINE[:16])}, "response has 16 levels .* panel 256"),
+        ({"illumination": PanelMap(torch.zeros(2, 2))}, "illumination goes from 0 to 0"),
+        ({"illumination": PanelMap(torch.tensor([[1.0, -1.0]]))}, "illumination goes from -1 to 1"),
+        (
+            {"response": PhaseResponse.from_curve(5e-7, LINE[:16])},
+            "response has 16 levels .* panel 256",
+        ),
         ({"max_phase": ((5e-7, 9.0), (5e-7, 8.0))}, "max_phase has 500 nm more than once"),
     ],
 )
@@ -74,17 +77,19 @@ def interpolated(values, shape):
 def test_maps_are_interpolated_between_the_centres_of_their_cells(cells):
     values = np.random.default_rng(0).normal(size=cells)
     panel = Panel((24, 32))
-    assert np.allclose(Map(values).on(panel).numpy(), interpolated(values, panel.shape), atol=1e-12)
+    assert np.allclose(
+        PanelMap(values).at_pixels(panel).numpy(), interpolated(values, panel.shape), atol=1e-12
+    )
 
 
 def test_a_map_as_fine_as_the_panel_is_itself():
     values = torch.rand(24, 32, dtype=torch.float64)
-    assert torch.equal(Map(values).on(Panel((24, 32))), values)
+    assert torch.equal(PanelMap(values).at_pixels(Panel((24, 32))), values)
 
 
 def test_maps_are_differentiable():
     values = torch.rand(3, 4, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda v: Map(v).on(Panel((5, 9))), values)
+    assert torch.autograd.gradcheck(lambda v: PanelMap(v).at_pixels(Panel((5, 9))), values)
 
 
 @pytest.mark.parametrize(
@@ -97,11 +102,11 @@ def test_maps_are_differentiable():
 )
 def test_what_is_no_map_is_refused(values, words):
     with pytest.raises(ValueError, match=words):
-        Map(values)
+        PanelMap(values)
 
 
 def test_arrays_from_files_make_maps():
     """Read-only, of a foreign byte order, whole numbers."""
     array = np.arange(6, dtype=">u2").reshape(2, 3)
     array.setflags(write=False)
-    assert Map(array).values.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert PanelMap(array).values.tolist() == [[0, 1, 2], [3, 4, 5]]

@@ -312,11 +312,11 @@ def test_corners_may_be_given_in_either_sense(corners):
 
 
 def test_only_a_shape_without_dents_is_convex():
-    assert regular_polygon(7, turn=1.0).convex
-    assert turned(rectangle(0.1, 2.0), 0.3).convex
-    assert Polygon(((0, 0), (0, 0.5), (0, 1), (1, 1), (1, 0))).convex
-    assert not Polygon(L).convex
-    assert not turned(Polygon(U), 0.8).convex
+    assert regular_polygon(7, turn=1.0).is_convex
+    assert turned(rectangle(0.1, 2.0), 0.3).is_convex
+    assert Polygon(((0, 0), (0, 0.5), (0, 1), (1, 1), (1, 0))).is_convex
+    assert not Polygon(L).is_convex
+    assert not turned(Polygon(U), 0.8).is_convex
 
 
 def test_a_blade_opening_has_its_corners_on_the_circle():
@@ -326,9 +326,11 @@ def test_a_blade_opening_has_its_corners_on_the_circle():
 
 
 def test_sides_are_known_of_an_upright_clear_rectangle_alone():
-    assert Stop(rectangle(0.5, 1.0, (0.1, -0.2))).sides == pytest.approx((-0.15, 0.35, -0.7, 0.3))
+    assert Stop(rectangle(0.5, 1.0, (0.1, -0.2))).rectangle_bounds == pytest.approx(
+        (-0.15, 0.35, -0.7, 0.3)
+    )
     other = Polygon(((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.3), (0.5, -0.3)))
-    assert Stop(other).sides == (-0.5, 0.5, -0.3, 0.2)
+    assert Stop(other).rectangle_bounds == (-0.5, 0.5, -0.3, 0.2)
     for stop in (
         Stop(),
         Stop(regular_polygon(4)),
@@ -337,13 +339,13 @@ def test_sides_are_known_of_an_upright_clear_rectangle_alone():
         Stop(Polygon(((0, 0), (0, 0.5), (0.5, 0.6), (0.5, 0)))),
         Stop(rectangle(1, 1), (Circle(0.1),)),
     ):
-        assert stop.sides is None
+        assert stop.rectangle_bounds is None
 
 
 def test_rings_are_known_of_what_looks_the_same_in_all_directions():
-    assert Stop().rings == (0, 1)
-    assert Stop(Circle(0.8)).rings == (0, 0.8)
-    assert Stop(Circle(0.9), (Circle(0.2),)).rings == (0.2, 0.9)
+    assert Stop().annulus_radii == (0, 1)
+    assert Stop(Circle(0.8)).annulus_radii == (0, 0.8)
+    assert Stop(Circle(0.9), (Circle(0.2),)).annulus_radii == (0.2, 0.9)
     for stop in (
         Stop(Circle(0.8, (0.1, 0.0))),
         Stop(Circle(), (Circle(0.2, (0.0, 0.1)),)),
@@ -351,7 +353,7 @@ def test_rings_are_known_of_what_looks_the_same_in_all_directions():
         Stop(Circle(), (Circle(0.2), Circle(0.1, (0.0, 0.5)))),
         Stop(rectangle(1, 1)),
     ):
-        assert stop.rings is None
+        assert stop.annulus_radii is None
 
 
 PIECES = {

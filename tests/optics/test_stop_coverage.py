@@ -118,7 +118,9 @@ def test_a_part_of_a_plane_has_the_shares_of_the_whole(name):
 def test_finer_cells_add_up(name):
     """With an odd factor the outlines of odd planes agree."""
     cells = plane((9, 7), (0.21, 0.29), (0.1, -0.2))
-    value, finer = (coverage(STOPS[name], RADIUS, p).numpy() for p in (cells, cells.finer(5)))
+    value, finer = (
+        coverage(STOPS[name], RADIUS, p).numpy() for p in (cells, cells.with_finer_pitch(5))
+    )
     assert np.allclose(value, binned(finer, 5) / 25, atol=1e-13, rtol=0)
 
 

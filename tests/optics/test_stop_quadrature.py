@@ -13,14 +13,14 @@ from scipy.optimize import brentq
 
 from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
 from optics.stop.quadrature import (
-    Nodes,
-    Steepness,
+    PhaseSlopeBound,
+    QuadratureNodes,
     count_nodes,
     line_rule,
-    nodes_in,
+    line_rule_node_count,
     product_rule,
-    stop_blocks,
     stop_rule,
+    stop_rule_blocks,
 )
 
 TOLERANCES = [1e-3, 1e-6, 1e-9]
@@ -104,20 +104,20 @@ STOPS = {
 }
 
 
-def tilted(k: float) -> Steepness:
-    return Steepness(lambda r: 0.0, lambda r: 0.0, k)
+def tilted(k: float) -> PhaseSlopeBound:
+    return PhaseSlopeBound(lambda r: 0.0, lambda r: 0.0, k)
 
 
-def defocused(c: float, tilt: float = 0.0) -> Steepness:
+def defocused(c: float, tilt: float = 0.0) -> PhaseSlopeBound:
     """Of the phase c r²."""
-    return Steepness(lambda r: 2 * abs(c) * r, lambda r: 0.0, tilt)
+    return PhaseSlopeBound(lambda r: 2 * abs(c) * r, lambda r: 0.0, tilt)
 
 
-def points(nodes: Nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def points(nodes: QuadratureNodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes.y.numpy(), nodes.x.numpy(), nodes.weight.numpy()
 
 
-def sum_over(stop: Stop, steepness: Steepness, tol: float, phase) -> complex:
+def sum_over(stop: Stop, steepness: PhaseSlopeBound, tol: float, phase) -> complex:
     y, x, weight = points(stop_rule(stop, steepness, tol))
     return complex(np.sum(weight * np.exp(1j * phase(y, x))))
 
@@ -143,7 +143,7 @@ def test_a_stops_area_is_where_its_transform_begins(name):
 def test_the_weights_have_the_sum_of_the_area(name, tol):
     """Where lengths of arcs don't have to be integrated, to the last digit."""
     stop, _ = STOPS[name]
-    bound = 1e-13 if stop.rings or stop.sides else tol
+    bound = 1e-13 if stop.annulus_radii or stop.rectangle_bounds else tol
     for steepness in (tilted(0.0), defocused(30.0, 5.0)):
         nodes = stop_rule(stop, steepness, tol)
         assert nodes.count == nodes.y.numel() == nodes.x.numel()
@@ -296,11 +296,11 @@ QUADRANT, OTHER = rectangle(2.0, 2.0, (1.0, 1.0)), rectangle(2.0, 2.0, (-1.0, -1
 )
 def test_waves_around_the_axis_average_to_a_bessel_function(stop, share, m, a, tol):
     """exp(i a r^m cos(m t)) has the mean J0(a r^m), over a circle and over a quarter of it."""
-    inner, outer = stop.rings or (0.0, 1.0)
+    inner, outer = stop.annulus_radii or (0.0, 1.0)
     truth = quad(
         lambda r: 2 * math.pi * r * scipy.special.j0(a * r**m), inner, outer, epsabs=1e-12
     )[0]
-    steepness = Steepness(lambda r: a * m * r ** (m - 1), lambda r: a * m * r**m, 0.0, m)
+    steepness = PhaseSlopeBound(lambda r: a * m * r ** (m - 1), lambda r: a * m * r**m, 0.0, m)
     value = sum_over(stop, steepness, tol, lambda y, x: a * ((x + 1j * y) ** m).real)
     assert abs(value - share * truth) <= tol * stop.area
 
@@ -311,7 +311,7 @@ def test_waves_around_the_axis_average_to_a_bessel_function(stop, share, m, a, t
         tilted(0.0),
         tilted(200.0),
         defocused(150.0, 40.0),
-        Steepness(lambda r: 90 * r**5, lambda r: 90 * r**6, 20.0, 6),
+        PhaseSlopeBound(lambda r: 90 * r**5, lambda r: 90 * r**6, 20.0, 6),
     ],
 )
 @pytest.mark.parametrize("name", STOPS)
@@ -325,7 +325,7 @@ def test_nodes_are_counted_before_they_are_made(name, steepness):
 @pytest.mark.parametrize("name", ["annular", "rectangular", "with a spider"])
 def test_blocks_are_the_rule_in_parts(name, most):
     stop, _ = STOPS[name]
-    blocks = list(stop_blocks(stop, tilted(30.0), 1e-6, most))
+    blocks = list(stop_rule_blocks(stop, tilted(30.0), 1e-6, most))
     whole = points(stop_rule(stop, tilted(30.0), 1e-6))
     for values, truth in zip(zip(*map(points, blocks), strict=True), whole, strict=True):
         assert np.array_equal(np.concatenate(values), truth)
@@ -346,7 +346,7 @@ def test_a_line_is_integrated_to_its_tolerance(slope, tol):
     """Also one of many panels."""
     for length in (0.1, 1.0, 1.7):
         t, weight = line_rule(length, slope, tol)
-        assert t.size == nodes_in(length, slope, tol)
+        assert t.size == line_rule_node_count(length, slope, tol)
         assert t.min() > 0
         assert t.max() < 1
         assert weight.sum() == pytest.approx(1, abs=1e-13)
@@ -370,6 +370,6 @@ def test_rows_and_columns_of_a_rectangle_are_its_nodes():
 
 def test_the_steepest_direction_is_between_outwards_and_around():
     """Radians per stop radius: around a circle of radius r they are r times as far apart."""
-    steepness = Steepness(lambda r: 3 * r, lambda r: 2 * r, 10.0)
-    assert steepness.along(0.5) == pytest.approx(math.hypot(1.5, 2.0) + 10)
-    assert math.isfinite(steepness.along(0.0))
+    steepness = PhaseSlopeBound(lambda r: 3 * r, lambda r: 2 * r, 10.0)
+    assert steepness.largest_slope(0.5) == pytest.approx(math.hypot(1.5, 2.0) + 10)
+    assert math.isfinite(steepness.largest_slope(0.0))

@@ -8,7 +8,7 @@ import pytest
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.stop.aperture import Circle, Stop
-from optics.system_mtf import optical_transfer, system_mtf
+from optics.system_mtf import neutral_panel_otf, system_mtf
 
 GREEN = 550e-9
 BIG = Panel(shape=(2000, 2000), pitch=20e-6)
@@ -24,7 +24,7 @@ def test_a_round_pupil_has_the_diffraction_limit_of_the_textbook():
     inside = np.minimum(share, 1)
     truth = 2 / math.pi * (np.arccos(inside) - inside * np.sqrt(1 - inside**2))
     for angle in (0.0, 0.7, math.pi / 2):
-        assert optical_transfer(ROUND, GREEN, share * cutoff, angle) == pytest.approx(
+        assert neutral_panel_otf(ROUND, GREEN, share * cutoff, angle) == pytest.approx(
             truth, abs=1e-5
         )
 
@@ -38,7 +38,7 @@ def test_a_rectangular_panel_has_two_triangles(angle):
         np.maximum(1 - GREEN * z * f * part / size, 0)
         for part, size in ((abs(math.sin(angle)), 2e-3), (math.cos(angle), 4e-3))
     ]
-    assert optical_transfer(WIDE, GREEN, f, angle) == pytest.approx(
+    assert neutral_panel_otf(WIDE, GREEN, f, angle) == pytest.approx(
         triangles[0] * triangles[1], abs=1e-9
     )
 
@@ -49,7 +49,7 @@ def test_defocus_of_a_rectangle_is_hopkins_closed_form():
     shift = GREEN * WIDE.lens.image_distance * f
     bend = 1 / 1.9 - 1 / 2.0
     truth = np.maximum(1 - shift / 4e-3, 0) * np.sinc(bend * shift * (4e-3 - shift) / GREEN)
-    assert optical_transfer(WIDE, GREEN, f, 0.0, 1.9) == pytest.approx(truth, abs=1e-9)
+    assert neutral_panel_otf(WIDE, GREEN, f, 0.0, 1.9) == pytest.approx(truth, abs=1e-9)
 
 
 @pytest.mark.parametrize(("angle", "distance"), [(0.0, 2.0), (0.6, 1.8), (1.2, 3.0)])
@@ -71,7 +71,7 @@ def test_a_cut_circle_is_the_sum_over_its_samples(angle, distance):
     bend = 1 / (distance + 0.03) - 1 / 2.03
     phase = 2 * math.pi / GREEN * bend * (dy * y + dx * x)
     truth = (both * np.cos(phase)).sum() / opened(y, x).sum()
-    told = optical_transfer(camera, GREEN, f, angle, distance)
+    told = neutral_panel_otf(camera, GREEN, f, angle, distance)
     assert float(told) == pytest.approx(truth, abs=2e-3)
 
 
@@ -80,7 +80,7 @@ def test_pixels_take_their_sinc():
     angle = 0.3
     pixel = np.sinc(4e-6 * f * math.cos(angle)) * np.sinc(4e-6 * f * math.sin(angle))
     assert system_mtf(ROUND, GREEN, f, angle) == pytest.approx(
-        optical_transfer(ROUND, GREEN, f, angle) * pixel
+        neutral_panel_otf(ROUND, GREEN, f, angle) * pixel
     )
 
 

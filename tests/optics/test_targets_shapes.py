@@ -16,14 +16,14 @@ from optics.plane import Plane
 from optics.targets import (
     dots,
     eye,
+    grid_positions,
     heart,
     infinity,
     letters,
     linear_dispersion,
     logo,
-    on_grid,
-    on_ring,
     ring,
+    ring_positions,
     shrinking_spiral,
     spiral,
 )
@@ -36,7 +36,7 @@ SHAPES = {
     "heart": (heart, (60e-6, 4e-6)),
     "infinity": (infinity, (60e-6, 4e-6)),
     "eye": (eye, (60e-6, 4e-6)),
-    "dots": (dots, (on_ring(7, 60e-6), 4e-6)),
+    "dots": (dots, (ring_positions(7, 60e-6), 4e-6)),
     "letters": (letters, ("PSF 1", 40e-6, 4e-6)),
     "logo": (logo, (np.eye(3), 80e-6)),
     "shrinking spiral": (shrinking_spiral, (60e-6, 4e-6, 4)),
@@ -178,10 +178,10 @@ def test_dots_add_up_and_are_gaussian():
 
 
 def test_positions_on_rings_and_grids():
-    four = on_ring(4, 2.0, math.pi / 2)
+    four = ring_positions(4, 2.0, math.pi / 2)
     assert np.allclose(four, [(2, 0), (0, -2), (-2, 0), (0, 2)])
-    assert on_grid((1, 3), 2.0) == [(0, -2), (0, 0), (0, 2)]
-    assert on_grid((2, 2), 2.0) == [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+    assert grid_positions((1, 3), 2.0) == [(0, -2), (0, 0), (0, 2)]
+    assert grid_positions((2, 2), 2.0) == [(-1, -1), (-1, 1), (1, -1), (1, 1)]
 
 
 SIGNS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
@@ -309,8 +309,8 @@ def test_a_shape_may_lie_beside_the_axis():
         (lambda: dots(PLANE, [(0.0, 0.0)], 4e-6, [1.0, 2.0]), "weights has 2 values for 1 pos"),
         (lambda: dots(PLANE, [(0.0, 0.0)], 4e-6, [0.0]), "a weight is 0; it must be positive"),
         (lambda: dots(PLANE, [(95e-6, 0.0)], 4e-6), "doesn't fit .* move it inwards"),
-        (lambda: on_ring(0, 1e-5), "count is 0"),
-        (lambda: on_grid((0, 3), 1e-5), r"shape is \(0, 3\)"),
+        (lambda: ring_positions(0, 1e-5), "count is 0"),
+        (lambda: grid_positions((0, 3), 1e-5), r"shape is \(0, 3\)"),
         (lambda: letters(PLANE, " ", 4e-5, 4e-6), "text is ' '; give one sign"),
         (lambda: letters(PLANE, "A§", 4e-5, 4e-6), r"text has '§'; there are ABC.*blanks"),
         (lambda: letters(PLANE, "LONG TEXT", 6e-5, 4e-6), "doesn't fit .* smaller height"),

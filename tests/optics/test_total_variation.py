@@ -11,8 +11,8 @@ from judges import gaussian_psf, natural_image
 from scipy.signal import convolve2d, fftconvolve
 from skimage import data
 
-from optics.deconvolution.measured import measured
-from optics.deconvolution.total_variation import first_weight, total_variation
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.total_variation import initial_weight, total_variation
 from optics.progress import Cancelled, Progress
 
 
@@ -38,7 +38,7 @@ def blurred(scene, psf, noise, seed=0):
 
 
 def seen(frame, psf, noise=None, border="unknown", **more):
-    return measured(frame, psf, noise, border, **more)
+    return build_observation(frame, psf, noise, border, **more)
 
 
 def psnr(image, truth) -> float:
@@ -109,13 +109,13 @@ def test_splitting_ends_where_a_slow_solver_does(shape):
     problem = seen(frame, psf, 0.01, weights=trust)
     weight = 2e-3
     ours = total_variation(problem, weight, iterations=1500)
-    truth = slowly(psf, frame, trust, weight, problem.whole)
-    top, left = (n // 2 - m // 2 for n, m in zip(problem.whole, frame.shape, strict=True))
+    truth = slowly(psf, frame, trust, weight, problem.period_shape)
+    top, left = (n // 2 - m // 2 for n, m in zip(problem.period_shape, frame.shape, strict=True))
     inner = truth[top : top + frame.shape[0], left : left + frame.shape[1]]
     assert np.abs(ours.image.numpy() - inner.clip(0)).max() <= 0.01
-    best = objective(truth, psf, frame, trust, weight, problem.whole)
+    best = objective(truth, psf, frame, trust, weight, problem.period_shape)
     worse = truth + 0.01 * rng.standard_normal(truth.shape)
-    assert objective(worse, psf, frame, trust, weight, problem.whole) > best
+    assert objective(worse, psf, frame, trust, weight, problem.period_shape) > best
 
 
 def test_a_period_that_was_seen_whole_needs_no_splitting_of_the_data():
@@ -177,10 +177,10 @@ def test_the_spectrum_of_a_known_power_law_is_found():
     f[0, 0] = np.inf
     scene = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((n, n))) * 0.05 * f**-1.3, (n, n))
     _, frame = blurred(scene, psf, 0.02)
-    law = seen(frame, psf, 0.0).law
+    law = seen(frame, psf, 0.0).power_law
     assert law.slope == pytest.approx(2.6, abs=0.15)
     assert law.strength == pytest.approx(0.05**2, rel=0.3)
-    assert math.sqrt(law.noise) == pytest.approx(0.02, rel=0.03)
+    assert math.sqrt(law.noise_variance) == pytest.approx(0.02, rel=0.03)
 
 
 def test_units_of_light_and_of_the_psf_dont_matter():
@@ -252,7 +252,7 @@ def test_it_ends_when_the_picture_hardly_changes():
     done = total_variation(seen(frame, comet(), 0.01), 1e-3, iterations=500, tol=1e-4)
     assert done.converged
     assert done.iterations < 500
-    assert len(done.change) == done.iterations
+    assert len(done.relative_changes) == done.iterations
     short = total_variation(seen(frame, comet(), 0.01), 1e-3, iterations=3, tol=1e-9)
     assert not short.converged
 
@@ -271,7 +271,7 @@ def test_pictures_without_detail_light_or_noise_stay_finite(frame, noise):
     done = total_variation(seen(frame, comet(), noise))
     assert np.isfinite(done.image.numpy()).all()
     assert math.isfinite(done.residual)
-    assert first_weight(seen(frame, comet(), noise)) >= 0
+    assert initial_weight(seen(frame, comet(), noise)) >= 0
 
 
 FRAME = np.full((8, 9), 0.5)

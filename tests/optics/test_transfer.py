@@ -14,15 +14,15 @@ from scipy.integrate import dblquad, quad
 
 from optics.accuracy import ToleranceError
 from optics.camera import Lens
-from optics.formation import frequencies
-from optics.plane import Plane
-from optics.transfer import (
-    ambiguity,
-    defocused_transfer,
-    lens_transfer,
-    modulation,
+from optics.formation import rfft2_frequencies
+from optics.otf import (
+    ambiguity_function,
+    defocused_transfer_function,
+    lens_transfer_function,
+    modulation_transfer,
     transfer_function,
 )
+from optics.plane import Plane
 
 WAVELENGTH = 520e-9
 LENS = Lens(0.1, 5.6, 2.0)
@@ -42,10 +42,10 @@ def defocus(waves: float):
 
 
 def lens_at(v, *, waves=0.0, angle=0.0, **options):
-    """lens_transfer() at shares v of the cut-off in one direction."""
+    """lens_transfer_function() at shares v of the cut-off in one direction."""
     f = torch.as_tensor(v, dtype=torch.float64) * CUTOFF
     fy, fx = f * math.sin(angle), f * math.cos(angle)
-    return lens_transfer(LENS, distance_for(waves), WAVELENGTH, fy, fx, **options)
+    return lens_transfer_function(LENS, distance_for(waves), WAVELENGTH, fy, fx, **options)
 
 
 def hopkins_integral(v: float, waves: float) -> float:
@@ -92,7 +92,7 @@ def test_that_of_a_picture_is_the_fourier_sum_around_the_origin(shape, dtype, bo
     plane = Plane(shape, (2e-6, 3e-6))
     psf = rng.random((2, *shape)).astype(dtype)
     value = transfer_function(psf, plane)
-    fy, fx = (f.numpy().ravel() for f in frequencies(plane))
+    fy, fx = (f.numpy().ravel() for f in rfft2_frequencies(plane))
     rows = np.exp(-2j * np.pi * np.outer(fy, positions(shape[0], 2e-6)))
     columns = np.exp(-2j * np.pi * np.outer(positions(shape[1], 3e-6), fx))
     truth = rows @ psf.astype(float) @ columns / psf.astype(float).sum((1, 2), keepdims=True)
@@ -107,7 +107,7 @@ def test_a_gaussian_keeps_its_closed_form(shape):
     sigma, plane = 3e-6, Plane(shape, (1.2e-6, 1.3e-6))
     y, x = (positions(n, p) for n, p in zip(shape, plane.pitch, strict=True))
     psf = np.exp(-(y[:, None] ** 2 + x[None, :] ** 2) / (2 * sigma**2))
-    fy, fx = (f.numpy() for f in frequencies(plane))
+    fy, fx = (f.numpy() for f in rfft2_frequencies(plane))
     truth = np.exp(-2 * np.pi**2 * sigma**2 * (fy**2 + fx**2))
     assert np.abs(transfer_function(psf, plane) - truth).max() <= 1e-6
 
@@ -117,7 +117,7 @@ def test_a_star_beside_the_origin_turns_the_phase():
     plane = Plane((5, 8), (1e-6, 2e-6))
     psf = torch.zeros(5, 8, dtype=torch.float64)
     psf[2, 5] = 7
-    fx = frequencies(plane)[1]
+    fx = rfft2_frequencies(plane)[1]
     truth = torch.exp(-2j * math.pi * fx * 2e-6).expand(5, 5)
     assert torch.allclose(transfer_function(psf, plane), truth, atol=1e-14, rtol=0)
 
@@ -129,7 +129,7 @@ def test_the_airy_pattern_has_the_closed_form_of_a_clear_stop():
     y, x = (positions(n, pitch) for n in plane.shape)
     v = np.pi * CUTOFF * np.hypot(y[:, None], x[None, :])
     v[360, 360] = 1e-9
-    fy, fx = (f.numpy() for f in frequencies(plane))
+    fy, fx = (f.numpy() for f in rfft2_frequencies(plane))
     value = transfer_function((2 * scipy.special.j1(v) / v) ** 2, plane)
     assert np.abs(value - clear_stop(np.hypot(fy, fx) / CUTOFF)).max() <= 2e-3
 
@@ -164,7 +164,7 @@ def test_the_gradient_in_the_psf_equals_finite_differences(rng):
 @pytest.mark.parametrize("dtype", [torch.complex64, torch.complex128])
 def test_modulation_and_gradient_are_finite_at_and_near_a_zero(dtype):
     transfer = torch.tensor([0, 1e-30j, -3 + 4j, 1e-30], dtype=dtype, requires_grad=True)
-    value = modulation(transfer)
+    value = modulation_transfer(transfer)
     value.sum().backward()
     assert np.allclose(value.detach().numpy(), [0, 1e-30, 5, 1e-30], rtol=1e-6, atol=0)
     assert np.allclose(transfer.grad.numpy(), [0, 1j, -0.6 + 0.8j, 1], rtol=1e-6, atol=0)
@@ -173,14 +173,14 @@ def test_modulation_and_gradient_are_finite_at_and_near_a_zero(dtype):
 def test_a_psf_that_makes_a_zero_has_a_gradient():
     """Two stars a sample apart cancel at the highest frequency."""
     psf = torch.tensor([[0.0, 1.0, 1.0, 0.0]], requires_grad=True)
-    value = modulation(transfer_function(psf, Plane((1, 4), (1e-6, 1e-6))))
+    value = modulation_transfer(transfer_function(psf, Plane((1, 4), (1e-6, 1e-6))))
     value.sum().backward()
     assert float(value[0, 2].detach()) == 0
     assert torch.isfinite(psf.grad).all()
 
 
 def test_modulation_answers_arrays_with_arrays():
-    assert isinstance(modulation(np.array([3 + 4j])), np.ndarray)
+    assert isinstance(modulation_transfer(np.array([3 + 4j])), np.ndarray)
 
 
 @pytest.mark.parametrize("tol", [1e-2, 1e-6, 1e-12])
@@ -190,8 +190,8 @@ def test_a_lens_in_focus_has_its_closed_form(tol):
 
 
 def test_a_lens_is_asked_on_a_grid_of_frequencies():
-    fy, fx = frequencies(Plane((32, 33), (2e-6, 1.5e-6)))
-    value = lens_transfer(LENS, 2.0, WAVELENGTH, fy.numpy(), fx.numpy())
+    fy, fx = rfft2_frequencies(Plane((32, 33), (2e-6, 1.5e-6)))
+    value = lens_transfer_function(LENS, 2.0, WAVELENGTH, fy.numpy(), fx.numpy())
     truth = clear_stop(np.hypot(fy.numpy(), fx.numpy()) / CUTOFF)
     assert isinstance(value, np.ndarray)
     assert value.shape == (32, 17)
@@ -243,7 +243,7 @@ def test_a_tilt_shifts_the_picture():
     """By d, where the phase is 2 pi p d / (wavelength z): exp(-2 pi i f d)."""
     dy, dx = 3e-6, -7e-6
     fy, fx = (CUTOFF * torch.linspace(-0.8, 0.8, n, dtype=torch.float64) for n in (6, 7))
-    value = lens_transfer(
+    value = lens_transfer_function(
         LENS, 2.0, WAVELENGTH, fy[:, None], fx,
         phase=lambda y, x: 2 * math.pi / SCALE * (y * dy + x * dx),
     ).numpy()  # fmt: skip
@@ -255,9 +255,9 @@ def test_a_tilt_shifts_the_picture():
 @pytest.mark.parametrize("v", [(0.0, 0.3), (0.25, -0.4), (-0.55, 0.2), (0.6, 0.6)])
 def test_an_aberration_agrees_with_adaptive_quadrature(v):
     fy, fx = (torch.tensor(part * CUTOFF, dtype=torch.float64) for part in v)
-    value = lens_transfer(LENS, 2.0, WAVELENGTH, fy, fx, phase=coma)
+    value = lens_transfer_function(LENS, 2.0, WAVELENGTH, fy, fx, phase=coma)
     assert abs(complex(value) - overlap(v, coma)) <= 1e-6
-    mirrored = lens_transfer(LENS, 2.0, WAVELENGTH, -fy, -fx, phase=coma)
+    mirrored = lens_transfer_function(LENS, 2.0, WAVELENGTH, -fy, -fx, phase=coma)
     assert abs(complex(mirrored) - complex(value).conjugate()) <= 1e-12
 
 
@@ -269,7 +269,9 @@ def test_an_aberration_has_the_sign_of_the_psf_that_it_makes():
     y, x = positions(96, pupil.pitch[0])[:, None], positions(96, pupil.pitch[1])[None, :]
     wave = (np.hypot(y, x) <= RADIUS) * np.exp(1j * coma(y, x))
     psf = np.abs(direct_transform(wave, pupil, image, SCALE)) ** 2
-    value = lens_transfer(LENS, 2.0, WAVELENGTH, *frequencies(image), phase=coma).numpy()
+    value = lens_transfer_function(
+        LENS, 2.0, WAVELENGTH, *rfft2_frequencies(image), phase=coma
+    ).numpy()
     error = np.abs(value - transfer_function(psf, image))
     assert error.max() <= 0.02
     assert np.abs(value.imag).max() >= 0.2
@@ -308,11 +310,11 @@ def test_the_gradient_in_the_phase_equals_finite_differences(angle):
 
 def test_a_gradient_over_a_picture_passes():
     strength = torch.tensor(2.0, requires_grad=True)
-    fy, fx = frequencies(Plane((24, 24), (1.5e-6, 1.5e-6)))
-    value = lens_transfer(
+    fy, fx = rfft2_frequencies(Plane((24, 24), (1.5e-6, 1.5e-6)))
+    value = lens_transfer_function(
         LENS, 2.0, WAVELENGTH, fy, fx, phase=lambda y, x: strength * x * y**2 / RADIUS**3
     )
-    modulation(value).sum().backward()
+    modulation_transfer(value).sum().backward()
     assert torch.isfinite(strength.grad)
     assert float(strength.grad) < 0
 
@@ -362,7 +364,7 @@ def test_what_makes_no_transfer_function_is_refused(change, words):
         "fx": torch.tensor([0.0, 1e5]),
     }
     with pytest.raises(ValueError, match=words):
-        lens_transfer(LENS, **settings | change)
+        lens_transfer_function(LENS, **settings | change)
 
 
 def test_nothing_asked_is_nothing_answered():
@@ -391,7 +393,7 @@ def cubic_ambiguity(strength: float, u: float, v: float) -> complex:
 def test_a_clear_slit_has_its_closed_form(tol):
     """Over the polar display, edges and outside included."""
     u, v = np.linspace(-2.2, 2.2, 45), np.linspace(-30, 30, 41)[:, None]
-    value = ambiguity(None, u, v, tol=tol)
+    value = ambiguity_function(None, u, v, tol=tol)
     h = np.clip(1 - np.abs(u) / 2, 0, None)
     assert isinstance(value, np.ndarray)
     assert value.shape == (41, 45)
@@ -403,13 +405,13 @@ def test_a_clear_slit_has_its_closed_form(tol):
 def test_a_cubic_phase_plate_has_its_closed_form():
     u, v = np.array([-1.7, -0.4, 0.05, 0.8, 1.9]), np.array([-12.0, 0.0, 3.3])[:, None]
     truth = np.array([[cubic_ambiguity(30.0, a, b) for a in u] for b in v[:, 0]])
-    assert np.abs(ambiguity(lambda x: 30 * x**3, u, v) - truth).max() <= 1e-6
+    assert np.abs(ambiguity_function(lambda x: 30 * x**3, u, v) - truth).max() <= 1e-6
 
 
 @pytest.mark.parametrize("waves", [0.0, 0.5, -4.0, 300.0])
 def test_a_defocused_slit_has_its_closed_form(waves):
     u = np.linspace(-2, 2, 81)
-    value = defocused_transfer(None, u, np.array(waves))
+    value = defocused_transfer_function(None, u, np.array(waves))
     assert np.abs(value - slit(u, waves)).max() <= 1e-6
 
 
@@ -417,7 +419,7 @@ def test_a_defocused_slit_has_its_closed_form(waves):
 def test_defocus_in_the_phase_is_the_slanted_line(waves):
     """Eq. 2.40 itself: in focus with the defocus in the pupil, or beside it."""
     u = np.linspace(-2, 2, 81)
-    value = defocused_transfer(lambda x: 2 * math.pi * waves * x**2, u, np.array(0.0))
+    value = defocused_transfer_function(lambda x: 2 * math.pi * waves * x**2, u, np.array(0.0))
     assert np.abs(value - slit(u, waves)).max() <= 1e-6
 
 
@@ -434,7 +436,7 @@ def test_that_of_a_slit_is_the_conjugate_of_the_psf_s_fourier_transform():
     psf = np.abs(np.exp(-2j * np.pi * np.outer(place, x)) @ wave) ** 2
     u = np.linspace(-1.9, 1.9, 20)
     truth = np.exp(-2j * np.pi * np.outer(u, place)) @ psf / psf.sum()
-    value = defocused_transfer(plate, u, np.array(waves))
+    value = defocused_transfer_function(plate, u, np.array(waves))
     assert np.abs(value.conj() - truth).max() <= 5e-3
     assert np.abs(truth.imag).max() > 0.1
 
@@ -443,7 +445,9 @@ def test_a_strong_cubic_plate_nears_the_stationary_phase():
     """|H| = sqrt(pi / (12 strength |u|)) at any defocus (10.1364/AO.34.001859)."""
     strength = 1500.0
     u, waves = torch.linspace(0.2, 1.2, 41), torch.tensor([[0.0], [5.0], [30.0]])
-    value = modulation(defocused_transfer(lambda x: strength * x**3, u, waves)).numpy()
+    value = modulation_transfer(
+        defocused_transfer_function(lambda x: strength * x**3, u, waves)
+    ).numpy()
     truth = np.sqrt(np.pi / (12 * strength * u.numpy()))
     assert np.abs(value / truth - 1).max() <= 0.1
 
@@ -452,7 +456,8 @@ def test_a_cubic_plate_hides_the_defocus_that_a_clear_slit_shows():
     u = torch.linspace(0.1, 1.5, 30)
     for phase, low, high in ((lambda x: 90 * x**3, 0.5, 2.0), (None, 0.0, 0.2)):
         sharp, blurred = (
-            modulation(defocused_transfer(phase, u, torch.tensor(w))) for w in (0.0, 3.0)
+            modulation_transfer(defocused_transfer_function(phase, u, torch.tensor(w)))
+            for w in (0.0, 3.0)
         )
         ratio = blurred / sharp
         assert low <= float(ratio.min()) <= float(ratio.median()) <= high
@@ -461,7 +466,7 @@ def test_a_cubic_plate_hides_the_defocus_that_a_clear_slit_shows():
 def test_the_gradient_in_a_slit_s_phase_equals_finite_differences():
     def value(strength: torch.Tensor) -> torch.Tensor:
         u = torch.tensor([0.0, 0.5, -1.3, 2.0], dtype=torch.float64)
-        return defocused_transfer(
+        return defocused_transfer_function(
             lambda x: strength[0] * x**3 + strength[1] * x**5, u, torch.tensor(0.3), tol=1e-12
         )
 
@@ -483,9 +488,9 @@ def test_the_gradient_in_a_slit_s_phase_equals_finite_differences():
 def test_what_makes_no_ambiguity_function_is_refused(change, words):
     settings = {"phase": None, "shift": torch.ones(2), "frequency": torch.zeros(2)}
     with pytest.raises(ValueError, match=words):
-        ambiguity(**settings | change)
+        ambiguity_function(**settings | change)
 
 
 def test_defocused_transfer_names_its_own_arguments():
     with pytest.raises(ValueError, match="waves has 1 NaN"):
-        defocused_transfer(None, torch.ones(2), torch.tensor(math.nan))
+        defocused_transfer_function(None, torch.ones(2), torch.tensor(math.nan))

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from optics.zernike import require_zernike, zernike
+from optics.zernike import require_zernike_indices, zernike
 
 # Noll 1976, table I, with y and x in place of angles; sines have m < 0.
 WRITTEN_OUT = {
@@ -147,9 +147,9 @@ def test_a_polynomial_that_does_not_exist_is_refused(n, m):
     with pytest.raises(ValueError, match=words):
         zernike(n, m, np.zeros(1), np.zeros(1))
     with pytest.raises(ValueError, match=words):
-        require_zernike(n, m)
+        require_zernike_indices(n, m)
 
 
 def test_those_that_exist_are_let_pass():
     for n, m in all_up_to(6):
-        require_zernike(n, m)
+        require_zernike_indices(n, m)

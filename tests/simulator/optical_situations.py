@@ -11,31 +11,31 @@ import torch
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
-from optics.slm import Map, Response
+from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
 from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
-from simulator.effects.dispersion import PanelDispersion
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
-from simulator.effects.orders import PanelOrders
+from simulator.effects.panel_dispersion import PanelDispersion
 from simulator.effects.panel_effects import PanelEffect
-from simulator.effects.reach import Reach
-from simulator.effects.sampling import Sampling
-from simulator.formation.picture import expected
+from simulator.effects.panel_orders import PanelOrders
+from simulator.effects.reach import PSFReach
+from simulator.effects.sampling import LightSampling
+from simulator.formation.mean_picture import expected_electrons
 from simulator.ledger import Ledger
 from simulator.mount import Mount
+from simulator.panel_content import PanelContent
 from simulator.planning import Effect
 from simulator.recipe import Recipe
-from simulator.scene import Flat, Photograph, Star, Target
-from simulator.shown import Shown
+from simulator.scene import Flat, PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 EFFECTS: tuple[Effect, ...] = (
-    Reach(),
-    Sampling(),
+    PSFReach(),
+    LightSampling(),
     Diffraction(),
     Bandwidth(),
     Leak(),
@@ -54,14 +54,14 @@ CAMERA = Camera(
     PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16)
 )
 STAR = Star(40e-6, 1.0, 2e12, (2e-4, 1e-4))
-STILL = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+STILL = PanelContent.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
 
 
 def situation(
     target: Target = STAR,
     camera: Camera = CAMERA,
     band: Band | None = None,
-    shown: Shown | None = None,
+    shown: PanelContent | None = None,
     exposure: float = 0.01,
     moment: float = 0.0,
     mount: Mount | None = None,
@@ -69,7 +69,7 @@ def situation(
     **more,
 ) -> Situation:
     if shown is None:
-        shown = Shown.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
+        shown = PanelContent.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
     return Situation(
         camera,
         mount or Mount(),
@@ -101,16 +101,16 @@ def pattern(rng: np.random.Generator, panel: Panel) -> np.ndarray:
 def random_panel(rng: np.random.Generator) -> Panel:
     y, x = np.mgrid[-1:1:6j, -1:1:8j]
     data = {
-        "illumination": Map(np.exp(-(x**2) - y**2) * rng.uniform(0.5, 2) + 0.1),
+        "illumination": PanelMap(np.exp(-(x**2) - y**2) * rng.uniform(0.5, 2) + 0.1),
         "front_reflection": rng.uniform(0, 0.05),
-        "response": Response.tabulated(
+        "response": PhaseResponse.from_curve(
             550e-9, rng.uniform(0.9, 1.1) * (np.arange(256) / 255) ** rng.uniform(0.8, 1.3)
         ),
         "coupling": rng.uniform(2e-6, 15e-6),
         "flicker": rng.uniform(0.005, 0.1),
         "jitter": rng.uniform(0.01, 0.3),
         "gap_reflection": rng.uniform(0.05, 0.7),
-        "flatness": Map((x**2 - y + x * y) * rng.uniform(5e-9, 60e-9)),
+        "flatness": PanelMap((x**2 - y + x * y) * rng.uniform(5e-9, 60e-9)),
     }
     chosen = {name: value for name, value in data.items() if rng.random() < 0.5}
     return replace(PANEL, unmodulated=rng.uniform(0, 0.1), **chosen)
@@ -128,7 +128,7 @@ def random_target(rng: np.random.Generator) -> Target:
     image = torch.from_numpy(rng.random((16, 20, 3)).astype(np.float32))
     smooth = torch.nn.functional.avg_pool2d(image.permute(2, 0, 1)[None], 3, 1, 1)[0]
     cover = float(rng.choice([0.7, 1.2]))
-    return Photograph(smooth.permute(1, 2, 0), distance, 1e7, cover=cover, light=light)
+    return PhotographPrint(smooth.permute(1, 2, 0), distance, 1e7, cover=cover, light=light)
 
 
 def random_situation(seed: int, *, video: bool = False) -> Situation:
@@ -141,11 +141,11 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     if rng.random() < 0.3:
         lamp = Waveform("sine", 100.0, rng.uniform(0, 0.5), rng.uniform(0, 6))
         target = replace(target, lamp=lamp)
-    shown = Shown.of(pattern(rng, camera.panel)[None], math.inf)
+    shown = PanelContent.of(pattern(rng, camera.panel)[None], math.inf)
     if video:
         camera = replace(camera, panel=replace(camera.panel, response_time=rng.uniform(1e-3, 8e-3)))
         video = np.stack([pattern(rng, camera.panel) for _ in range(3)])
-        shown = Shown.of(video, 1 / 60)
+        shown = PanelContent.of(video, 1 / 60)
     exposure, moment = rng.uniform(3e-3, 40e-3), rng.uniform(0, 0.1)
     camera = replace(camera, glare=float(rng.choice([0.0, 0.01, 0.2])))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
@@ -158,16 +158,16 @@ def colour_curve(centre: float, width: float) -> Spectrum:
 
 
 def finest(s: Situation) -> dict[str, int]:
-    return {one.name: one.finest(s) for one in EFFECTS if one.caused(s)}
+    return {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
 
 
 def recipe(s: Situation, levels: dict[str, int]) -> Recipe:
-    made = Recipe.barest(s).having(lamp=s.target.lamp is not None, pixel_aperture=True)
+    made = Recipe.minimal(s).with_changes(lamp=s.target.lamp is not None, pixel_aperture=True)
     for one in EFFECTS:
         if levels.get(one.name, 0):
-            made = one.apply(made, s, levels[one.name])
+            made = one.add_to_recipe(made, s, levels[one.name])
     return made
 
 
 def rendered(s: Situation, levels: dict[str, int], cache: ByteCache) -> np.ndarray:
-    return expected(s, recipe(s, levels), cache, Ledger()).double().numpy()
+    return expected_electrons(s, recipe(s, levels), cache, Ledger()).double().numpy()

@@ -29,13 +29,13 @@ class Toy(Effect):
     def levels(self) -> tuple[str, ...]:
         return ("off", *(f"level {n}" for n in range(1, len(self.bounds))))
 
-    def caused(self, s):
+    def is_present(self, s):
         return self.there
 
-    def estimate(self, s, level):
+    def estimated_error(self, s, level):
         return self.bounds[level].mean / 2
 
-    def coarser(self, s, level):
+    def error_bound_below_finest(self, s, level):
         return self.bounds[level]
 
     def work(self, s, levels):
@@ -44,9 +44,9 @@ class Toy(Effect):
             work *= 1 + levels[other]
         return work
 
-    def why(self, s):
+    def explain(self, s):
         return "it was made so"
 
-    def apply(self, recipe, s, level):
+    def add_to_recipe(self, recipe, s, level):
         assert level > 0
-        return recipe.having(**{key: values[level] for key, values in self.sets.items()})
+        return recipe.with_changes(**{key: values[level] for key, values in self.sets.items()})

@@ -13,10 +13,10 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform
 from simulator.formation.nodes import depth_nodes
 from simulator.mount import Mount
-from simulator.probing.picture import MARGIN
-from simulator.scene import Even, Sheet, Sheets, Star
+from simulator.panel_content import PanelContent
+from simulator.probing.picture_probe import MARGIN
+from simulator.scene import Sheet, Sheets, Star, UniformLight
 from simulator.scene.polygons import Polygons, rectangle
-from simulator.shown import Shown
 from simulator.situation import Situation
 
 WAVELENGTH, PITCH, SIDE, ACROSS = 550e-9, 5e-6, 32, 48
@@ -70,7 +70,7 @@ def random_pattern(rng):
 
 
 def paint(rng):
-    return Spectrum.even(float(rng.uniform(0.1, 1)))
+    return Spectrum.flat(float(rng.uniform(0.1, 1)))
 
 
 def sheets(rng, count, background=True):
@@ -82,7 +82,7 @@ def sheets(rng, count, background=True):
         size, middle = rng.uniform(2e-5, 2e-4, 2) / scale, rng.uniform(-8e-5, 8e-5, 2) / scale
         shape = Polygons((rectangle(tuple(middle), tuple(size), rng.uniform(0, 3)),), (1.0,))
         if background and k == count - 1:
-            shape = Even()
+            shape = UniformLight()
         found.append(Sheet(distance, ((paint(rng), shape),), shape))
     return Sheets(tuple(found), float(10 ** rng.uniform(6, 8)))
 
@@ -94,24 +94,27 @@ def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach
         grey[1] += 100
     # As if all light could fall on a pixel.
     pattern = SimpleNamespace(
-        reach=reach, order_light=0.0, period=1.0, peak=math.inf, energy=math.inf, middle=1.0,
-        transfer=SimpleNamespace(most_at=lambda k, spread: np.ones_like(k)),
+        reach_of_share=reach, side_order_share=0.0, period=1.0, peak=math.inf,
+        squared_density=math.inf, zeroth_order_share=1.0,
+        transfer_bounds=SimpleNamespace(modulus_bound=lambda k, spread: np.ones_like(k)),
     )  # fmt: skip
-    shown = Shown.of(grey, 1 / 60 if moves else math.inf)
+    shown = PanelContent.of(grey, 1 / 60 if moves else math.inf)
     s = Situation(cam, Mount(), target, Band(WAVELENGTH, 7e-9), shown, moment, exposure)
     # What would be found when first asked for.
-    s.facts.pattern = pattern
+    s.cache.pattern_probe = pattern
     return s
 
 
 def at_depths(s, pattern, count):
     """What is seen with so many depths, electrons on the frame; what is near hides what is far."""
-    nodes = depth_nodes(s.picture.distances, count)
+    nodes = depth_nodes(s.picture_probe.distances, count)
     seen = np.zeros((PLANE, PLANE))
-    for k in reversed(range(len(s.picture.lights))):
-        spread = sum(share * psf(node, pattern) for node, share in nodes[s.picture.distances[k]])
-        cover = s.picture.covers[k]
-        front = blurred(s.picture.lights[k], spread)
+    for k in reversed(range(len(s.picture_probe.lights))):
+        spread = sum(
+            share * psf(node, pattern) for node, share in nodes[s.picture_probe.distances[k]]
+        )
+        cover = s.picture_probe.covers[k]
+        front = blurred(s.picture_probe.lights[k], spread)
         seen = front + (seen if cover is None else seen * (1 - blurred(cover, spread)))
     return frame(seen) * s.exposure
 
@@ -120,8 +123,8 @@ def seen_and_transparent(s, spreads):
     """What is seen with a PSF for each layer, and as if no layer hid any other; electrons."""
     seen, transparent = np.zeros((PLANE, PLANE)), np.zeros((PLANE, PLANE))
     for k in reversed(range(len(spreads))):
-        front = blurred(s.picture.lights[k], spreads[k])
-        cover = s.picture.covers[k]
+        front = blurred(s.picture_probe.lights[k], spreads[k])
+        cover = s.picture_probe.covers[k]
         hidden = 0.0 if cover is None else blurred(cover, spreads[k])
         seen, transparent = seen * (1 - hidden) + front, transparent + front
     return frame(seen) * s.exposure, frame(transparent) * s.exposure
@@ -142,4 +145,4 @@ def moving(rng, lamp=None):
 def at(s, time):
     """The sharp picture at a time."""
     shift = tuple(v * time for v in s.target.velocity)
-    return replace(s.picture, shift=shift).lights[0].double().numpy()
+    return replace(s.picture_probe, shift=shift).lights[0].double().numpy()

@@ -8,7 +8,7 @@ import torch
 from optics.camera import Camera, Panel, Sensor
 from optics.plane import Plane
 from optics.sensor import moments
-from optics.sensor.shutter import span
+from optics.sensor.shutter import frame_duration
 from simulator.effects.sensor_effects import (
     Clipping,
     DarkCurrent,
@@ -19,7 +19,7 @@ from simulator.effects.sensor_effects import (
 from simulator.effects.shot_noise import ShotNoise
 from simulator.probing.radial import RadialProfile
 from simulator.recipe import Recipe
-from simulator.situation import Facts
+from simulator.situation import SituationCache
 
 EFFECTS = [DarkCurrent(), ShotNoise(), Clipping(), ReadNoise(), FixedPattern(), Quantisation()]
 BARE = Recipe(Panel(), 64, 1)
@@ -84,23 +84,25 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
     """light: electrons per second on each pixel, as sharp as it is."""
     plane = Plane(tuple(light.shape), (one.pitch, one.pitch))
     probe = SimpleNamespace(
-        l2=float(light.square().sum().sqrt()),
+        norm_bound=float(light.square().sum().sqrt()),
         brightest=float(light.max()),
         total=float(light.sum()),
-        whole=float(light.sum()),
-        beside=0.0,
-        over=lambda level: tuple(
+        total_with_margin=float(light.sum()),
+        off_plane_star_rate=0.0,
+        excess_over=lambda level: tuple(
             float(((light - level).clamp(min=0) ** power).sum()) for power in (1, 2)
         ),
-        dim=float(light.min()),
+        dim_decile=float(light.min()),
         # Of two distances no PSF is known: any blur may be.
         distances=(1.0, 2.0),
-        dark=not bool(light.any()),
-        power=RadialProfile.of(torch.fft.rfft2(light), plane),
+        is_dark=not bool(light.any()),
+        power_spectrum=RadialProfile.of(torch.fft.rfft2(light), plane),
     )
     return Known(**{
-        "camera": Camera(sensor=one), "picture": probe, "exposure": exposure, "moment": 0.0,
-        "lasts": span(one, exposure),
-        "target": SimpleNamespace(lamp=None, moves=False, layers=()),
-        "shown": SimpleNamespace(moves=False), "facts": Facts(),
+        "camera": Camera(sensor=one), "picture_probe": probe,
+        "exposure": exposure, "exposure_start": 0.0,
+        "exposure_span": frame_duration(one, exposure),
+        "target": SimpleNamespace(lamp=None, is_moving=False, layers=()),
+        "panel_content": SimpleNamespace(is_changing=False),
+        "cache": SituationCache(),
     } | more)  # fmt: skip

@@ -19,10 +19,10 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.polarisation import PathEffect
-from optics.slm import Map, Response
-from optics.slm.dispersion import max_phase
-from simulator.scene import Flat, Photograph, Star, Target
-from simulator.shown import Shown
+from optics.slm import PanelMap, PhaseResponse
+from optics.slm.phase_range import max_phase
+from simulator.panel_content import PanelContent
+from simulator.scene import Flat, PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 ROWS, COLUMNS = PANEL.shape
@@ -47,7 +47,7 @@ def seen(
     **more,
 ) -> Situation:  # fmt: skip
     grey = np.zeros(camera.panel.shape) if grey is None else grey
-    shown = Shown.of(grey.astype(np.uint8)[None], math.inf)
+    shown = PanelContent.of(grey.astype(np.uint8)[None], math.inf)
     return situation(target, camera, band, shown, **more)
 
 
@@ -90,7 +90,7 @@ def reach() -> Situation:
 
 def sampling() -> Situation:
     image = torch.from_numpy(np.random.default_rng(1).random((100, 100, 3)).astype(np.float32))
-    return seen(camera(pitch=10e-6), target=Photograph(image, 1.0, 1e7, cover=0.7))
+    return seen(camera(pitch=10e-6), target=PhotographPrint(image, 1.0, 1e7, cover=0.7))
 
 
 def leaking(most: float) -> Situation:
@@ -115,13 +115,13 @@ def panel(grey: np.ndarray | None = None, **data) -> Callable[[], Situation]:
 def uneven_light() -> Situation:
     """A pattern that spreads the panel over the sensor shows how unevenly it is lit."""
     x = np.mgrid[-1:1:6j, -1:1:8j][1]
-    return panel(lens_pattern(7), illumination=Map(np.exp(-(x**2)) + 0.1))()
+    return panel(lens_pattern(7), illumination=PanelMap(np.exp(-(x**2)) + 0.1))()
 
 
 def crystal() -> Situation:
     video = np.stack([0 * CHECKERS, 40 * CHECKERS]).astype(np.uint8)
     slow = camera(replace(IDEAL, response_time=1e-3))
-    return situation(STAR, slow, NARROW, Shown.of(video, 1 / 60), exposure=1 / 60)
+    return situation(STAR, slow, NARROW, PanelContent.of(video, 1 / 60), exposure=1 / 60)
 
 
 def interfering() -> Situation:
@@ -175,13 +175,13 @@ WORST = [
     Worst("gap light", panel(gap_reflection=0.3), {0: 2.5}, "a spot is spread over pixels"),
     Worst(
         "panel response",
-        panel(15 * CHECKERS, response=Response.tabulated(
+        panel(15 * CHECKERS, response=PhaseResponse.from_curve(
             550e-9, 1.1 * (np.arange(256) / 255) ** 1.1)),
         {0: 5}, FIELDS,
     ),
     Worst("neighbour coupling", panel(20 * (X // 2 % 2), coupling=8e-6), {0: 7}, "×1.5; " + FIELDS),
     Worst("flicker", panel(40 * CHECKERS, flicker=0.1), {0: 8}, "×1.5; mean and power add up"),
-    Worst("flatness", panel(20 * CHECKERS, flatness=Map(CHECKERS * 2e-8)), {0: 5}, FIELDS),
+    Worst("flatness", panel(20 * CHECKERS, flatness=PanelMap(CHECKERS * 2e-8)), {0: 5}, FIELDS),
     Worst("liquid-crystal response", crystal, {0: 18}, "×1.2; " + FIELDS + ", and power"),
     Worst("polarisation interference", interfering, {0: 3.5}, "×1.2; in phase wherever they meet",
           {"unmodulated light": 1}),
@@ -208,14 +208,14 @@ def levels_of(s: Situation, one: Worst) -> dict[str, int]:
 def test_a_bound_is_near_what_its_effect_changes(one: Worst):
     s, cache = one.situation(), ByteCache()
     effect = next(effect for effect in EFFECTS if effect.name == one.effect)
-    top = min(max(one.slack) + one.finer, effect.finest(s))
+    top = min(max(one.slack) + one.finer, effect.finest_level(s))
     levels = levels_of(s, one)
     whole = rendered(s, {**levels, one.effect: top}, cache)
     for level, slack in one.slack.items():
         changed = np.linalg.norm(rendered(s, {**levels, one.effect: level}, cache) - whole)
         assert changed > 1e-4 * np.linalg.norm(whole), "the effect doesn't matter here"
-        assert changed <= effect.bound(s, level).mean <= slack * changed, (level, one.because)
-    bounds = [effect.bound(s, level).mean for level in range(effect.finest(s) + 1)]
+        assert changed <= effect.error_bound(s, level).mean <= slack * changed, (level, one.because)
+    bounds = [effect.error_bound(s, level).mean for level in range(effect.finest_level(s) + 1)]
     assert bounds == sorted(bounds, reverse=True)
 
 

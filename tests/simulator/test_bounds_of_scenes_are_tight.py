@@ -74,8 +74,8 @@ def test_depth_layers(distances, pixels, slack):
     exact = at_depths(s, SHARP, 33)
     for level, most in slack.items():
         found = at_depths(s, SHARP, int(effect.levels[level]))
-        near(effect.bound(s, level).mean, np.linalg.norm(found - exact), most)
-    bounds = [effect.bound(s, level).mean for level in range(effect.finest(s) + 1)]
+        near(effect.error_bound(s, level).mean, np.linalg.norm(found - exact), most)
+    bounds = [effect.error_bound(s, level).mean for level in range(effect.finest_level(s) + 1)]
     assert bounds == sorted(bounds, reverse=True)
 
 
@@ -125,7 +125,7 @@ def test_occlusion(things, slack):
 
     s = situation(Sheets(things, 1e7), reach=reach)
     seen, transparent = seen_and_transparent(s, spreads)
-    near(Occlusion().bound(s, 0).mean, np.linalg.norm(transparent - seen), slack)
+    near(Occlusion().error_bound(s, 0).mean, np.linalg.norm(transparent - seen), slack)
 
 
 EXPOSURE, COUNT = 4e-3, 64
@@ -147,7 +147,7 @@ def test_motion_in_steady_light():
     """Of 21 pixels: 1 - sinc of any frequency along the path, as if all were along it."""
     s = situation(star(0.4), exposure=EXPOSURE)
     moved = smeared(s, np.ones(COUNT), TIMES) - smeared(s, [1.0], [EXPOSURE / 2])
-    near(Motion().bound(s, 0).mean, np.linalg.norm(moved), 5)
+    near(Motion().error_bound(s, 0).mean, np.linalg.norm(moved), 5)
 
 
 @pytest.mark.parametrize(("level", "slack"), [(1, 32), (2, 34), (3, 38), (4, 45)])
@@ -159,7 +159,7 @@ def test_motion_in_parts_under_a_lamp(level, slack):
     weights = lamp.at(TIMES)
     parts = np.repeat(weights.reshape(2**level, -1).mean(1), COUNT // 2**level)
     changed = smeared(s, weights - parts, TIMES)
-    near(Motion().bound(s, level).mean, np.linalg.norm(changed), slack)
+    near(Motion().error_bound(s, level).mean, np.linalg.norm(changed), slack)
 
 
 def test_a_path_takes_from_a_fringe_what_its_sinc_does():
@@ -189,15 +189,15 @@ def test_motion_past_rows_that_are_exposed_in_turn():
         rows = (starts <= time) & (time < starts + EXPOSURE)
         exact += frame(blurred(at(s, time), spread)) * rows[:, None] * lasts / count
     still = frame(blurred(at(s, EXPOSURE / 2), spread)) * EXPOSURE
-    near(Motion().bound(s, 0).mean, np.linalg.norm(exact - still), 30)
+    near(Motion().error_bound(s, 0).mean, np.linalg.norm(exact - still), 30)
 
 
 def test_lamp_flicker_is_its_mean_over_the_exposure():
     lamp = Waveform("sine", 100.0, 0.3, 0.4)
     s = situation(Flat(2.0, 1e8, lamp=lamp), exposure=7.3e-3, moment=0.123)
     instants = 0.123 + (np.arange(20_000) + 0.5) / 20_000 * 7.3e-3
-    light = np.linalg.norm(frame(s.picture.picture.double().numpy())) * 7.3e-3
-    near(LampFlicker().bound(s, 0).mean, abs(lamp.at(instants).mean() - 1) * light, 1.02)
+    light = np.linalg.norm(frame(s.picture_probe.sharp_picture.double().numpy())) * 7.3e-3
+    near(LampFlicker().error_bound(s, 0).mean, abs(lamp.at(instants).mean() - 1) * light, 1.02)
 
 
 def test_a_lamp_that_is_off_for_every_other_picture_of_a_video():
@@ -207,10 +207,10 @@ def test_a_lamp_that_is_off_for_every_other_picture_of_a_video():
     s = situation(Star(1e-3, 2.0, 1e8, lamp=lamp), exposure=1 / 30, moves=True)
     tilt = np.linspace(-3.85, 3.85, ACROSS)
     pictures = [
-        frame(blurred(s.picture.lights[0], psf(2.0, side * tilt + SHARP))) for side in (-1, 1)
+        frame(blurred(s.picture_probe.lights[0], psf(2.0, side * tilt + SHARP))) for side in (-1, 1)
     ]
     change = np.linalg.norm(pictures[0] - pictures[1]) * s.exposure / 2
-    near(LampFlicker().bound(s, 0).mean, change, 1.6 * math.sqrt(2))
+    near(LampFlicker().error_bound(s, 0).mean, change, 1.6 * math.sqrt(2))
 
 
 BAND = Band(550e-9, 20e-9)
@@ -224,7 +224,7 @@ def test_pixels_that_average_a_fringe(length):
     s = sensor_situations.situation(light, Sensor(shape=(96, 96)), 1.0, band=BAND)
     s.camera = replace(s.camera, lens=Lens(0.05, 11.0))
     fringe = math.sqrt(0.5) * 96 * (1 / np.sinc(1 / length) - 1)
-    near(PixelAperture().bound(s, 0).mean, fringe, 1.3)
+    near(PixelAperture().error_bound(s, 0).mean, fringe, 1.3)
 
 
 def test_filters_of_even_light():
@@ -235,21 +235,21 @@ def test_filters_of_even_light():
         "B": Spectrum((400e-9, 460e-9, 560e-9), (0.1, 0.4, 0.02)),
     }
     bayer = Sensor(shape=(12, 12), colour=Mosaic(("RG", "GB"), curves))
-    part = SimpleNamespace(spectrum=Spectrum.even(5.0))
+    part = SimpleNamespace(spectrum=Spectrum.flat(5.0))
     rates = np.array(electron_rates(part.spectrum, BAND, Camera(sensor=bayer), 2.0))
     even = torch.full((12, 12), float(rates.max())).double()
     s = sensor_situations.situation(even, bayer, 1.0, band=BAND)
     layer = SimpleNamespace(distance=2.0, parts=(part,), cover=None)
-    s.target = SimpleNamespace(lamp=None, moves=False, layers=(layer,))
+    s.target = SimpleNamespace(lamp=None, is_moving=False, layers=(layer,))
     channels = bayer.colour.channel_map((12, 12)).numpy()
     apart = rates[channels] - rates @ np.array([0.25, 0.5, 0.25])
-    near(ColourFilters().bound(s, 0).mean, np.linalg.norm(apart), 2.5)
+    near(ColourFilters().error_bound(s, 0).mean, np.linalg.norm(apart), 2.5)
 
 
 def rolling(exposure: float, lamp=None, moves=False):
     one = Sensor(shape=(40, 12), shutter="rolling", line_time=50e-6, dark_current=0.0)
     s = sensor_situations.situation(torch.full((40, 12), 100.0), one, exposure)
-    s.target = SimpleNamespace(lamp=lamp, moves=moves, layers=())
+    s.target = SimpleNamespace(lamp=lamp, is_moving=moves, layers=())
     return s
 
 
@@ -259,7 +259,7 @@ def test_rows_that_see_a_lamp_rise():
     starts = 50e-6 * np.arange(40)
     rise = 0.4 * np.cos(2 * math.pi * 100 * np.stack([starts, starts + 0.3e-3])) / (200 * math.pi)
     rows = 100 * (rise[0] - rise[1])
-    near(RollingShutter().bound(s, 0).mean, np.linalg.norm(np.repeat(rows - rows[0], 12)), 3)
+    near(RollingShutter().error_bound(s, 0).mean, np.linalg.norm(np.repeat(rows - rows[0], 12)), 3)
 
 
 def test_rows_that_share_half_of_their_time():
@@ -268,4 +268,4 @@ def test_rows_that_share_half_of_their_time():
     s = rolling(4e-3, moves=True)
     missed = 50e-6 * np.arange(40) / 4e-3
     rows = 100.0 * 4e-3 * np.minimum(missed, 1.0)
-    near(RollingShutter().bound(s, 0).mean, np.linalg.norm(np.repeat(rows, 12)), 4)
+    near(RollingShutter().error_bound(s, 0).mean, np.linalg.norm(np.repeat(rows, 12)), 4)

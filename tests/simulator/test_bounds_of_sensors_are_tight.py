@@ -14,8 +14,8 @@ import torch
 from sensor_situations import BARE, EFFECTS, changes, read, situation
 
 from optics.camera import Sensor
-from optics.sensor.drawing import electrons_of
-from simulator.effects.on_pixels import in_proportion, near_limit, through_sensor
+from optics.sensor.frame_sampling import electrons_from_normal
+from simulator.effects.electron_bounds import can_clip, proportional_error_bound, sensor_error_bound
 from simulator.effects.shot_noise import ShotNoise
 from simulator.recipe import Recipe
 
@@ -37,12 +37,12 @@ def even(electrons: float) -> torch.Tensor:
 def others(effect, s) -> Recipe:
     """With all other effects that are there; steps of the converter would hide small changes, so
     they are there for shot noise alone, and full wells count as deeper ones do."""
-    recipe = BARE.having(shot="Poisson")
+    recipe = BARE.with_changes(shot="Poisson")
     for one in EFFECTS:
-        left_out = {"clipping"} if near_limit(s) else set()
+        left_out = {"clipping"} if can_clip(s) else set()
         left_out |= set() if effect.name == "shot noise" else {"quantisation"}
-        if one is not effect and one.caused(s) and one.name not in left_out:
-            recipe = one.apply(recipe, s, len(one.levels) - 1)
+        if one is not effect and one.is_present(s) and one.name not in left_out:
+            recipe = one.add_to_recipe(recipe, s, len(one.levels) - 1)
     return recipe
 
 
@@ -87,12 +87,12 @@ def test_a_bound_is_near_what_its_effect_changes(one: Worst):
     effect = next(effect for effect in EFFECTS if effect.name == one.effect)
     recipe = others(effect, s)
     if effect.name == "shot noise" and not one.level:
-        recipe = recipe.having(shot="none")
+        recipe = recipe.with_changes(shot="none")
     fine, coarse = (
-        effect.apply(recipe, s, level) if level else recipe
+        effect.add_to_recipe(recipe, s, level) if level else recipe
         for level in (len(effect.levels) - 1, one.level)
     )
-    light, bound = even(one.electrons), effect.bound(s, one.level)
+    light, bound = even(one.electrons), effect.error_bound(s, one.level)
     found = changes(*(read(light, one.sensor, EXPOSURE, each) for each in (coarse, fine)))
     for measured, most, slack in zip(
         found, (bound.mean, bound.variance, bound.sigma), one.slack, strict=True
@@ -109,11 +109,11 @@ def test_rounding_moves_a_quiet_number_by_half_a_step_at_most():
     """3.999 electrons without any noise are 0 in steps of 8."""
     sensor, light = pixels(8.0), even(3.999)
     rounded, exact = (read(light, sensor, EXPOSURE, one)
-                      for one in (BARE.having(quantisation=True), BARE))  # fmt: skip
+                      for one in (BARE.with_changes(quantisation=True), BARE))  # fmt: skip
     moved = changes(rounded, exact)[0]
     effect = next(effect for effect in EFFECTS if effect.name == "quantisation")
     assert moved == pytest.approx(3.999 * SIDE)
-    assert moved <= effect.bound(situation(light, sensor, EXPOSURE), 0).mean <= 1.001 * moved
+    assert moved <= effect.error_bound(situation(light, sensor, EXPOSURE), 0).mean <= 1.001 * moved
 
 
 @pytest.mark.parametrize(("level", "shot"), [(1, "Gaussian"), (2, "skewed")])
@@ -123,13 +123,15 @@ def test_a_distributions_distance_is_near_its_bound_at_ten_electrons(level, shot
     numbers = np.arange(count)
     exact = st.poisson.cdf(numbers, electrons)
     noise = torch.from_numpy(st.norm.ppf((np.arange(10**6) + 0.5) / 10**6))
-    drawn = electrons_of(torch.full((10**6,), electrons).double(), noise, shot).round().long()
+    drawn = (
+        electrons_from_normal(torch.full((10**6,), electrons).double(), noise, shot).round().long()
+    )
     seen = torch.bincount(drawn.clamp(min=0), minlength=count).double().cumsum(0)[:count] / 10**6
     distance = np.abs(seen.numpy() - exact).max()
     s = situation(even(electrons), pixels(), EXPOSURE)
-    assert distance <= ShotNoise().bound(s, level).shape <= 1.5 * distance
-    assert ShotNoise().bound(s, 0).shape == 1
-    assert ShotNoise().bound(s, 3).shape == 0
+    assert distance <= ShotNoise().error_bound(s, level).shape <= 1.5 * distance
+    assert ShotNoise().error_bound(s, 0).shape == 1
+    assert ShotNoise().error_bound(s, 3).shape == 0
 
 
 def test_less_light_changes_about_what_is_told():
@@ -138,7 +140,7 @@ def test_less_light_changes_about_what_is_told():
     n, pixels_ = 400.0, SIDE
     s = situation(even(n), pixels(read_noise=1.0, black_level=80.0), EXPOSURE)
     lost = 0.1 * n * pixels_
-    bound = through_sensor(s, lost, "proved: so")
+    bound = sensor_error_bound(s, lost, "proved: so")
     assert lost <= bound.mean <= 1.02 * lost
     assert lost <= bound.variance <= 1.1 * lost
     sigma = math.sqrt(n) * (1 - math.sqrt(0.9)) * pixels_
@@ -153,7 +155,7 @@ def test_light_that_is_lost_in_proportion_changes_little_where_it_is_dark():
     light[:, : SIDE // 2] = 0.0
     s = situation(light, pixels(read_noise=0.3, black_level=80.0), EXPOSURE)
     lost = share * n * SIDE / math.sqrt(2)
-    told, anywhere = in_proportion(s, lost, "so"), through_sensor(s, lost, "so")
+    told, anywhere = proportional_error_bound(s, lost, "so"), sensor_error_bound(s, lost, "so")
     sigma = math.sqrt(n) * (1 - math.sqrt(1 - share)) * SIDE / math.sqrt(2)
     assert sigma <= told.sigma <= 5 * sigma < anywhere.sigma
     assert told.mean == anywhere.mean

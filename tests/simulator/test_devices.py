@@ -55,7 +55,7 @@ def surroundings() -> Surroundings:
 
 def photograph(surroundings, seed=(1, 2, 3), exposure=0.01) -> np.ndarray:
     with SimulatedCamera(surroundings) as camera:
-        surroundings.world.begin(*seed)
+        surroundings.world.begin_frame(*seed)
         camera.set_exposure(exposure)
         return camera.capture(never).image
 
@@ -89,15 +89,15 @@ def test_the_panel_shows_what_it_is_given_and_neutral_at_the_end(surroundings):
     grey = ring_pattern(100e-6)
     with SimulatedSLM(surroundings) as slm:
         assert slm.shape == (48, 64)
-        assert slm.shown == "neutral"
+        assert slm.displayed_pattern == "neutral"
         setting = slm.show("ring", grey)
-        assert (setting.asked, setting.actual) == ("ring", "ring")
+        assert (setting.request, setting.actual) == ("ring", "ring")
         assert setting.ready_at == pytest.approx(CAMERA.panel.settling)
-        assert slm.shown == "ring"
+        assert slm.displayed_pattern == "ring"
         assert np.array_equal(surroundings.world.grey, grey)
         grey[:] = 7
         assert not np.array_equal(surroundings.world.grey, grey)
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
     assert np.array_equal(surroundings.world.grey, NEUTRAL)
 
 
@@ -119,15 +119,15 @@ def test_the_panel_plays_a_video_and_keeps_its_own_copy(surroundings):
     with SimulatedSLM(surroundings, frame_rate_hz=50.0) as slm:
         assert slm.frame_time == pytest.approx(0.02)
         setting = slm.play("turn", video)
-        assert (setting.asked, setting.actual) == ("turn", "turn")
+        assert (setting.request, setting.actual) == ("turn", "turn")
         assert setting.ready_at == pytest.approx(CAMERA.panel.settling)
-        assert slm.shown == "turn"
+        assert slm.displayed_pattern == "turn"
         video[:] = 7
         assert np.array_equal(surroundings.world.grey, first)
         slm.show("still", NEUTRAL)
-        assert slm.shown == "still"
+        assert slm.displayed_pattern == "still"
         slm.play("turn", video)
-    assert slm.shown == "neutral"
+    assert slm.displayed_pattern == "neutral"
     assert np.array_equal(surroundings.world.grey, NEUTRAL)
 
 
@@ -152,7 +152,7 @@ def test_the_panel_refuses_what_is_no_video(video, words, surroundings):
         slm.show("ring", grey)
         with pytest.raises(DeviceError, match=words):
             slm.play("x", video)
-        assert slm.shown == "ring"
+        assert slm.displayed_pattern == "ring"
         assert np.array_equal(surroundings.world.grey, grey)
 
 
@@ -177,7 +177,7 @@ def test_a_panel_that_is_opened_again_shows_what_it_says(surroundings):
     """Nobody has closed it in order: it was killed, or its cable was pulled."""
     SimulatedSLM(surroundings).__enter__().show("ring", ring_pattern(100e-6))
     with SimulatedSLM(surroundings) as slm:
-        assert slm.shown == "neutral"
+        assert slm.displayed_pattern == "neutral"
         assert np.array_equal(surroundings.world.grey, NEUTRAL)
 
 
@@ -185,7 +185,7 @@ def test_the_filter_tunes_to_whole_steps_and_says_so(surroundings):
     """A VariSpec resolves 0.01 nm."""
     with SimulatedFilter(surroundings, (430.0, 700.0), 10.0, 80.0) as tuned:
         setting = tuned.set_wavelength(550.1234e-9)
-        assert setting.asked == 550.1234e-9
+        assert setting.request == 550.1234e-9
         assert setting.actual == pytest.approx(550.12e-9, abs=1e-18)
         assert tuned.wavelength == setting.actual == surroundings.world.wavelength
         assert setting.ready_at == pytest.approx(0.08)
@@ -204,7 +204,7 @@ def test_the_filter_refuses_what_it_cannot_pass(wavelength, surroundings):
 
 
 def passed(surroundings, wavelengths) -> np.ndarray:
-    return surroundings.world.band.passes(np.asarray(wavelengths))
+    return surroundings.world.band.total_transmission(np.asarray(wavelengths))
 
 
 def test_a_filter_has_the_shape_and_the_leak_that_it_is_given(surroundings):
@@ -294,7 +294,7 @@ def test_a_wheel_is_opened_and_left_at_its_first_slot(surroundings):
 def test_a_slot_brings_its_wavelength_and_its_bandwidth(number, wheel, surroundings):
     setting = wheel.set_slot(number)
     centre, width = SLOTS[number - 1]
-    assert (setting.asked, setting.actual, wheel.slot) == (number, number, number)
+    assert (setting.request, setting.actual, wheel.slot) == (number, number, number)
     assert wheel.wavelength == surroundings.world.wavelength == pytest.approx(centre * 1e-9)
     assert wheel.bandwidth == surroundings.world.bandwidth == pytest.approx(width * 1e-9)
 
@@ -320,7 +320,7 @@ def test_a_wheel_settles_in_half_a_turn(slots, settling, surroundings):
 def test_a_wheel_turns_to_the_slot_that_passes_a_wavelength(wheel):
     setting = wheel.set_wavelength(632.8e-9)
     assert wheel.slot == 3
-    assert setting.asked == 632.8e-9
+    assert setting.request == 632.8e-9
     assert setting.actual == wheel.wavelength == pytest.approx(632.8e-9)
     assert setting.ready_at == pytest.approx(0.2)
 
@@ -438,7 +438,7 @@ def test_a_cancelled_exposure_ends_early():
     w = world(clock=VirtualClock(1.0))
     with SimulatedCamera(Surroundings(w.clock, w)) as camera:
         camera.set_exposure(30.0)
-        w.light(30.0)
+        w.electron_rates(30.0)
         camera.capture(lambda: w.clock.now() > 0)
     assert w.clock.now() < 30.0
 
@@ -472,10 +472,10 @@ def test_targets_are_placed_by_name(surroundings):
     with SimulatedTargets(surroundings) as targets:
         assert targets.names == ("dark", "star", "near star", "card")
         assert targets.place("card").actual == "card"
-        assert targets.placed == "card"
+        assert targets.current_target == "card"
         with pytest.raises(DeviceError, match=r"place moon: no such target. Choose one of dark"):
             targets.place("moon")
-        assert targets.placed == "card"
+        assert targets.current_target == "card"
 
 
 def test_stages_that_are_off_are_not_called(monkeypatch):
@@ -502,7 +502,7 @@ def test_forced_noises_reach_the_frames(effect):
         photograph(Surroundings(w.clock, w), seed=(1, 2, n), exposure=0.5).astype(float)
         for n in range(60)
     ]
-    electrons = w.light(0.5)[0].numpy() * 0.5
+    electrons = w.electron_rates(0.5)[0].numpy() * 0.5
     expected = {"shot noise": electrons.mean(), "read noise": CAMERA.sensor.read_noise**2}[effect]
     found = np.var(frames, axis=0, ddof=1).mean() * CAMERA.sensor.gain**2
     assert found == pytest.approx(expected + CAMERA.sensor.gain**2 / 12, rel=0.03)
@@ -515,7 +515,7 @@ def test_a_frame_follows_from_its_number_whatever_was_taken_before():
         w = world()
         with SimulatedCamera(Surroundings(w.clock, w)) as camera:
             for number, target, exposure in frames:
-                w.begin(7, 1, number)
+                w.begin_frame(7, 1, number)
                 w.target = target
                 camera.set_exposure(exposure)
                 image = camera.capture(never).image
@@ -565,7 +565,7 @@ def test_the_spectroradiometer_sees_the_band_through_its_slit(surroundings):
         assert np.array_equal(told.wavelengths, meter.wavelengths)
     away = np.linspace(-5, 5, 20001)
     slit = (5 - np.abs(away)) / 25
-    light = w.scene.targets["card"].lit().at(np.asarray([600e-9]))[0]
+    light = w.scene.targets["card"].reflected_radiance().at(np.asarray([600e-9]))[0]
     for nm in (585, 596, 600, 603):
         band = 2.0 ** (-(((nm + away - 600) / 3.5) ** 2))
         expected = light * np.trapezoid(slit * band, away)
@@ -580,7 +580,7 @@ def test_dim_light_takes_the_spectroradiometer_long(surroundings):
     with SimulatedSpectroradiometer(surroundings) as meter:
         began = w.clock.now()
         told = meter.measure(never)
-        assert (told.integration, told.time) == (120.0, began)
+        assert (told.integration_time, told.time) == (120.0, began)
         assert w.clock.now() == pytest.approx(began + 120)
         assert not told.radiance.any()
         with pytest.raises(DeviceError, match=r"measure: it was cancelled. Measure again"):

@@ -27,17 +27,17 @@ from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from simulator.effects.band_effects import Bandwidth
-from simulator.effects.costs import operations
 from simulator.effects.field_effects import FieldPosition
-from simulator.effects.floor import floor
 from simulator.effects.interference import Interference
-from simulator.formation import expected
+from simulator.effects.picture_norms import minimum_norms
+from simulator.effects.rendering_work import rendering_operations
+from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
+from simulator.panel_content import PanelContent
 from simulator.planning import Effect
-from simulator.probing.pattern import PatternProbe
+from simulator.probing.pattern_probe import PatternProbe
 from simulator.recipe import Recipe
-from simulator.scene import Flat, Photograph, Star
-from simulator.shown import Shown
+from simulator.scene import Flat, PhotographPrint, Star
 
 NUMERICS = 2e-4
 """Relative, of pictures rendered for NUMERICS / 2."""
@@ -63,7 +63,7 @@ def broken(s, effect: Effect, context, cache):
     with_it = rendered(s, {**context, effect.name: top}, cache)
     whole, found = np.linalg.norm(with_it), []
     for level in range(top):
-        bound = effect.bound(s, level).mean
+        bound = effect.error_bound(s, level).mean
         if math.isinf(bound):
             continue
         without = rendered(s, {**context, effect.name: level}, cache)
@@ -110,18 +110,18 @@ def test_nor_does_a_crystal_on_its_way(seed):
 def test_bounds_fall_with_the_level_and_are_nothing_at_the_finest(seed):
     s = random_situation(seed, video=seed % 2 == 0)
     for effect in EFFECTS:
-        if not effect.caused(s):
+        if not effect.is_present(s):
             continue
-        levels = range(effect.finest(s) + 1)
-        bounds = [effect.bound(s, level) for level in levels]
+        levels = range(effect.finest_level(s) + 1)
+        bounds = [effect.error_bound(s, level) for level in levels]
         for name in ("mean", "variance", "sigma"):
             values = [getattr(one, name) for one in bounds]
             assert values == sorted(values, reverse=True)
             assert values[-1] == 0
         assert all(one.how.startswith(("proved", "audited")) for one in bounds)
-        assert all(0 <= effect.estimate(s, level) < math.inf for level in levels)
-        assert effect.why(s)
-        names = {one.name: one.finest(s) for one in EFFECTS if one.caused(s)}
+        assert all(0 <= effect.estimated_error(s, level) < math.inf for level in levels)
+        assert effect.explain(s)
+        names = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
         assert effect.work(s, names) >= 0
         assert effect.work(s, {**names, effect.name: 0}) == 0
 
@@ -129,12 +129,12 @@ def test_bounds_fall_with_the_level_and_are_nothing_at_the_finest(seed):
 def test_what_interferes_stays_within_its_bound():
     path = PathEffect(torch.tensor(0.5), torch.tensor(0.05), torch.tensor(0.3 + 0.2j))
     grey = pattern(np.random.default_rng(8), PANEL)
-    s = situation(path=path, shown=Shown.of(grey[None], math.inf), numerics=1e-4)
+    s = situation(path=path, shown=PanelContent.of(grey[None], math.inf), numerics=1e-4)
     bare = {name: level if name in STRUCTURE else 0 for name, level in capped(s).items()}
     bare["unmodulated light"] = 1
     assert not broken(s, Interference(), bare, ByteCache())
-    assert Interference().caused(s)
-    assert not Interference().caused(situation())
+    assert Interference().is_present(s)
+    assert not Interference().is_present(situation())
 
 
 def test_places_in_the_field_stay_within_their_bound():
@@ -142,23 +142,26 @@ def test_places_in_the_field_stay_within_their_bound():
     star = Star(40e-6, 1.0, 2e12, (3e-3, 3e-3))
     s = situation(star, camera, numerics=1e-3)
     effect = FieldPosition()
-    waves = Recipe(PANEL, 64, 2, wave=True)
+    waves = Recipe(PANEL, 64, 2, diffraction=True)
     one, many = (
-        expected(s, waves.having(places=n), ByteCache(), Ledger()).double().numpy() for n in (1, 3)
+        expected_electrons(s, waves.with_changes(places=n), ByteCache(), Ledger()).double().numpy()
+        for n in (1, 3)
     )
-    assert np.linalg.norm(one - many) <= effect.bound(s, 0).mean
-    assert not effect.caused(situation())
+    assert np.linalg.norm(one - many) <= effect.error_bound(s, 0).mean
+    assert not effect.is_present(situation())
 
 
 def test_wide_bands_take_more_wavelengths_than_narrow_ones():
-    counts = [Bandwidth().finest(situation(band=Band(550e-9, w))) for w in (1e-9, 20e-9, 80e-9)]
+    counts = [
+        Bandwidth().finest_level(situation(band=Band(550e-9, w))) for w in (1e-9, 20e-9, 80e-9)
+    ]
     assert counts == sorted(counts)
     assert counts[0] < counts[-1]
 
 
 def test_a_dark_scene_causes_nothing():
     s = situation(Flat(1.0, 0.0))
-    assert not [one.name for one in EFFECTS if one.caused(s)]
+    assert not [one.name for one in EFFECTS if one.is_present(s)]
 
 
 @pytest.mark.parametrize("seed", seeds(16, sweeps=range(8, 16)))
@@ -166,7 +169,7 @@ def test_the_floor_lies_below_the_picture_with_everything(seed):
     s = random_situation(200 + seed)
     sensor = s.camera.sensor
     light = rendered(s, {**capped(s), "filter bandwidth": 2, "panel orders": 0}, ByteCache())
-    known = floor(s)
+    known = minimum_norms(s)
     electrons = light + sensor.dark_current * s.exposure
     variance = electrons + sensor.read_noise**2
     # Of full wells, as if they were deeper.
@@ -182,19 +185,19 @@ def test_a_floor_isnt_far_below_a_photograph_nor_an_even_field():
         Sensor(shape=(90, 96), pitch=10e-6, full_well=1e7, bits=16, gain=200.0),
     )
     image = torch.full((9, 9, 3), 0.5)
-    for target in (Photograph(image, 1.0, 1e7, cover=1.5), Flat(1.0, 1e7)):
+    for target in (PhotographPrint(image, 1.0, 1e7, cover=1.5), Flat(1.0, 1e7)):
         s = situation(target, camera, numerics=1e-4)
         light = rendered(s, {"PSF reach": 2, "light sampling": 2, "diffraction": 1}, ByteCache())
-        assert floor(s).mean >= 0.3 * np.linalg.norm(light)
+        assert minimum_norms(s).mean >= 0.3 * np.linalg.norm(light)
 
 
 def test_a_dark_frames_floor_is_its_dark_current_and_read_noise():
     s = situation(Flat(1.0, 0.0), exposure=2.0)
     sensor, n = s.camera.sensor, 20 * 24
-    assert floor(s).mean == pytest.approx(sensor.dark_current * 2.0 * math.sqrt(n))
+    assert minimum_norms(s).mean == pytest.approx(sensor.dark_current * 2.0 * math.sqrt(n))
     noise = sensor.dark_current * 2.0 + sensor.read_noise**2
-    assert floor(s).variance == pytest.approx(noise * math.sqrt(n))
-    assert floor(s).sigma == pytest.approx(math.sqrt(noise * n))
+    assert minimum_norms(s).variance == pytest.approx(noise * math.sqrt(n))
+    assert minimum_norms(s).sigma == pytest.approx(math.sqrt(noise * n))
 
 
 @pytest.mark.parametrize("seed", seeds(8, sweeps=(2, 5, 6)))
@@ -204,15 +207,15 @@ def test_predicted_work_is_what_is_counted(seed, on):
     little even light takes."""
     s, ledger = random_situation(seed), Ledger()
     levels = capped(s) if on else dict.fromkeys(finest(s), 0)
-    expected(s, recipe(s, levels), ByteCache(), ledger)
-    assert operations(s, levels) == pytest.approx(ledger.operations, rel=0.3, abs=1.5e5)
+    expected_electrons(s, recipe(s, levels), ByteCache(), ledger)
+    assert rendering_operations(s, levels) == pytest.approx(ledger.operations, rel=0.3, abs=1.5e5)
 
 
 # What is known of a pattern.
 
 
 def probe(grey, camera=CAMERA, distances=(1.0,)):
-    return PatternProbe(camera, Shown.of(grey[None], math.inf), 550e-9, distances)
+    return PatternProbe(camera, PanelContent.of(grey[None], math.inf), 550e-9, distances)
 
 
 @pytest.mark.parametrize("neutral", [False, True])
@@ -223,9 +226,9 @@ def test_a_probes_light_is_that_of_the_rendered_psf(neutral):
         grey = np.full_like(grey, 40)
     known = probe(grey, distances=(0.9,))
     camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
-    plane = camera.sensor.window((121, 121)).finer(2)
+    plane = camera.sensor.window_plane((121, 121)).with_finer_pitch(2)
     operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
-    lights = [operator(None, known.fields[0]), operator.straight()]
+    lights = [operator(None, known.fields[0]), operator.unmodulated_psf()]
     y, x = (at.abs().numpy() for at in plane.mesh())
     half = known.period / 2
     inside = (y < half) & (x < half)
@@ -235,17 +238,17 @@ def test_a_probes_light_is_that_of_the_rendered_psf(neutral):
             central = light.double().numpy() * inside
             within = central[(y <= side) & (x <= side)].sum() / central.sum()
             worst = max(worst, 1 - within)
-        assert known.beyond(side) == pytest.approx(worst, abs=0.05)
-        assert known.beyond(side) >= worst - 0.01
+        assert known.share_beyond(side) == pytest.approx(worst, abs=0.05)
+        assert known.share_beyond(side) >= worst - 0.01
     aside = 1 - min(float((light.double().numpy() * inside).sum()) for light in lights)
-    assert known.order_light == pytest.approx(aside, abs=0.01)
+    assert known.side_order_share == pytest.approx(aside, abs=0.01)
 
 
 def test_a_transfer_function_between_its_samples_is_that_of_the_rendered_psf():
     """By the Fourier sum over PSFs of the middle order, on finer samples."""
     known = probe(pattern(np.random.default_rng(2), PANEL), distances=(0.9,))
     camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
-    plane = camera.sensor.window((121, 121)).finer(2)
+    plane = camera.sensor.window_plane((121, 121)).with_finer_pitch(2)
     operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
     y, x = (at.numpy() for at in plane.mesh())
     half = known.period / 2
@@ -275,32 +278,34 @@ def test_what_few_wavelengths_miss_isnt_told_to_be_much_larger_than_it_is(width)
     )
     blocks = np.random.default_rng(3).integers(0, 60, (27, 48))
     grey = np.kron(blocks, np.ones((10, 10))).astype(np.uint8)
-    s = situation(STAR, camera, Band(550e-9, width), Shown.of(grey[None], math.inf), numerics=1e-4)
+    s = situation(
+        STAR, camera, Band(550e-9, width), PanelContent.of(grey[None], math.inf), numerics=1e-4
+    )
     full = {name: level for name, level in finest(s).items() if name in STRUCTURE}
     full |= {"filter bandwidth": 7, "panel dispersion": 1, "panel orders": 0}
     cache, effect = ByteCache(), Bandwidth()
     whole = rendered(s, full, cache)
     for level in (0, 1, 2):
         changed = np.linalg.norm(rendered(s, {**full, "filter bandwidth": level}, cache) - whole)
-        assert changed <= effect.bound(s, level).mean
-        assert effect.bound(s, level).mean <= max(40 * changed, 1e-3 * np.linalg.norm(whole))
+        assert changed <= effect.error_bound(s, level).mean
+        assert effect.error_bound(s, level).mean <= max(40 * changed, 1e-3 * np.linalg.norm(whole))
 
 
 def test_reach_is_where_so_much_falls_beyond():
     known = probe(pattern(np.random.default_rng(2), PANEL))
     for share in (0.5, 0.1, 0.01):
-        assert known.beyond(known.reach(share)) <= share
-    assert known.beyond(known.period) == 0
-    assert known.beyond(0.0) == 1
+        assert known.share_beyond(known.reach_of_share(share)) <= share
+    assert known.share_beyond(known.period) == 0
+    assert known.share_beyond(0.0) == 1
     with pytest.raises(ValueError, match="share"):
-        known.reach(0.0)
+        known.reach_of_share(0.0)
 
 
 def test_the_transfer_function_is_the_apertures_autocorrelation():
     """Of a square pupil in focus a triangle along each axis."""
     panel = replace(PANEL, shape=(32, 32), unmodulated=0.0)
     camera = replace(CAMERA, panel=panel, lens=replace(CAMERA.lens, f_number=10.0))
-    transfer = probe(np.zeros((32, 32), np.uint8), camera).transfer
+    transfer = probe(np.zeros((32, 32), np.uint8), camera).transfer_bounds
     end = 32 * 40e-6 / (550e-9 * camera.lens.image_distance)
     for low, high, mean in zip(transfer.low, transfer.high, transfer.mean_square, strict=True):
         middle = (low + high) / 2
@@ -309,9 +314,9 @@ def test_the_transfer_function_is_the_apertures_autocorrelation():
             along = [np.clip(1 - middle * np.abs(f(angle)) / end, 0, 1) for f in (np.sin, np.cos)]
             mean = mean / transfer.mean_square[0]
             assert mean == pytest.approx(((along[0] * along[1]) ** 2).mean(), rel=0.3, abs=0.02)
-    aside = probe(np.zeros((32, 32), np.uint8), camera).order_light
+    aside = probe(np.zeros((32, 32), np.uint8), camera).side_order_share
     assert transfer.least[0] == pytest.approx(1 - aside, abs=1e-4)
-    assert transfer.lost_at(np.array([1e9]))[0] == 2
+    assert transfer.loss_bound(np.array([1e9]))[0] == 2
 
 
 def test_a_probe_without_distances_is_refused():
@@ -320,5 +325,5 @@ def test_a_probe_without_distances_is_refused():
 
 
 def test_a_star_is_the_default_and_shines():
-    assert situation().picture.total > 0
+    assert situation().picture_probe.total > 0
     assert STAR.distance == 1.0

@@ -71,10 +71,10 @@ def test_pixels_take_no_more_than_is_told(seed):
     lens = Lens(focal_length=0.05, f_number=float(rng.choice([1.4, 2.8, 5.6, 11.0])))
     s = situation(torch.from_numpy(averaged(fine)), one, 1.0, band=BAND)
     s.camera = Camera(sensor=one, lens=lens)
-    cutoff = 2 * lens.sine / BAND.support[0] * one.pitch
+    cutoff = 2 * lens.image_numerical_aperture / BAND.support[0] * one.pitch
     light = blurred(fine, rng, cutoff)
     difference = light[::FINER, ::FINER] * FINER**2 - averaged(light)
-    assert np.linalg.norm(difference) <= PixelAperture().bound(s, 0).mean
+    assert np.linalg.norm(difference) <= PixelAperture().error_bound(s, 0).mean
 
 
 def test_smooth_pictures_lose_nothing_to_pixels():
@@ -84,9 +84,9 @@ def test_smooth_pictures_lose_nothing_to_pixels():
     s = situation(light, Sensor(shape=(100, 100)), 1.0, band=BAND)
     s.camera = replace(s.camera, lens=Lens(focal_length=0.05, f_number=5.6))
     norm = math.sqrt(0.5) * 100
-    told = PixelAperture().estimate(s, 0) * s.picture.l2
+    told = PixelAperture().estimated_error(s, 0) * s.picture_probe.norm_bound
     assert told == pytest.approx((math.pi / 100) ** 2 / 6 * norm, rel=0.2)
-    assert PixelAperture().bound(s, 1).mean == 0
+    assert PixelAperture().error_bound(s, 1).mean == 0
 
 
 CURVES = {
@@ -115,7 +115,7 @@ def test_filters_differ_from_the_mean_pixel_by_no_more_than_is_told(seed):
     s.camera = camera
     s.target = SimpleNamespace(
         lamp=None,
-        moves=False,
+        is_moving=False,
         layers=(SimpleNamespace(distance=2.0, parts=tuple(parts), cover=None),),
     )
     channel = BAYER.colour.channel_map((12, 12)).numpy()
@@ -127,13 +127,13 @@ def test_filters_differ_from_the_mean_pixel_by_no_more_than_is_told(seed):
         area * (shares @ np.array(rate)) * one for rate, one in zip(rates, pictures, strict=True)
     )
     measured = np.linalg.norm(filtered - even)
-    assert 0 < measured <= ColourFilters().bound(s, 0).mean
+    assert 0 < measured <= ColourFilters().error_bound(s, 0).mean
 
 
-def rolling(exposure, lamp=None, moves=False, moment=0.0):
+def rolling(exposure, lamp=None, is_moving=False, moment=0.0):
     one = Sensor(shape=(40, 12), shutter="rolling", line_time=50e-6, dark_current=0.0)
-    s = situation(torch.full((40, 12), 100.0), one, exposure, moment=moment)
-    s.target = SimpleNamespace(lamp=lamp, moves=moves, layers=())
+    s = situation(torch.full((40, 12), 100.0), one, exposure, exposure_start=moment)
+    s.target = SimpleNamespace(lamp=lamp, is_moving=is_moving, layers=())
     return s
 
 
@@ -150,7 +150,7 @@ def test_rows_see_a_lamp_as_its_integral_over_their_time(exposure, moment):
 
     rows = (integral(starts + exposure) - integral(starts)) * 100
     measured = np.linalg.norm(np.repeat(rows - rows[0], 12))
-    bound = RollingShutter().bound(s, 0).mean
+    bound = RollingShutter().error_bound(s, 0).mean
     assert measured <= bound
     assert bound <= 40 * max(measured, 1e-9) or exposure == 10e-3
     if exposure == 10e-3:
@@ -159,31 +159,33 @@ def test_rows_see_a_lamp_as_its_integral_over_their_time(exposure, moment):
 
 def test_something_that_moves_may_be_elsewhere_in_the_time_that_rows_dont_share():
     """A light that is on only after the first row has ended: nothing for it, all for the last."""
-    s = rolling(1e-3, moves=True)
-    assert RollingShutter().bound(s, 0).mean >= np.linalg.norm(np.full((40, 12), 100.0 * 1e-3))
-    assert RollingShutter().estimate(s, 0) == 2.0
+    s = rolling(1e-3, is_moving=True)
+    assert RollingShutter().error_bound(s, 0).mean >= np.linalg.norm(
+        np.full((40, 12), 100.0 * 1e-3)
+    )
+    assert RollingShutter().estimated_error(s, 0) == 2.0
 
 
 def test_a_rolling_shutter_before_what_stands_still_is_in_no_plan():
-    assert not RollingShutter().caused(rolling(1e-3))
-    assert not RollingShutter().caused(rolling(1e-3, Waveform("constant")))
-    assert RollingShutter().caused(rolling(1e-3, moves=True))
+    assert not RollingShutter().is_present(rolling(1e-3))
+    assert not RollingShutter().is_present(rolling(1e-3, Waveform("constant")))
+    assert RollingShutter().is_present(rolling(1e-3, is_moving=True))
     still = situation(torch.ones(12, 12), Sensor(shape=(12, 12)))
-    still.target.moves = True
-    assert not RollingShutter().caused(still)
+    still.target.is_moving = True
+    assert not RollingShutter().is_present(still)
 
 
 @pytest.mark.parametrize("effect", [PixelAperture(), ColourFilters(), RollingShutter()])
 def test_they_say_what_they_are(effect):
-    s = rolling(1e-3, moves=True)
+    s = rolling(1e-3, is_moving=True)
     fine = torch.from_numpy(np.random.default_rng(0).random((40, 12)))
-    s.picture = situation(fine, s.camera.sensor).picture
+    s.picture_probe = situation(fine, s.camera.sensor).picture_probe
     s.band = BAND
     s.camera = replace(s.camera, sensor=replace(s.camera.sensor, colour=BAYER.colour))
-    part = SimpleNamespace(spectrum=Spectrum.even(1.0))
+    part = SimpleNamespace(spectrum=Spectrum.flat(1.0))
     s.target.layers = (SimpleNamespace(distance=2.0, parts=(part,), cover=None),)
-    assert effect.caused(s)
-    assert effect.why(s)
+    assert effect.is_present(s)
+    assert effect.explain(s)
     assert effect.work(s, {effect.name: 0}) == 0
     assert effect.work(s, {effect.name: 1}) > 0
-    assert effect.bound(s, 1).mean == 0 < effect.bound(s, 0).mean
+    assert effect.error_bound(s, 1).mean == 0 < effect.error_bound(s, 0).mean

@@ -31,18 +31,18 @@ from simulator.scene.polygons import Polygons, rectangle
 
 def holds(effect, s, level, measured):
     """A bound is never below what was measured."""
-    bound = effect.bound(s, level)
+    bound = effect.error_bound(s, level)
     assert bound.mean >= measured * (1 - 1e-5)
     return bound.mean
 
 
 def falls(effect, s):
     """No level's bound is above a coarser one's, the finest's is nothing."""
-    bounds = [effect.bound(s, level).mean for level in range(effect.finest(s) + 1)]
+    bounds = [effect.error_bound(s, level).mean for level in range(effect.finest_level(s) + 1)]
     assert bounds == sorted(bounds, reverse=True)
     assert bounds[-1] == 0
-    assert all(effect.why(s))
-    assert all(effect.estimate(s, k) >= 0 for k in range(effect.finest(s) + 1))
+    assert all(effect.explain(s))
+    assert all(effect.estimated_error(s, k) >= 0 for k in range(effect.finest_level(s) + 1))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -50,10 +50,10 @@ def test_depth_layers(seed):
     rng = np.random.default_rng(seed)
     s = situation(sheets(rng, int(rng.integers(2, 5))))
     effect, pattern = DepthLayers(), random_pattern(rng)
-    assert effect.caused(s)
+    assert effect.is_present(s)
 
     exact = at_depths(s, pattern, 33)
-    for level in range(effect.finest(s)):
+    for level in range(effect.finest_level(s)):
         measured = np.linalg.norm(at_depths(s, pattern, int(effect.levels[level])) - exact)
         holds(effect, s, level, measured)
     falls(effect, s)
@@ -76,13 +76,13 @@ def test_occlusion(seed):
 
     s = situation(target, reach=reach)
     effect = Occlusion()
-    if not effect.caused(s):
+    if not effect.is_present(s):
         return
     seen, transparent = seen_and_transparent(s, spreads)
     measured = np.linalg.norm(transparent - seen)
     bound = holds(effect, s, 0, measured)
     # It is of use: no more than all the light that is behind.
-    behind = sum(float(one.double().norm()) for one in s.picture.lights[1:])
+    behind = sum(float(one.double().norm()) for one in s.picture_probe.lights[1:])
     assert bound <= behind * s.exposure * 1.02
     falls(effect, s)
 
@@ -93,9 +93,9 @@ def test_occlusion_of_things_far_apart_is_nothing_much():
     right = Polygons((rectangle((0.0, 1.2e-3), (3e-4, 3e-4)),), (1.0,))
     target = Sheets((Sheet(1.9, ((None, left),), left), Sheet(2.1, ((None, right),), right)), 1e8)
     s = situation(target, reach=lambda share: 2 * PITCH)
-    bound = Occlusion().bound(s, 0).mean
-    assert bound <= 3e-4 * float(s.picture.lights[1].double().norm()) * s.exposure
-    assert Occlusion().estimate(s, 0) == 0
+    bound = Occlusion().error_bound(s, 0).mean
+    assert bound <= 3e-4 * float(s.picture_probe.lights[1].double().norm()) * s.exposure
+    assert Occlusion().estimated_error(s, 0) == 0
 
 
 @pytest.mark.parametrize("lamp", LAMPS)
@@ -104,7 +104,7 @@ def test_lamp_flicker_of_rows(lamp, exposure):
     """Each row sees the lamp's mean over its own exposure: summed up over many instants."""
     cam = camera(shutter="rolling", line_time=3e-5)
     s = situation(Flat(2.0, 1e8, lamp=lamp), cam, exposure=exposure, moment=0.123)
-    light = frame(s.picture.picture.double().numpy())
+    light = frame(s.picture_probe.sharp_picture.double().numpy())
     instants = (np.arange(20_000) + 0.5) / 20_000 * exposure
     seen = np.array([lamp.at(0.123 + 3e-5 * row + instants).mean() for row in range(SIDE)])
     for rows in (seen, np.full(SIDE, seen[0])):
@@ -122,8 +122,8 @@ def test_lamp_flicker_of_a_video(seed):
     target = Star(1e-3, 2.0, 1e8, lamp=lamp)
     s = situation(target, exposure=exposure, moment=float(rng.uniform(0, 1)), moves=True)
     spreads = [psf(2.0, random_pattern(rng)) for _ in range(2)]
-    pictures = [frame(blurred(s.picture.lights[0], one)) for one in spreads]
-    times = s.moment + (np.arange(20_000) + 0.5) / 20_000 * exposure
+    pictures = [frame(blurred(s.picture_probe.lights[0], one)) for one in spreads]
+    times = s.exposure_start + (np.arange(20_000) + 0.5) / 20_000 * exposure
     first = np.floor(times * 60).astype(int) % 2
     lit = lamp.at(times) - 1
     shares = [(lit * (first == k)).mean() * exposure for k in range(2)]
@@ -133,11 +133,11 @@ def test_lamp_flicker_of_a_video(seed):
 
 
 def test_a_steady_lamp_causes_nothing():
-    assert not LampFlicker().caused(situation(Flat(2.0, 1e8)))
-    assert not LampFlicker().caused(situation(Flat(2.0, 1e8, lamp=Waveform())))
-    assert not Motion().caused(situation(Flat(2.0, 1e8)))
-    assert not DepthLayers().caused(situation(Flat(2.0, 1e8)))
-    assert not Occlusion().caused(situation(Flat(2.0, 1e8)))
+    assert not LampFlicker().is_present(situation(Flat(2.0, 1e8)))
+    assert not LampFlicker().is_present(situation(Flat(2.0, 1e8, lamp=Waveform())))
+    assert not Motion().is_present(situation(Flat(2.0, 1e8)))
+    assert not DepthLayers().is_present(situation(Flat(2.0, 1e8)))
+    assert not Occlusion().is_present(situation(Flat(2.0, 1e8)))
 
 
 @pytest.mark.parametrize(
@@ -202,29 +202,29 @@ def test_a_path_in_parts_is_nearer_the_finer_they_are():
 
 def test_an_even_path_is_exact_in_one_piece():
     s = situation(moving(np.random.default_rng(1)))
-    assert Motion().finest(s) == 1
-    assert Motion().bound(s, 1).mean == 0
+    assert Motion().finest_level(s) == 1
+    assert Motion().error_bound(s, 1).mean == 0
 
 
 def test_work_grows_with_the_level():
     s = situation(sheets(np.random.default_rng(0), 4), reach=lambda share: 2 * PITCH)
     for effect in (DepthLayers(), Occlusion()):
-        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest(s) + 1)]
+        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)]
         assert done == sorted(done)
         assert done[0] == 0
     s = situation(moving(np.random.default_rng(1), LAMPS[0]))
     for effect in (Motion(), LampFlicker()):
-        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest(s) + 1)]
+        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)]
         assert done == sorted(done)
         assert done[0] == 0
 
 
 def test_recipes_have_what_effects_add():
     class Kept:
-        def having(self, **changes):
+        def with_changes(self, **changes):
             return changes
 
-    assert LampFlicker().apply(Kept(), None, 1) == {"lamp": True}
-    assert Motion().apply(Kept(), None, 3) == {"motion": 8}
-    assert DepthLayers().apply(Kept(), None, 4) == {"depths": 9}
-    assert Occlusion().apply(Kept(), None, 1) == {"occlusion": True}
+    assert LampFlicker().add_to_recipe(Kept(), None, 1) == {"lamp": True}
+    assert Motion().add_to_recipe(Kept(), None, 3) == {"motion": 8}
+    assert DepthLayers().add_to_recipe(Kept(), None, 4) == {"depths": 9}
+    assert Occlusion().add_to_recipe(Kept(), None, 1) == {"occlusion": True}

@@ -14,8 +14,8 @@ import torch
 from sensor_situations import BARE, EFFECTS, UNEVEN, changes, picture, read, sensor, situation
 
 from optics.camera import Sensor
-from optics.sensor.drawing import electrons_of
-from simulator.effects.on_pixels import near_limit, through_sensor
+from optics.sensor.frame_sampling import electrons_from_normal
+from simulator.effects.electron_bounds import can_clip, sensor_error_bound
 from simulator.effects.sensor_effects import (
     Clipping,
     DarkCurrent,
@@ -36,11 +36,11 @@ def around(rng, effect, s):
     may be full, changes count as they are before anything is clipped."""
     recipe = BARE
     for other in EFFECTS:
-        if isinstance(other, Clipping) and near_limit(s):
+        if isinstance(other, Clipping) and can_clip(s):
             continue
-        chance = 1.0 if isinstance(other, ShotNoise) or other.last else 0.7
-        if other is not effect and other.caused(s) and rng.random() < chance:
-            recipe = other.apply(recipe, s, int(rng.integers(1, len(other.levels))))
+        chance = 1.0 if isinstance(other, ShotNoise) or other.assumed_by_other_bounds else 0.7
+        if other is not effect and other.is_present(s) and rng.random() < chance:
+            recipe = other.add_to_recipe(recipe, s, int(rng.integers(1, len(other.levels))))
     return recipe
 
 
@@ -57,14 +57,14 @@ def test_no_bound_is_ever_broken(effect, seed):
     one = sensor(rng, **(UNEVEN if seed % 3 == 0 else {}))
     light = picture(rng, float(np.exp(rng.uniform(0, np.log(4 * one.full_well)))))
     s = situation(light, one)
-    if not effect.caused(s):
+    if not effect.is_present(s):
         return
     recipe = around(rng, effect, s)
-    finest = read(light, one, 0.5, effect.apply(recipe, s, len(effect.levels) - 1))
+    finest = read(light, one, 0.5, effect.add_to_recipe(recipe, s, len(effect.levels) - 1))
     before = (math.inf,) * 4
     for level in range(len(effect.levels)):
-        coarse = effect.apply(recipe, s, level) if level else recipe
-        bound = effect.bound(s, level)
+        coarse = effect.add_to_recipe(recipe, s, level) if level else recipe
+        bound = effect.error_bound(s, level)
         allowed = (bound.mean, bound.variance, bound.sigma, bound.shape)
         for measured, most in zip(changes(read(light, one, 0.5, coarse), finest), allowed,
                                   strict=False):  # fmt: skip
@@ -81,10 +81,10 @@ def test_less_light_changes_no_more_than_is_told(seed):
     one = sensor(rng)
     light = picture(rng, float(np.exp(rng.uniform(0, np.log(4 * one.full_well)))))
     s = situation(light, one)
-    recipe = ReadNoise().apply(around(rng, None, s), s, 1)
+    recipe = ReadNoise().add_to_recipe(around(rng, None, s), s, 1)
     less = light * torch.from_numpy(rng.uniform(0.5, 1, light.shape))
     norm = float(torch.linalg.vector_norm((light - less) * 0.5))
-    bound = through_sensor(s, norm, "proved: so")
+    bound = sensor_error_bound(s, norm, "proved: so")
     found = changes(read(light, one, 0.5, recipe), read(less, one, 0.5, recipe))
     for measured, most in zip(found, (bound.mean, bound.variance, bound.sigma), strict=True):
         assert measured <= most * (1 + 1e-4) + 2e-4 * math.sqrt(144)
@@ -98,19 +98,19 @@ def test_the_distance_from_poissons_distribution_is_below_its_bound(electrons):
     spread = electrons / math.sqrt(electrons + 1 / 12)
     normal = st.norm.cdf(counts + 0.5, electrons, spread)
     distance = np.abs(normal - st.poisson.cdf(counts, electrons)).max()
-    assert 0.8 * 0.068 / math.sqrt(electrons) <= distance <= ShotNoise().bound(s, 1).shape
+    assert 0.8 * 0.068 / math.sqrt(electrons) <= distance <= ShotNoise().error_bound(s, 1).shape
     noise = torch.from_numpy(st.norm.ppf((np.arange(10**6) + 0.5) / 10**6))
-    bent = electrons_of(torch.full((10**6,), electrons).double(), noise, "skewed").long()
+    bent = electrons_from_normal(torch.full((10**6,), electrons).double(), noise, "skewed").long()
     seen = torch.bincount(bent, minlength=len(counts)).double().cumsum(0)[: len(counts)] / 10**6
     distance = np.abs(seen.numpy() - st.poisson.cdf(counts, electrons)).max()
-    assert distance <= ShotNoise().bound(s, 2).shape
+    assert distance <= ShotNoise().error_bound(s, 2).shape
 
 
 def test_a_bright_picture_calls_for_no_clipping_only_far_from_the_well():
     one = Sensor(shape=(12, 12), full_well=10_000.0)
     far, near = (situation(torch.full((12, 12), 2 * level), one) for level in (8000.0, 9700.0))
-    assert Clipping().bound(far, 0).mean == 0
-    assert Clipping().bound(near, 0).variance > 0
+    assert Clipping().error_bound(far, 0).mean == 0
+    assert Clipping().error_bound(near, 0).variance > 0
 
 
 def test_a_lamp_that_flickers_is_as_bright_as_its_brightest_moment():
@@ -119,26 +119,26 @@ def test_a_lamp_that_flickers_is_as_bright_as_its_brightest_moment():
     one = replace(Sensor(shape=(12, 12)), full_well=10_000.0)
     lamp = SimpleNamespace(ripple=0.5)
     s = situation(torch.full((12, 12), 14_000.0), one,
-                  target=SimpleNamespace(lamp=lamp, moves=False, layers=()))  # fmt: skip
-    assert Clipping().bound(s, 0).mean > 0
+                  target=SimpleNamespace(lamp=lamp, is_moving=False, layers=()))  # fmt: skip
+    assert Clipping().error_bound(s, 0).mean > 0
 
 
 def test_what_isnt_there_is_in_no_plan():
     plain = situation(torch.zeros(12, 12), Sensor(shape=(12, 12), dark_current=0.0, read_noise=0.0))
-    there = [one.name for one in EFFECTS if one.caused(plain)]
+    there = [one.name for one in EFFECTS if one.is_present(plain)]
     assert there == ["clipping", "quantisation"]
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
 def test_effects_say_what_they_are(effect):
     s = situation(torch.full((12, 12), 500.0), replace(Sensor(shape=(12, 12)), **UNEVEN))
-    assert effect.why(s)
+    assert effect.explain(s)
     assert effect.physics
     assert effect.source
     works = [effect.work(s, {effect.name: level}) for level in range(len(effect.levels))]
     assert works[0] == 0
     assert works == sorted(works)
-    assert effect.estimate(s, len(effect.levels) - 1) == 0
+    assert effect.estimated_error(s, len(effect.levels) - 1) == 0
 
 
 ADDED = {
@@ -153,11 +153,11 @@ ADDED = {
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda one: one.name)
 def test_an_effect_adds_its_stage_and_no_other(effect):
-    assert effect.apply(BARE, None, 1) == BARE.having(**ADDED[effect.name])
+    assert effect.add_to_recipe(BARE, None, 1) == BARE.with_changes(**ADDED[effect.name])
 
 
 def test_what_comes_by_chance_or_follows_from_it_is_done_for_each_frame():
-    each = {one.name for one in EFFECTS if one.each_frame}
+    each = {one.name for one in EFFECTS if one.is_per_frame}
     assert each == {"shot noise", "clipping", "read noise", "quantisation"}
 
 
@@ -166,12 +166,12 @@ def test_estimates_are_shares_of_the_variance():
     well of 3000, the fourth that is lost."""
     one = Sensor(shape=(12, 12), full_well=3000.0, gain=12.0, read_noise=10.0, dark_current=32.0)
     s = situation(torch.full((12, 12), 800.0), one)
-    assert Quantisation().estimate(s, 0) == pytest.approx(12 / 512)
-    assert ReadNoise().estimate(s, 0) == pytest.approx(100 / 500)
-    assert DarkCurrent().estimate(s, 0) == pytest.approx(math.sqrt(16 / (100 + 144)))
+    assert Quantisation().estimated_error(s, 0) == pytest.approx(12 / 512)
+    assert ReadNoise().estimated_error(s, 0) == pytest.approx(100 / 500)
+    assert DarkCurrent().estimated_error(s, 0) == pytest.approx(math.sqrt(16 / (100 + 144)))
     # Of what may come from elsewhere, a tenth more, and dark current.
     full = situation(torch.full((12, 12), 8000.0), replace(one, dark_current=0.0))
-    assert Clipping().estimate(full, 0) == pytest.approx(0.25, abs=0.1)
+    assert Clipping().estimated_error(full, 0) == pytest.approx(0.25, abs=0.1)
     uneven = replace(one, prnu=0.02, dead=0.01)
-    assert FixedPattern().estimate(situation(torch.ones(12, 12), uneven), 0) == 0.03
-    assert all(effect.estimate(s, len(effect.levels) - 1) == 0 for effect in EFFECTS)
+    assert FixedPattern().estimated_error(situation(torch.ones(12, 12), uneven), 0) == 0.03
+    assert all(effect.estimated_error(s, len(effect.levels) - 1) == 0 for effect in EFFECTS)

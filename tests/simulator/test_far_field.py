@@ -57,17 +57,19 @@ def test_shares_of_squares_and_their_energy_are_sums_of_samples():
     away = np.maximum(place[0][:, None], place[1]) * 48
     steps = np.ceil(away - 1e-9)
     for k in (0, 3, 11, 20):
-        assert far.within[k] == pytest.approx(light[steps <= k].sum() / light.sum(), rel=1e-4)
+        assert far.ensquared_share[k] == pytest.approx(
+            light[steps <= k].sum() / light.sum(), rel=1e-4
+        )
         energy = (light[steps > k].astype(float) ** 2).sum() * light.size
         assert far.beyond_energy[k] == pytest.approx(energy, rel=1e-4)
     assert far.energy == pytest.approx((light.astype(float) ** 2).sum() * light.size, rel=1e-5)
-    assert far.share(0) == pytest.approx(light.sum(), rel=1e-5)
+    assert far.order_share(0) == pytest.approx(light.sum(), rel=1e-5)
 
 
 def test_most_orders_hold_nearly_all_light():
     """A pixel's own pattern sums up to all light over all orders."""
     far = FarField(random_field(3), 0.9)
-    shares = [far.share(k) for k in (0, 1, 2, 40)]
+    shares = [far.order_share(k) for k in (0, 1, 2, 40)]
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1.0, abs=0.01)
 

@@ -13,7 +13,7 @@ from small_bench.world import CAMERA, NEUTRAL, ring_pattern, world
 from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from drivers.supervised import Supervised
+from drivers.supervised import SupervisedDevice
 from labapp.common.errors import UserError
 from labapp.files.fault_file import read_faults
 from simulator.clock import VirtualClock
@@ -211,7 +211,7 @@ def test_a_killed_camera_exposes_no_longer():
     surroundings = bench(clock=VirtualClock(1.0))
     camera = SimulatedCamera(surroundings).__enter__()
     camera.set_exposure(30.0)
-    surroundings.world.light(30.0)
+    surroundings.world.electron_rates(30.0)
     exposing = Caller(lambda: camera.capture(never))
     while surroundings.clock.now() == 0:
         time.sleep(0.001)
@@ -225,7 +225,7 @@ def test_a_killed_camera_leaves_chance_alone(monkeypatch):
     """What it computes when it is killed must not change the frame that is taken instead."""
     surroundings = bench()
     camera, w = SimulatedCamera(surroundings).__enter__(), surroundings.world
-    monkeypatch.setattr(w, "chance", lambda: pytest.fail("a random number was drawn"))
+    monkeypatch.setattr(w, "random_generator", lambda: pytest.fail("a random number was drawn"))
     stream = w.stream
 
     def killing(exposure, check):
@@ -312,9 +312,9 @@ def test_making_safe_may_go_wrong_too(kind, role, words):
 
 
 def test_a_hung_device_under_watch_is_killed_and_opened_again(monkeypatch):
-    monkeypatch.setattr(supervised, "_MARGIN", 0.1)
+    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.1)
     surroundings = bench(Fault("filter", "hung"))
-    with Supervised("filter", lambda: SimulatedFilter(surroundings)) as tuned:
+    with SupervisedDevice("filter", lambda: SimulatedFilter(surroundings)) as tuned:
         with pytest.raises(DeviceError, match=r"tunable filter: set_wavelength: hangs.*was killed"):
             tuned.set_wavelength(600e-9)
         assert surroundings.world.wavelength == 550e-9
@@ -325,7 +325,7 @@ def test_a_hung_device_under_watch_is_killed_and_opened_again(monkeypatch):
 
 def test_a_disconnected_device_under_watch_is_opened_again_once_it_is_back():
     surroundings = bench(Fault("slm", "disconnect", seconds=3.0))
-    with Supervised("slm", lambda: SimulatedSLM(surroundings)) as slm:
+    with SupervisedDevice("slm", lambda: SimulatedSLM(surroundings)) as slm:
         with pytest.raises(DeviceError, match="was disconnected"):
             slm.show("ring", RING)
         with pytest.raises(DeviceError, match="there is no such device"):
@@ -343,9 +343,9 @@ def test_a_fault_waits_for_its_frame(call):
     surroundings = bench(Fault(call.role, "error", frame=3))
     with call.kind(surroundings) as device:
         for index in (0, 1, 2):
-            surroundings.world.begin(1, index, 0, index=index)
+            surroundings.world.begin_frame(1, index, 0, index=index)
             call(device)
-        surroundings.world.begin(1, 3, 0, index=3)
+        surroundings.world.begin_frame(1, 3, 0, index=3)
         with pytest.raises(DeviceError, match="ERROR"):
             call(device)
         call(device)
@@ -354,7 +354,7 @@ def test_a_fault_waits_for_its_frame(call):
 def test_a_fault_whose_frame_went_by_strikes_the_next_call():
     surroundings = bench(Fault("targets", "error", frame=3))
     with SimulatedTargets(surroundings) as targets:
-        surroundings.world.begin(1, 7, 0, index=7)
+        surroundings.world.begin_frame(1, 7, 0, index=7)
         with pytest.raises(DeviceError, match="ERROR"):
             targets.place("card")
 
@@ -386,7 +386,7 @@ def test_a_fault_strikes_whichever_opening_of_the_device_it_is():
 def test_a_fault_strikes_only_its_device(struck):
     surroundings = bench(Fault(struck, "error", times=9))
     for call in CALLS:
-        with Supervised(call.role, lambda call=call: call.kind(surroundings)) as device:
+        with SupervisedDevice(call.role, lambda call=call: call.kind(surroundings)) as device:
             if call.role == struck:
                 with pytest.raises(DeviceError, match="ERROR"):
                     call(device)
@@ -403,7 +403,7 @@ def test_faults_of_one_device_strike_one_after_the_other():
             with pytest.raises(DeviceError, match=words):
                 targets.place("card")
         targets.place("star")
-        surroundings.world.begin(1, 1, 0, index=1)
+        surroundings.world.begin_frame(1, 1, 0, index=1)
         with pytest.raises(DeviceError, match="ERROR"):
             targets.place("card")
 
@@ -419,8 +419,8 @@ def test_a_fault_of_a_frame_waits_for_a_frame(kind):
 def test_a_script_keeps_what_it_was_given():
     faults = (Fault("slm", "error"), Fault("camera", "hung", frame=2, times=3))
     script = FaultScript(iter(faults))
-    assert script.strike("slm", frame=False) == faults[0]
-    assert script.strike("slm", frame=False) is None
+    assert script.take_fault("slm", frame=False) == faults[0]
+    assert script.take_fault("slm", frame=False) is None
     assert script.script == faults
     assert FaultScript().script == ()
 
@@ -438,7 +438,7 @@ def test_a_late_frame_makes_all_that_follow_stale_until_the_camera_is_opened_aga
     surroundings = bench(Fault("camera", "late frame", frame=1))
     with SimulatedCamera(surroundings) as camera:
         assert camera.capture(never).number == 1
-        surroundings.world.begin(1, 1, 0, index=1)
+        surroundings.world.begin_frame(1, 1, 0, index=1)
         with pytest.raises(DeviceError, match=r"camera: capture: frame 2 is late\. Check the net"):
             camera.capture(never)
         asked = []
@@ -475,7 +475,7 @@ def test_a_stale_frame_is_the_last_one_again():
     with SimulatedCamera(surroundings) as camera:
         camera.set_exposure(0.01)
         first = camera.capture(never)
-        surroundings.world.begin(1, 1, 0, index=1)
+        surroundings.world.begin_frame(1, 1, 0, index=1)
         camera.set_exposure(0.02)
         for _ in range(2):
             stale = camera.capture(never)
@@ -500,7 +500,7 @@ def test_a_wrong_exposure_is_one_and_says_which():
     with SimulatedCamera(surroundings) as camera:
         camera.set_exposure(0.01)
         right = camera.capture(never)
-        surroundings.world.begin(1, 1, 0, index=1)
+        surroundings.world.begin_frame(1, 1, 0, index=1)
         wrong, again = camera.capture(never), camera.capture(never)
     assert right.exposure == again.exposure == 0.01
     assert wrong.exposure == 0.02
@@ -533,7 +533,7 @@ def test_a_corrupt_frame_does_not_fit_its_checksum(target, black):
     surroundings.world.target = target
     with SimulatedCamera(surroundings) as camera:
         before = camera.capture(never)
-        surroundings.world.begin(1, 1, 0, index=1)
+        surroundings.world.begin_frame(1, 1, 0, index=1)
         corrupt, after = camera.capture(never), camera.capture(never)
     assert checked(before)
     assert checked(after)

@@ -10,18 +10,18 @@ from optical_situations import CAMERA, PANEL, STAR, colour_curve, pattern, situa
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.sensor import Mosaic
 from optics.throughput import electron_rate
+from simulator.formation.exposure_cells import exposure_cells
 from simulator.formation.nodes import (
     depth_nodes,
-    electrons,
-    interpolating,
-    place_weights,
-    places,
+    electrons_per_radiance,
+    field_nodes,
+    gauss_quadrature,
+    interpolation_weights,
     wavelengths,
 )
-from simulator.formation.time import cells
+from simulator.panel_content import PanelContent
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
-from simulator.shown import Shown
 
 BARE = Recipe(PANEL, 64, 2)
 BAYER = Mosaic(
@@ -41,7 +41,7 @@ def test_one_wavelength_in_an_even_band_is_the_camera_equation():
     s = situation(band=Band(550e-9, 7e-9))
     part = s.target.layers[0].parts[0]
     found = wavelengths(s, BARE, [part])
-    rate = float(found.weights[0, 0, 0]) * electrons(CAMERA, 1.0)
+    rate = float(found.weights[0, 0, 0]) * electrons_per_radiance(CAMERA, 1.0)
     width = 7e-9 * math.sqrt(math.pi / math.log(2)) / 2
     expected = electron_rate(CAMERA, 2e12, width, 550e-9, 1.0) * CAMERA.sensor.pitch**2
     assert rate == pytest.approx(expected, rel=1e-5)
@@ -57,7 +57,7 @@ def test_every_channel_and_part_keeps_its_electrons_whatever_the_nodes(nodes, mo
         Part(halogen(), STAR.layers[0].parts[0].picture),
         Part(red, STAR.layers[0].parts[0].picture),
     ]
-    found = wavelengths(s, BARE.having(wavelengths=nodes, mosaic=mosaic), parts)
+    found = wavelengths(s, BARE.with_changes(wavelengths=nodes, mosaic=mosaic), parts)
     curves = [BAYER.efficiencies[name] for name in BAYER.channels]
     if not mosaic:
         r, g, b = curves
@@ -77,7 +77,7 @@ def test_every_channel_and_part_keeps_its_electrons_whatever_the_nodes(nodes, mo
 def test_gauss_nodes_of_the_light_integrate_high_powers():
     x = np.linspace(-1, 1, 4001)
     weight = np.exp(-3 * x**2) * (1 + 0.5 * x)
-    nodes, weights = interpolating(x, weight[None, None], 6)
+    nodes, weights = gauss_quadrature(x, weight[None, None], 6)
     for power in range(12):
         assert weights[0, 0] @ nodes**power == pytest.approx(
             weight @ x**power, abs=1e-9 * weight.sum()
@@ -87,7 +87,7 @@ def test_gauss_nodes_of_the_light_integrate_high_powers():
 def test_two_measures_share_nodes_and_each_is_exact_to_their_number():
     x = np.linspace(0, 1, 2001)
     measures = np.stack([np.exp(-x), x**2])[:, None]
-    nodes, weights = interpolating(x, measures, 5)
+    nodes, weights = gauss_quadrature(x, measures, 5)
     for k in range(2):
         for power in range(5):
             true = measures[k, 0] @ x**power
@@ -95,7 +95,7 @@ def test_two_measures_share_nodes_and_each_is_exact_to_their_number():
 
 
 def test_no_light_has_no_nodes():
-    nodes, weights = interpolating(np.linspace(0, 1, 9), np.zeros((2, 3, 9)), 4)
+    nodes, weights = gauss_quadrature(np.linspace(0, 1, 9), np.zeros((2, 3, 9)), 4)
     assert nodes.size == 0
     assert weights.shape == (2, 3, 0)
 
@@ -103,7 +103,7 @@ def test_no_light_has_no_nodes():
 def test_the_leak_has_nodes_of_its_own():
     s = situation(band=Band(550e-9, 7e-9, leak=1e-3))
     part = s.target.layers[0].parts[0]
-    found = wavelengths(s, BARE.having(leak=4), [part])
+    found = wavelengths(s, BARE.with_changes(leak=4), [part])
     assert [node.leak for node in found.nodes] == [False, True, True, True, True]
     beside = found.weights[0, 0, 1:].sum() * 6.62607015e-34 * 299792458
     low, high = s.band.leak_range
@@ -112,7 +112,7 @@ def test_the_leak_has_nodes_of_its_own():
 
 def test_a_filter_that_leaks_nothing_has_no_nodes_beside_its_band():
     s = situation()
-    found = wavelengths(s, BARE.having(leak=4), s.target.layers[0].parts)
+    found = wavelengths(s, BARE.with_changes(leak=4), s.target.layers[0].parts)
     assert [node.leak for node in found.nodes] == [False]
     assert found.weights.shape[2] == 1
 
@@ -141,12 +141,12 @@ def test_one_depth_is_in_the_middle_of_vergence_and_many_are_the_layers_own():
 
 
 def test_places_are_chebyshevs_and_carry_polynomials():
-    nodes = places(5, 2.0)
+    nodes = field_nodes(5, 2.0)
     at = np.linspace(-2, 2, 41)
-    weights = place_weights(nodes, at)
+    weights = interpolation_weights(nodes, at)
     for power in range(5):
         assert np.allclose(np.array(nodes) ** power @ weights, at**power, atol=1e-12)
-    beyond = place_weights(nodes, np.array([-5.0, 5.0]))
+    beyond = interpolation_weights(nodes, np.array([-5.0, 5.0]))
     assert np.allclose(beyond[:, 0], [1, 0, 0, 0, 0])
 
 
@@ -155,13 +155,13 @@ def test_places_are_chebyshevs_and_carry_polynomials():
 
 def video(s_panel=PANEL, frame_time=1 / 100):
     rng = np.random.default_rng(1)
-    return Shown.of(
+    return PanelContent.of(
         np.stack([pattern(rng, s_panel) + k for k in range(3)]).astype(np.uint8), frame_time
     )
 
 
 def test_a_still_exposure_is_one_cell_of_its_length():
-    (cell,) = cells(situation(exposure=0.02), BARE)
+    (cell,) = exposure_cells(situation(exposure=0.02), BARE)
     assert cell.weight.tolist() == [0.02]
     assert (cell.shift, cell.path) == ((0.0, 0.0), (0.0, 0.0))
 
@@ -169,7 +169,7 @@ def test_a_still_exposure_is_one_cell_of_its_length():
 def test_a_lamp_weighs_an_exposure_by_its_mean():
     lamp = Waveform("sine", 100.0, 0.4, 0.3)
     s = situation(replace(STAR, lamp=lamp), exposure=0.0123, moment=0.004)
-    (cell,) = cells(s, BARE.having(lamp=True))
+    (cell,) = exposure_cells(s, BARE.with_changes(lamp=True))
     true = integral(lambda t: 1 + 0.4 * np.sin(2 * np.pi * 100 * t + 0.3), 0.004, 0.0163)
     assert float(cell.weight[0]) == pytest.approx(true, rel=1e-6)
 
@@ -188,7 +188,7 @@ def test_rows_see_frames_by_their_own_time(rolling, crystal):
     s = situation(
         replace(STAR, lamp=lamp), camera=camera, shown=shown, exposure=0.017, moment=0.0031
     )
-    found = cells(s, BARE.having(lamp=True, rolling=rolling, crystal=crystal))
+    found = exposure_cells(s, BARE.with_changes(lamp=True, rolling=rolling, crystal=crystal))
     n = 200_000
     for row in (0, 7, 19):
         begin = 0.0031 + (row * 4e-4 if rolling else 0)
@@ -199,10 +199,10 @@ def test_rows_see_frames_by_their_own_time(rolling, crystal):
         for cell in found:
             weight = float(cell.weight[row if rolling else 0])
             if crystal:
-                for span in cell.seen.spans:
+                for span in cell.panel_state.spans:
                     seen[shown.names[span.frame]] += span.share * weight
             else:
-                for name, share in cell.seen.shares:
+                for name, share in cell.panel_state.shares:
                     seen[name] += share * weight
         for k, name in enumerate(shown.names):
             assert seen[name] == pytest.approx(light[frame == k].sum(), abs=2e-6)
@@ -210,7 +210,7 @@ def test_rows_see_frames_by_their_own_time(rolling, crystal):
 
 def test_a_moving_objects_parts_follow_each_other():
     s = situation(replace(STAR, velocity=(0.1, -0.2)), exposure=0.01, moment=0.5)
-    found = cells(s, BARE.having(motion=4))
+    found = exposure_cells(s, BARE.with_changes(motion=4))
     assert [float(c.weight[0]) for c in found] == pytest.approx([0.0025] * 4)
     assert [c.shift[0] for c in found] == pytest.approx(
         [0.1 * (k + 0.5) * 0.0025 for k in range(4)]
@@ -220,7 +220,7 @@ def test_a_moving_objects_parts_follow_each_other():
 
 def test_without_motion_the_object_stands_in_the_middle():
     s = situation(replace(STAR, velocity=(0.1, -0.2)), exposure=0.01)
-    (cell,) = cells(s, BARE)
+    (cell,) = exposure_cells(s, BARE)
     assert cell.shift == pytest.approx((0.0005, -0.001))
     assert cell.path == (0.0, 0.0)
 
@@ -228,11 +228,11 @@ def test_without_motion_the_object_stands_in_the_middle():
 @pytest.mark.parametrize("exposure", [0.0, -1.0, math.inf, math.nan])
 def test_no_exposure_is_refused(exposure):
     with pytest.raises(ValueError, match="exposure"):
-        cells(situation(exposure=exposure), BARE)
+        exposure_cells(situation(exposure=exposure), BARE)
 
 
 def test_too_many_frames_under_a_lamp_are_refused():
     lamp = Waveform("sine", 100.0, 0.4)
     s = situation(replace(STAR, lamp=lamp), shown=video(frame_time=1e-6), exposure=10.0)
     with pytest.raises(ValueError, match="frames"):
-        cells(s, BARE.having(lamp=True))
+        exposure_cells(s, BARE.with_changes(lamp=True))

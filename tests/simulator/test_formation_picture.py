@@ -18,17 +18,17 @@ from optics.light import Band, Waveform, halogen
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from optics.sensor import Mosaic
-from optics.slm import Map, Response
-from simulator.formation.kernels import Kernels, Point
-from simulator.formation.picture import expected
+from optics.slm import PanelMap, PhaseResponse
+from simulator.formation.kernels import Kernels, PointSource
+from simulator.formation.mean_picture import expected_electrons
 from simulator.formation.windows import picture_shape, psf_window
 from simulator.ledger import Ledger
 from simulator.mount import Mount
+from simulator.panel_content import PanelContent
 from simulator.recipe import Recipe
-from simulator.scene import Flat, Photograph, Star
+from simulator.scene import Flat, PhotographPrint, Star
 from simulator.scene.polygons import Polygons, rectangle
 from simulator.scene.sheets import Sheet, Sheets
-from simulator.shown import Shown
 
 PANEL = Panel(shape=(8, 10), pitch=60e-6, fill_factor=0.81, unmodulated=0.05)
 CAMERA = Camera(PANEL, Lens(0.05, 50.0, 1.0), Sensor(shape=(9, 10), pitch=40e-6))
@@ -37,11 +37,11 @@ CAMERA = Camera(PANEL, Lens(0.05, 50.0, 1.0), Sensor(shape=(9, 10), pitch=40e-6)
 STAR = Star(40e-6, 1.0, 2e12, (2e-4, 1e-4))
 GREY = pattern(np.random.default_rng(5), PANEL)
 FULL = Recipe(
-    PANEL, 18, 3, wave=True, orders=1, wavelengths=7, dispersion=True, pixel_aperture=True,
+    PANEL, 18, 3, diffraction=True, orders=1, wavelengths=7, dispersion=True, pixel_aperture=True,
     vignetting=True, depths=9,
 )  # fmt: skip
 FINEST = Finest(band=16, leak=24, times=12, finer=3)
-VIDEO = Shown.of(np.stack([GREY, GREY[::-1], 200 - GREY]).astype(np.uint8), 1 / 300)
+VIDEO = PanelContent.of(np.stack([GREY, GREY[::-1], 200 - GREY]).astype(np.uint8), 1 / 300)
 EVEN = Band(550e-9, 10e-9, "open")
 QUICK = Finest(band=5, times=8, finer=3)
 """Enough for a band that ends at once."""
@@ -50,7 +50,7 @@ LAMP = Waveform("sine", 100.0, 0.3, 0.4)
 
 
 def taken(target=STAR, camera=CAMERA, **options):
-    options.setdefault("shown", Shown.of(GREY[None], math.inf))
+    options.setdefault("shown", PanelContent.of(GREY[None], math.inf))
     return situation(target, camera, **options)
 
 
@@ -63,7 +63,7 @@ def errors(s, recipes, finest=FINEST):
     """Of pictures by several recipes, from one that is summed in loops."""
     truth, found = reference(s, finest=finest).numpy(), []
     for recipe in recipes:
-        light = expected(s, recipe, ByteCache(), Ledger())
+        light = expected_electrons(s, recipe, ByteCache(), Ledger())
         assert light.dtype == torch.float32
         assert light.shape == s.camera.sensor.shape
         found.append(relative(light.double().numpy(), truth))
@@ -76,7 +76,7 @@ def test_a_star():
 
 def test_a_star_out_of_focus_behind_a_turned_panel():
     s = taken(replace(STAR, distance=0.8), mount=Mount(0.3, True, False))
-    assert error(s, FULL.having(window=20)) <= 1e-5
+    assert error(s, FULL.with_changes(window=20)) <= 1e-5
 
 
 def test_a_photograph_in_a_lamps_light_through_a_mosaic():
@@ -87,8 +87,8 @@ def test_a_photograph_in_a_lamps_light_through_a_mosaic():
     )  # fmt: skip
     camera = replace(CAMERA, sensor=replace(CAMERA.sensor, colour=colour))
     image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
-    s = taken(Photograph(image, 0.9, 1e9, cover=0.8, light=halogen()), camera, band=EVEN)
-    assert error(s, FULL.having(mosaic=True), QUICK) <= 1e-5
+    s = taken(PhotographPrint(image, 0.9, 1e9, cover=0.8, light=halogen()), camera, band=EVEN)
+    assert error(s, FULL.with_changes(mosaic=True), QUICK) <= 1e-5
 
 
 def test_windows_are_no_larger_than_light_can_go():
@@ -99,8 +99,12 @@ def test_windows_are_no_larger_than_light_can_go():
     sensor = replace(CAMERA.sensor, shape=(10, 22), pitch=20e-6)
     camera = replace(CAMERA, panel=panel, sensor=sensor)
     grey = pattern(np.random.default_rng(5), panel)
-    s = taken(Photograph(image, 1.1, 1e9, cover=0.5), camera, shown=Shown.of(grey[None], math.inf))
-    recipe = FULL.having(panel=panel, orders=0, window=128)
+    s = taken(
+        PhotographPrint(image, 1.1, 1e9, cover=0.5),
+        camera,
+        shown=PanelContent.of(grey[None], math.inf),
+    )
+    recipe = FULL.with_changes(panel=panel, orders=0, window=128)
     rows, columns = psf_window(s, recipe.window)
     assert rows < columns < 128
     assert picture_shape(s, recipe.window, 0) < (10 + 128, 22 + 128)
@@ -118,8 +122,8 @@ def test_endless_light_has_whole_windows():
 def test_light_beside_the_band_also_beyond_the_panels_table():
     band = Band(550e-9, 20e-9, leak=2e-3, leak_range=(390e-9, 740e-9))
     s = taken(band=band)
-    recipe = FULL.having(leak=16, window=22)
-    all_of_it, none = errors(s, [recipe, recipe.having(leak=0)])
+    recipe = FULL.with_changes(leak=16, window=22)
+    all_of_it, none = errors(s, [recipe, recipe.with_changes(leak=0)])
     assert all_of_it <= 2e-5
     assert none > 1e-2
 
@@ -133,18 +137,18 @@ def test_everything_that_a_panel_does():
         jitter=0.2,
         front_reflection=0.02,
         gap_reflection=0.3,
-        flatness=Map((x * x - y) * 40e-9),
-        illumination=Map(np.exp(-x * x - y * y)),
-        response=Response.tabulated(550e-9, (np.arange(256) / 255) ** 1.2),
+        flatness=PanelMap((x * x - y) * 40e-9),
+        illumination=PanelMap(np.exp(-x * x - y * y)),
+        response=PhaseResponse.from_curve(550e-9, (np.arange(256) / 255) ** 1.2),
     )
     s = taken(camera=replace(CAMERA, panel=panel))
-    assert error(s, FULL.having(panel=panel)) <= 2e-5
+    assert error(s, FULL.with_changes(panel=panel)) <= 2e-5
 
 
 def test_unmodulated_light_that_interferes():
     path = PathEffect(torch.tensor(0.5), torch.tensor(0.05), torch.tensor(0.1 + 0.2j))
     s = taken(path=path)
-    on, off = errors(s, [FULL.having(interference=True), FULL])
+    on, off = errors(s, [FULL.with_changes(interference=True), FULL])
     assert on <= 1e-5
     assert off > 1e-2
 
@@ -152,34 +156,34 @@ def test_unmodulated_light_that_interferes():
 def test_a_video_under_a_flickering_lamp():
     lit = replace(STAR, lamp=LAMP)
     s = taken(lit, shown=VIDEO, exposure=0.008, moment=0.001, band=EVEN)
-    assert error(s, FULL.having(lamp=True), QUICK) <= 1e-5
+    assert error(s, FULL.with_changes(lamp=True), QUICK) <= 1e-5
 
 
 def test_a_crystal_on_its_way():
     panel = replace(PANEL, response_time=0.004)
     camera = replace(CAMERA, panel=panel)
     s = taken(camera=camera, shown=VIDEO, exposure=0.008, moment=0.001, band=EVEN)
-    assert error(s, FULL.having(panel=panel, crystal=True), QUICK) <= 2e-5
+    assert error(s, FULL.with_changes(panel=panel, crystal=True), QUICK) <= 2e-5
 
 
 def test_rows_in_turn_under_a_lamp():
     sensor = replace(CAMERA.sensor, shutter="rolling", line_time=5e-4)
     s = taken(replace(STAR, lamp=LAMP), replace(CAMERA, sensor=sensor), band=EVEN)
-    assert error(s, FULL.having(lamp=True, rolling=True), QUICK) <= 1e-5
+    assert error(s, FULL.with_changes(lamp=True, rolling=True), QUICK) <= 1e-5
 
 
 def test_a_moving_star_is_smeared():
     s = taken(replace(STAR, velocity=(0.2, 0.1)), band=EVEN)
     finest = replace(QUICK, times=30)
-    smeared, sharp = errors(s, [FULL.having(motion=2), FULL], finest)
+    smeared, sharp = errors(s, [FULL.with_changes(motion=2), FULL], finest)
     assert smeared <= 1e-5
     assert sharp > 0.1
 
 
 def test_a_moving_star_under_a_lamp_converges():
     s = taken(replace(STAR, velocity=(0.2, 0.1), lamp=LAMP), exposure=0.013, band=EVEN)
-    recipe, finest = FULL.having(lamp=True), replace(QUICK, times=30)
-    few, many = errors(s, [recipe.having(motion=n) for n in (4, 16)], finest)
+    recipe, finest = FULL.with_changes(lamp=True), replace(QUICK, times=30)
+    few, many = errors(s, [recipe.with_changes(motion=n) for n in (4, 16)], finest)
     assert many <= few / 8
     assert many <= 1e-3
 
@@ -201,10 +205,10 @@ def test_layers_that_hide_each_other():
     panel = replace(PANEL, shape=(12, 16))
     camera = replace(CAMERA, panel=panel, sensor=Sensor(shape=(14, 16), pitch=20e-6))
     grey = pattern(np.random.default_rng(5), panel)
-    s = taken(layers(), camera, band=EVEN, shown=Shown.of(grey[None], math.inf))
-    full = FULL.having(panel=panel, window=36, wavelengths=3)
-    recipe = full.having(occlusion=True)
-    recipes = [recipe, full, *(recipe.having(depths=n) for n in (1, 2))]
+    s = taken(layers(), camera, band=EVEN, shown=PanelContent.of(grey[None], math.inf))
+    full = FULL.with_changes(panel=panel, window=36, wavelengths=3)
+    recipe = full.with_changes(occlusion=True)
+    recipes = [recipe, full, *(recipe.with_changes(depths=n) for n in (1, 2))]
     true, seen_through, one, two = errors(s, recipes, replace(QUICK, band=4))
     assert true <= 1e-5
     assert seen_through > 0.02
@@ -213,18 +217,18 @@ def test_layers_that_hide_each_other():
 
 def test_fewer_wavelengths_are_worse():
     s = taken(band=Band(550e-9, 60e-9))
-    one, three, nine = errors(s, [FULL.having(wavelengths=n, window=22) for n in (1, 3, 9)])
+    one, three, nine = errors(s, [FULL.with_changes(wavelengths=n, window=22) for n in (1, 3, 9)])
     assert one > 3 * three > 9 * nine
 
 
 def test_an_even_field_is_the_camera_equation():
     """All light that leaves the panel arrives, but for orders beyond the second."""
     panel = replace(PANEL, fill_factor=1.0)
-    plain = Shown.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+    plain = PanelContent.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
     wide = replace(CAMERA, panel=panel, lens=replace(CAMERA.lens, f_number=30.0))
     s = taken(Flat(1.0, 1e9), wide, exposure=0.02, shown=plain)
-    recipe = FULL.having(panel=panel, vignetting=False, orders=2)
-    light = expected(s, recipe, ByteCache(), Ledger())
+    recipe = FULL.with_changes(panel=panel, vignetting=False, orders=2)
+    light = expected_electrons(s, recipe, ByteCache(), Ledger())
     z = 1 / (1 / 0.05 - 1 / 1.0)
     width = 20e-9 * math.sqrt(math.pi / math.log(2)) / 2
     area = 8 * 60e-6 * 10 * 60e-6  # the panel's, which is smaller than the stop
@@ -237,35 +241,37 @@ def test_an_even_field_is_the_camera_equation():
 def test_nothing_is_dark():
     s = taken(Flat(1.0, 0.0))
     ledger = Ledger()
-    assert not expected(s, FULL, ByteCache(), ledger).any()
-    assert not ledger.entered
+    assert not expected_electrons(s, FULL, ByteCache(), ledger).any()
+    assert not ledger.effects_called
 
 
 def test_longer_exposures_take_nothing_but_the_weight():
     cache, ledger = ByteCache(), Ledger()
-    short = expected(taken(exposure=0.01), FULL, cache, ledger)
+    short = expected_electrons(taken(exposure=0.01), FULL, cache, ledger)
     work = ledger.operations
-    long = expected(taken(exposure=0.03), FULL, cache, ledger)
+    long = expected_electrons(taken(exposure=0.03), FULL, cache, ledger)
     assert torch.allclose(long, 3 * short, rtol=1e-6)
     assert work > 0
 
 
 def test_the_same_situation_again_takes_no_work():
     cache, s = ByteCache(), taken()
-    first = expected(s, FULL, cache, Ledger())
+    first = expected_electrons(s, FULL, cache, Ledger())
     ledger = Ledger()
-    assert torch.equal(expected(s, FULL, cache, ledger), first)
+    assert torch.equal(expected_electrons(s, FULL, cache, ledger), first)
     assert ledger.operations == 0
 
 
 def test_what_is_off_isnt_entered():
     ledger = Ledger()
     bare = Recipe(PANEL, 24, 3)
-    expected(taken(layers()), bare, ByteCache(), ledger)
-    assert ledger.entered == {"picture"}
+    expected_electrons(taken(layers()), bare, ByteCache(), ledger)
+    assert ledger.effects_called == {"picture"}
     ledger = Ledger()
-    expected(taken(layers()), bare.having(wave=True, wavelengths=3), ByteCache(), ledger)
-    assert ledger.entered == {"picture", "diffraction", "filter bandwidth"}
+    expected_electrons(
+        taken(layers()), bare.with_changes(diffraction=True, wavelengths=3), ByteCache(), ledger
+    )
+    assert ledger.effects_called == {"picture", "diffraction", "filter bandwidth"}
 
 
 def test_a_check_may_stop_it_on_the_way():
@@ -279,15 +285,16 @@ def test_a_check_may_stop_it_on_the_way():
             raise Enough
 
     with pytest.raises(Enough):
-        expected(taken(), FULL, ByteCache(), Ledger(), check)
+        expected_electrons(taken(), FULL, ByteCache(), Ledger(), check)
 
 
 @pytest.mark.parametrize(
-    "change", [{"window": 0}, {"finer": 0}, {"wavelengths": 0}, {"orders": -1}, {"leak": -1}]
+    "change",
+    [{"window": 0}, {"samples_per_pixel": 0}, {"wavelengths": 0}, {"orders": -1}, {"leak": -1}],
 )
 def test_recipes_that_no_picture_follows_from_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
-        expected(taken(), FULL.having(**change), ByteCache(), Ledger())
+        expected_electrons(taken(), FULL.with_changes(**change), ByteCache(), Ledger())
 
 
 def test_the_reference_has_no_panel_apart_from_its_lens():
@@ -312,7 +319,7 @@ def test_an_order_that_gets_hardly_any_light_may_be_less_exact(monkeypatch):
     def kernels():
         return Kernels(s, FULL, ByteCache(), Ledger(), lambda: None)
 
-    seen, point = s.shown.mixture(0.0, 1.0), Point(550e-9, 1.0)
+    seen, point = s.panel_content.picture_shares(0.0, 1.0), PointSource(550e-9, 1.0)
     exact = kernels().psf(seen, point, "panel orders", (0, 1))
     monkeypatch.setattr("simulator.formation.kernels.PSFOperator", Refusing)
     light = kernels().psf(seen, point, "panel orders", (0, 1))

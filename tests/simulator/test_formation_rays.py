@@ -20,11 +20,11 @@ def test_defocus_and_occlusion_are_those_of_rays(distances):
 
 
 def test_without_occlusion_near_things_are_as_if_transparent():
-    assert ray_error((0.8, 0.9, 1.0), GEOMETRIC.having(occlusion=False), 8) > 0.1
+    assert ray_error((0.8, 0.9, 1.0), GEOMETRIC.with_changes(occlusion=False), 8) > 0.1
 
 
 def test_waves_make_nearly_the_same_of_so_much_blur():
-    recipe = GEOMETRIC.having(wave=True, dispersion=True, window=96)
+    recipe = GEOMETRIC.with_changes(diffraction=True, dispersion=True, window=96)
     assert ray_error((0.8, 0.9, 1.0), recipe, 12) <= 0.03
 
 

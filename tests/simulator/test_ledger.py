@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from optics.caching import ByteCache, bytes_of
+from optics.caching import ByteCache, result_bytes
 from simulator.ledger import Ledger
 
 
@@ -16,9 +16,9 @@ def test_a_ledger_adds_up_by_effect():
     ledger.add("diffraction", 10.0, 100)
     ledger.add("diffraction", 5.0)
     ledger.add("vignetting", 2.5, 7)
-    assert ledger.entered == {"diffraction", "vignetting"}
+    assert ledger.effects_called == {"diffraction", "vignetting"}
     assert (ledger.operations, ledger.bytes) == (17.5, 107)
-    assert (ledger.of("diffraction"), ledger.of("occlusion")) == (15.0, 0.0)
+    assert (ledger.operations_of("diffraction"), ledger.operations_of("occlusion")) == (15.0, 0.0)
 
 
 def test_threads_share_a_ledger():
@@ -87,11 +87,11 @@ def test_a_result_that_two_computed_at_once_counts_once():
 
 
 def test_bytes_of_results():
-    assert bytes_of(torch.zeros(3, 5, dtype=torch.complex64)) == 120
-    assert bytes_of(np.zeros((2, 2))) == 32
+    assert result_bytes(torch.zeros(3, 5, dtype=torch.complex64)) == 120
+    assert result_bytes(np.zeros((2, 2))) == 32
     many = [(0.5, torch.zeros(1000)), (0.5, torch.zeros(1000))]
-    assert 8000 <= bytes_of(many) <= 8000 + 8192
-    assert bytes_of({"a": torch.zeros(1000)}) >= 4000
+    assert 8000 <= result_bytes(many) <= 8000 + 8192
+    assert result_bytes({"a": torch.zeros(1000)}) >= 4000
 
 
 def test_clearing_forgets_everything():

@@ -10,11 +10,11 @@ from judges import positions, relative
 from small_bench.world import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
 
 import optics.slm.modulator
-import simulator.motion
+import simulator.exposure_fields
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator, grey_to_phase
-from simulator.motion import exposures
-from simulator.shown import Shown, shares_of_time, spans_of_time
+from simulator.exposure_fields import exposure_fields
+from simulator.panel_content import PanelContent, shares_of_time, spans_of_time
 
 WAVELENGTH = 550e-9
 FRAME = 1 / 60
@@ -60,9 +60,9 @@ def stepped(video, tau: float, start: float, length: float, steps: int = 200, fl
 
 
 def rendered(video, camera, start: float, length: float, tol=1e-4):
-    shown = Shown.of(np.stack(video), FRAME)
-    seen = shown.procession(start * FRAME, length * FRAME)
-    parts = list(exposures(Modulator(camera.panel, WAVELENGTH), seen, shown.pictures, tol))
+    shown = PanelContent.of(np.stack(video), FRAME)
+    seen = shown.frame_sequence(start * FRAME, length * FRAME)
+    parts = list(exposure_fields(Modulator(camera.panel, WAVELENGTH), seen, shown.pictures, tol))
     assert sum(share for share, _ in parts) == pytest.approx(1, abs=1e-9)
     return sum(share * far_field(field) for share, field in parts)
 
@@ -90,16 +90,16 @@ def test_whole_periods_are_those_of_the_modulators_own_cycle():
     camera = slow(8e-3, coupling=4e-6)
     modulator = Modulator(camera.panel, WAVELENGTH)
     phases = torch.stack([modulator.phase(torch.from_numpy(grey)) for grey in STILLS])
-    cycle = list(modulator.cycle(phases, FRAME, tol=1e-5))
+    cycle = list(modulator.video_cycle_fields(phases, FRAME, tol=1e-5))
     expected = sum(share * far_field(field) for _, share, field in cycle)
     assert relative(rendered(STILLS, camera, 0.0, 3.0, tol=1e-5), expected) <= 1e-5
 
 
 def test_a_flickering_still_is_the_mean_over_its_ripple():
     panel = replace(CAMERA.panel, flicker=0.08)
-    shown = Shown.of(STILLS[1][None], math.inf)
-    parts = exposures(
-        Modulator(panel, WAVELENGTH), shown.mixture(0.0, 0.1), shown.pictures, tol=1e-4
+    shown = PanelContent.of(STILLS[1][None], math.inf)
+    parts = exposure_fields(
+        Modulator(panel, WAVELENGTH), shown.picture_shares(0.0, 0.1), shown.pictures, tol=1e-4
     )
     phase = grey_to_phase(panel, STILLS[1], WAVELENGTH)
     ripples = 0.08 * np.sin(2 * np.pi * np.arange(500) / 500)
@@ -134,9 +134,9 @@ def test_spans_of_time_are_where_an_interval_falls(n, length, rng):
 
 def video_of(w, frames, exposure, moment=0.0):
     w.wavelength, w.target = WAVELENGTH, "star"
-    w.begin(1, 2, 3, moment=moment)
+    w.begin_frame(1, 2, 3, start_time=moment)
     w.play(np.stack(frames), FRAME)
-    return w.light(exposure)[0].numpy().astype(np.float64)
+    return w.electron_rates(exposure)[0].numpy().astype(np.float64)
 
 
 def test_the_order_of_frames_counts_where_the_crystal_is_slow():
@@ -175,10 +175,10 @@ def test_a_crystal_that_is_at_once_is_not_followed(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("called for nothing")
 
-    for name in ("first_start", "relaxed"):
-        monkeypatch.setattr(simulator.motion, name, never)
+    for name in ("first_start_phase", "relaxed_phase"):
+        monkeypatch.setattr(simulator.exposure_fields, name, never)
         monkeypatch.setattr(optics.slm.modulator, name, never)
-    for name in ("time_nodes", "nodes_for", "flicker_nodes"):
+    for name in ("time_nodes", "time_node_count", "flicker_nodes"):
         monkeypatch.setattr(optics.slm.modulator, name, never)
     video_of(world(), STILLS, 3 * FRAME)
     video_of(world(slow(5e-3), forced={"liquid-crystal response": False}), STILLS, FRAME)
@@ -199,9 +199,9 @@ def test_a_moving_video_may_be_given_up_between_its_moments():
     w.wavelength, w.target = WAVELENGTH, "star"
     w.play(np.stack(STILLS), FRAME)
     with pytest.raises(Enough):
-        w.light(3 * FRAME, check)
+        w.electron_rates(3 * FRAME, check)
     assert np.array_equal(
-        w.light(3 * FRAME)[0].numpy(), video_of(world(slow(5e-3)), STILLS, 3 * FRAME)
+        w.electron_rates(3 * FRAME)[0].numpy(), video_of(world(slow(5e-3)), STILLS, 3 * FRAME)
     )
 
 
@@ -209,11 +209,11 @@ def test_a_psf_of_a_moving_video_adds_up():
     """All light that leaves the panel arrives, whatever the phase was in between."""
     camera = slow(5e-3, unmodulated=0.0)
     modulator = Modulator(camera.panel, WAVELENGTH)
-    shown = Shown.of(np.stack(STILLS), FRAME)
-    plane = CAMERA.sensor.window((256, 256))
+    shown = PanelContent.of(np.stack(STILLS), FRAME)
+    plane = CAMERA.sensor.window_plane((256, 256))
     operator = PSFOperator(camera, 2.0, WAVELENGTH, plane, integrate=False, tol=1e-4)
     moving, standing = (
-        modulated_psf(operator, modulator, exposures(modulator, seen, shown.pictures, 1e-3))
-        for seen in (shown.procession(0.0, 0.0), shown.mixture(0.0, 0.0))
+        modulated_psf(operator, modulator, exposure_fields(modulator, seen, shown.pictures, 1e-3))
+        for seen in (shown.frame_sequence(0.0, 0.0), shown.picture_shares(0.0, 0.0))
     )
     assert float(moving.sum()) == pytest.approx(float(standing.sum()), rel=0.02)

@@ -11,15 +11,15 @@ from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern
 
 import simulator.mount
 from optics.camera import Lens
-from optics.patterns import steered
+from optics.patterns import steering_grating
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.pupil import wave_phase
+from optics.pupil import pupil_phase
 from optics.slm import phase_to_grey
 from optics.stop.aperture import Circle, Polygon, Stop, regular_polygon
 from optics.zernike import zernike
 from simulator.mount import Mount
-from simulator.scene import Dark, Photograph, Scene, Star
+from simulator.scene import Dark, PhotographPrint, Scene, Star
 
 WAVELENGTH = 550e-9
 MOUNTS = [
@@ -57,7 +57,7 @@ def turned_psf(lens: Lens, phase, mount: Mount, plane: Plane, nodes: int = 1):
         for dx, wx in zip(inner * side / 2, weight / 2, strict=True):
             at = turned(mount, *np.broadcast_arrays((y + dy)[:, None], (x + dx)[None, :]))
             sy, sx = (torch.from_numpy(p / (lens.stop_diameter / 2)) for p in at)
-            wave = wave_phase(lens, 2.0, WAVELENGTH, sy, sx).numpy() + phase
+            wave = pupil_phase(lens, 2.0, WAVELENGTH, sy, sx).numpy() + phase
             amplitude = (wy * wx * np.exp(1j * wave)).ravel()
             down = np.exp(-2j * np.pi / scale * np.outer(v, at[0].ravel()))
             along = np.exp(-2j * np.pi / scale * np.outer(at[1].ravel(), u))
@@ -74,11 +74,17 @@ def turned_psf(lens: Lens, phase, mount: Mount, plane: Plane, nodes: int = 1):
 
 def seen(lens: Lens, phase, mount: Mount, plane: Plane):
     """The same by the panel's PSF operator and the mount."""
-    camera = replace(WIDE_OPEN, lens=mount.lens(lens))
+    camera = replace(WIDE_OPEN, lens=mount.lens_in_panel_axes(lens))
     operator = PSFOperator(
-        camera, 2.0, WAVELENGTH, mount.plane(plane), integrate=False, unmodulated=0.0, tol=1e-6
+        camera,
+        2.0,
+        WAVELENGTH,
+        mount.plane_in_panel_axes(plane),
+        integrate=False,
+        unmodulated=0.0,
+        tol=1e-6,
     )
-    return mount.turned(operator(torch.from_numpy(phase)), plane).numpy()
+    return mount.to_sensor_axes(operator(torch.from_numpy(phase)), plane).numpy()
 
 
 @pytest.mark.parametrize("mount", MOUNTS, ids=str)
@@ -118,7 +124,7 @@ def test_a_lens_in_the_panels_axes_is_the_same_lens(mount, rng):
     y, x = rng.uniform(-0.7, 0.7, (2, 50))
     terms = ((1, 1, 1.0), (1, -1, -0.3), (2, 2, 0.5), (3, -3, 0.2), (4, 0, 0.7), (5, 1, 0.1))
     stop = Stop(regular_polygon(5), (Circle(0.2, (0.1, 0.3)),))
-    lens = mount.lens(replace(CAMERA.lens, aberrations=terms, stop=stop))
+    lens = mount.lens_in_panel_axes(replace(CAMERA.lens, aberrations=terms, stop=stop))
 
     def path(terms, y, x):
         return sum(a * zernike(n, m, y, x) for n, m, a in terms)
@@ -139,7 +145,7 @@ def test_a_pattern_sends_light_where_the_panel_points(mount):
     """A star's light is steered by a vector that turns with the panel, to a tenth of a pixel."""
     shift = (60e-6, 170e-6)
     camera = WIDE_OPEN
-    phase = steered(camera.panel, shift, camera.lens.image_distance, WAVELENGTH)
+    phase = steering_grating(camera.panel, shift, camera.lens.image_distance, WAVELENGTH)
     grey = phase_to_grey(camera.panel, phase, WAVELENGTH).numpy()
     scene = Scene({"star": Star(1e-6, 2.0, 1e12)})
     light = light_of(world(camera, scene, mount=mount, forced={"unmodulated light": False}), grey)
@@ -156,7 +162,7 @@ def test_the_scene_is_not_turned():
     """A print that is bright on the left stays so: only what the panel does turns."""
     image = torch.zeros(40, 40, 3)
     image[:, :20] = 1
-    scene = Scene({"print": Photograph(image, 2.0, 1e7)})
+    scene = Scene({"print": PhotographPrint(image, 2.0, 1e7)})
     turned_, straight = (
         light_of(world(WIDE_OPEN, scene, mount=mount), target="print")
         for mount in (Mount(math.pi / 2, flip_x=True), None)
@@ -177,7 +183,7 @@ def test_a_panel_that_is_aligned_costs_nothing(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("called for nothing")
 
-    for name in ("lens", "plane", "turned"):
+    for name in ("lens_in_panel_axes", "plane_in_panel_axes", "to_sensor_axes"):
         monkeypatch.setattr(simulator.mount.Mount, name, never)
     expected = light_of(world())
     for mount in (None, Mount(), Mount(2 * math.pi)):

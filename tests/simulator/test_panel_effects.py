@@ -8,7 +8,7 @@ from judges import relative
 from small_bench.world import CAMERA, light_of, ring_pattern, world
 
 import optics.slm.modulator
-from optics.slm import Map, Response
+from optics.slm import PanelMap, PhaseResponse
 
 WAVELENGTH = 550e-9
 
@@ -17,20 +17,20 @@ def uneven() -> tuple[np.ndarray, np.ndarray]:
     return np.mgrid[-1:1:18j, -1:1:24j]
 
 
-def beam(radius: float) -> Map:
+def beam(radius: float) -> PanelMap:
     y, x = uneven()
-    return Map(np.exp(-(y**2 + x**2) / radius**2))
+    return PanelMap(np.exp(-(y**2 + x**2) / radius**2))
 
 
-def figure(metres: float) -> Map:
+def figure(metres: float) -> PanelMap:
     y, x = uneven()
     path = x**2 - y**2 + 0.5 * x * y**2 + 0.7 * x**3
-    return Map(path / path.std() * metres)
+    return PanelMap(path / path.std() * metres)
 
 
-def response(gamma: float, wiggle: float, highest: float) -> Response:
+def response(gamma: float, wiggle: float, highest: float) -> PhaseResponse:
     x = np.arange(256) / 255
-    return Response.tabulated(550e-9, highest * (x**gamma + wiggle * np.sin(2 * np.pi * x)))
+    return PhaseResponse.from_curve(550e-9, highest * (x**gamma + wiggle * np.sin(2 * np.pi * x)))
 
 
 DATA = {
@@ -64,7 +64,7 @@ def test_effects_below_the_tolerance_are_not_rendered(monkeypatch):
     decision = w.effect_plan(pattern, WAVELENGTH, target="star")["neighbour coupling"]
     assert not decision.on
     assert decision.relative < w.imaging.tol
-    monkeypatch.setattr(optics.slm.modulator, "coupled", never)
+    monkeypatch.setattr(optics.slm.modulator, "fringing_field_mean", never)
     assert np.array_equal(light_of(w, pattern), light_of(bench, pattern))
 
 

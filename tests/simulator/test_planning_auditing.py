@@ -6,10 +6,10 @@ import pytest
 import torch
 from planning_toys import SITUATION, Toy
 
-from simulator.planning import Bound, Floor, audit, planned
+from simulator.planning import Bound, MinimumNorms, audit, plan_effects
 
 PIXELS = 16
-FLOOR = Floor(1000.0, 1000.0, 1000.0)
+FLOOR = MinimumNorms(1000.0, 1000.0, 1000.0)
 
 
 def render(recipe):
@@ -36,7 +36,7 @@ def toys(orders=2.0, vignetting=10.2):
 
 
 def audited(made, forced, **options):
-    plan = planned(made, SITUATION, FLOOR, 0.0, forced)
+    plan = plan_effects(made, SITUATION, FLOOR, 0.0, forced)
     return audit(made, SITUATION, plan, render, **options)
 
 
@@ -45,7 +45,7 @@ OFF = {"vignetting": False, "orders": False, "read noise": False}
 
 def test_bounds_that_hold_are_not_called_broken():
     rows = audited(toys(), OFF)
-    assert not any(row.broken for row in rows)
+    assert not any(row.is_broken for row in rows)
     assert [row.effects for row in rows if len(row.effects) == 2] == [
         ("vignetting", "orders"), ("vignetting", "read noise"), ("orders", "read noise"),
     ]  # fmt: skip
@@ -65,13 +65,15 @@ def test_what_is_measured_is_what_changes_by_hand():
 def test_a_bound_that_only_holds_with_the_others_off_is_found():
     """10 electrons is a tenth of 100, and not of the 102 that there are with all orders."""
     rows = audited(toys(vignetting=10.0), OFF)
-    broken = [(row.effects, row.others) for row in rows if row.broken]
+    broken = [(row.effects, row.others) for row in rows if row.is_broken]
     assert broken == [(("vignetting",), "finest")]
 
 
 def test_a_bound_that_is_too_small_is_found():
     rows = audited(toys(orders=1.9), OFF)
-    assert (("orders",), "as planned") in [(row.effects, row.others) for row in rows if row.broken]
+    assert (("orders",), "as planned") in [
+        (row.effects, row.others) for row in rows if row.is_broken
+    ]
 
 
 def test_a_level_below_the_finest_is_tried_against_its_own_bound():
@@ -89,7 +91,7 @@ def test_each_picture_is_rendered_once():
         return render(recipe)
 
     made = toys()
-    plan = planned(made, SITUATION, FLOOR, 0.0, OFF)
+    plan = plan_effects(made, SITUATION, FLOOR, 0.0, OFF)
     audit(made, SITUATION, plan, counted)
     assert len(recipes) == len(set(recipes))
 

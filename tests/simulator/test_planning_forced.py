@@ -5,9 +5,9 @@ import math
 import pytest
 from planning_toys import SITUATION, Toy
 
-from simulator.planning import Bound, Floor, planned
+from simulator.planning import Bound, MinimumNorms, plan_effects
 
-FLOOR = Floor(1.0, 1.0, 1.0)
+FLOOR = MinimumNorms(1.0, 1.0, 1.0)
 BOUNDS = (Bound(0.5), Bound(0.1), Bound())
 WORKS = (0.0, 1.0, 2.0)
 
@@ -18,41 +18,41 @@ def pair():
 
 
 def test_forced_off_is_told_as_forced_and_counts_in_the_error():
-    plan = planned([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, 1e-3, {"one": False})
+    plan = plan_effects([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, 1e-3, {"one": False})
     assert plan["one"].forced
     assert plan["one"].level == "off"
-    assert plan.error == 0.5
+    assert plan.relative_error_bound == 0.5
 
 
 def test_forced_on_is_the_finest_and_a_name_is_that_level():
     one = Toy("one", BOUNDS, WORKS)
-    assert planned([one], SITUATION, FLOOR, 10.0, {"one": True}).level("one") == 2
-    assert planned([one], SITUATION, FLOOR, 10.0, {"one": "level 1"}).level("one") == 1
+    assert plan_effects([one], SITUATION, FLOOR, 10.0, {"one": True}).level("one") == 2
+    assert plan_effects([one], SITUATION, FLOOR, 10.0, {"one": "level 1"}).level("one") == 1
 
 
 def test_a_level_beyond_the_finest_of_a_situation_is_the_finest():
     class Coarse(Toy):
-        def finest(self, s):
+        def finest_level(self, s):
             return 1
 
     one = Coarse("one", (Bound(0.5), Bound(), Bound()), WORKS)
-    assert planned([one], SITUATION, FLOOR, 10.0, {"one": "level 2"}).level("one") == 1
+    assert plan_effects([one], SITUATION, FLOOR, 10.0, {"one": "level 2"}).level("one") == 1
 
 
 def test_what_requires_one_that_is_forced_off_is_off_with_it():
-    plan = planned(pair(), SITUATION, FLOOR, 0.0, {"depth": False})
+    plan = plan_effects(pair(), SITUATION, FLOOR, 0.0, {"depth": False})
     assert plan.level("hiding") == 0
-    assert plan.error == 1.0
+    assert plan.relative_error_bound == 1.0
 
 
 def test_forcing_on_what_requires_one_that_is_forced_off_is_refused():
     with pytest.raises(ValueError, match="'hiding' is forced on, and requires 'depth'"):
-        planned(pair(), SITUATION, FLOOR, 0.0, {"depth": False, "hiding": True})
+        plan_effects(pair(), SITUATION, FLOOR, 0.0, {"depth": False, "hiding": True})
 
 
 def test_what_nothing_causes_is_in_no_plan_even_if_it_is_forced():
     absent = Toy("absent", BOUNDS, WORKS, there=False)
-    plan = planned([absent], SITUATION, FLOOR, 0.1, {"absent": True})
+    plan = plan_effects([absent], SITUATION, FLOOR, 0.1, {"absent": True})
     assert plan.decisions == ()
     assert plan.level("absent") == 0
 
@@ -66,10 +66,10 @@ def test_what_nothing_causes_is_in_no_plan_even_if_it_is_forced():
 )
 def test_unknown_effects_and_levels_are_refused(forced, message):
     with pytest.raises(ValueError, match=message):
-        planned([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, 0.1, forced)
+        plan_effects([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, 0.1, forced)
 
 
 @pytest.mark.parametrize("tol", [-0.1, math.nan, math.inf])
 def test_a_tolerance_must_be_finite_and_not_negative(tol):
     with pytest.raises(ValueError, match=r"tol is .*; it must be finite and not negative"):
-        planned([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, tol)
+        plan_effects([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, tol)

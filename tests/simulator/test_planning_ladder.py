@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planning_toys import SITUATION, Toy
 
-from simulator.planning import Bound, Floor, Ladder, planned
+from simulator.planning import Bound, Ladder, MinimumNorms, plan_effects
 
 AMOUNTS = st.one_of(st.just(0.0), st.floats(1e-6, 10.0))
-FLOORS = st.builds(Floor, *(st.floats(0.1, 10.0),) * 3)
+FLOORS = st.builds(MinimumNorms, *(st.floats(0.1, 10.0),) * 3)
 TOLS = st.floats(0, 3.0)
 
 
@@ -67,7 +67,7 @@ def test_what_an_effect_requires_is_on_with_it(made, floor, tol):
 def test_the_ladder_goes_from_everything_to_nothing(made, floor):
     """Steps only go down; at the end everything is off; what they save is what is left."""
     ladder = Ladder(made, SITUATION, floor)
-    levels = dict(ladder.top)
+    levels = dict(ladder.finest_levels)
     assert all(levels[one.name] == len(one.bounds) - 1 for one in made)
     for step in ladder.steps:
         assert step.to < levels[step.effect]
@@ -91,16 +91,19 @@ def test_forced_effects_stay_and_spend_nothing(made, floor, tol, data):
 def test_free_steps_come_before_all_others():
     free = Toy("free", (Bound(), Bound()), (0.0, 0.0))
     paid = Toy("paid", (Bound(1.0), Bound()), (0.0, 1e9))
-    steps = Ladder([paid, free], SITUATION, Floor(1, 1, 1)).steps
+    steps = Ladder([paid, free], SITUATION, MinimumNorms(1, 1, 1)).steps
     assert [step.effect for step in steps] == ["free", "paid"]
-    assert Ladder([paid, free], SITUATION, Floor(1, 1, 1)).levels(0.0) == {"paid": 1, "free": 0}
+    assert Ladder([paid, free], SITUATION, MinimumNorms(1, 1, 1)).levels(0.0) == {
+        "paid": 1,
+        "free": 0,
+    }
 
 
 def test_the_one_that_saves_most_for_its_bound_goes_first():
     """10 operations for 0.1, 5 for 0.01: the second is five times better."""
     dear = Toy("dear", (Bound(0.1), Bound()), (0.0, 10.0))
     cheap = Toy("cheap", (Bound(0.01), Bound()), (0.0, 5.0))
-    ladder = Ladder([dear, cheap], SITUATION, Floor(1, 1, 1))
+    ladder = Ladder([dear, cheap], SITUATION, MinimumNorms(1, 1, 1))
     assert [step.effect for step in ladder.steps] == ["cheap", "dear"]
     assert ladder.levels(0.02) == {"dear": 1, "cheap": 0}
     assert ladder.levels(0.11) == {"dear": 0, "cheap": 0}
@@ -110,7 +113,7 @@ def test_a_dear_step_lets_cheaper_ones_go_first_up_to_half_its_price():
     """It saves a million times as much, but a tolerance below its price shall spare something."""
     dear = Toy("dear", (Bound(1.0), Bound()), (0.0, 1e9))
     cheap = [Toy(f"cheap{n}", (Bound(0.2), Bound()), (0.0, 10.0 - n)) for n in range(4)]
-    ladder = Ladder([dear, *cheap], SITUATION, Floor(1, 1, 1))
+    ladder = Ladder([dear, *cheap], SITUATION, MinimumNorms(1, 1, 1))
     order = [step.effect for step in ladder.steps]
     assert order == ["cheap0", "cheap1", "dear", "cheap2", "cheap3"]
     assert ladder.levels(0.3) == {"dear": 1, "cheap0": 0, "cheap1": 1, "cheap2": 1, "cheap3": 1}
@@ -120,19 +123,19 @@ def test_what_each_frame_takes_counts_for_many():
     """A tenth of the work, but of every frame of a picture: it goes first."""
 
     class Drawn(Toy):
-        each_frame = True
+        is_per_frame = True
 
     once = Toy("once", (Bound(0.1), Bound()), (0.0, 10.0))
     drawn = Drawn("drawn", (Bound(0.1), Bound()), (0.0, 1.0))
-    steps = Ladder([once, drawn], SITUATION, Floor(1, 1, 1)).steps
+    steps = Ladder([once, drawn], SITUATION, MinimumNorms(1, 1, 1)).steps
     assert [step.effect for step in steps] == ["drawn", "once"]
-    assert [step.saved for step in steps] == [1.0, 10.0]
+    assert [step.saved_work for step in steps] == [1.0, 10.0]
 
 
 def test_levels_are_skipped_where_that_is_worth_more():
     """To level 1 saves 1 for 0.5; to level 0 saves 100 for 0.6."""
     one = Toy("one", (Bound(0.6), Bound(0.5), Bound()), (0.0, 99.0, 100.0))
-    ladder = Ladder([one], SITUATION, Floor(1, 1, 1))
+    ladder = Ladder([one], SITUATION, MinimumNorms(1, 1, 1))
     assert [step.to for step in ladder.steps] == [0]
     assert ladder.levels(0.55) == {"one": 2}
 
@@ -140,7 +143,7 @@ def test_levels_are_skipped_where_that_is_worth_more():
 def test_a_measure_of_which_there_is_nothing_is_never_given_up():
     """Variance where nothing is known to vary: any change is infinitely much."""
     noise = Toy("noise", (Bound(variance=1e-9), Bound()), (0.0, 1e9))
-    assert Ladder([noise], SITUATION, Floor(1, 0, 0)).levels(1e6) == {"noise": 1}
+    assert Ladder([noise], SITUATION, MinimumNorms(1, 0, 0)).levels(1e6) == {"noise": 1}
 
 
 def test_effects_are_asked_for_their_work_once_for_the_same_levels():
@@ -156,26 +159,26 @@ def test_effects_are_asked_for_their_work_once_for_the_same_levels():
                 ("e0",) if n else ())
         for n in range(8)
     ]  # fmt: skip
-    Ladder(made, SITUATION, Floor(1, 1, 1))
+    Ladder(made, SITUATION, MinimumNorms(1, 1, 1))
     assert len(asked) == len(set(asked))
 
 
 def test_a_plan_tells_what_it_spends_and_saves():
     one = Toy("one", (Bound(0.05, how="proved: so"), Bound()), (0.0, 10.0))
     two = Toy("two", (Bound(0.5), Bound()), (0.0, 1.0))
-    plan = planned([one, two], SITUATION, Floor(1, 1, 1), 0.1)
+    plan = plan_effects([one, two], SITUATION, MinimumNorms(1, 1, 1), 0.1)
     assert (plan.level("one"), plan.level("two")) == (0, 1)
-    assert plan.error == 0.05
+    assert plan.relative_error_bound == 0.05
     assert (plan.work, plan.most_work) == (1.0, 11.0)
     assert plan["one"].bound.how == "proved: so"
-    assert not plan.everything
+    assert not plan.is_finest
     data = plan.as_data()
     assert [line["on"] for line in data["decisions"]] == [False, True]
 
 
 def test_bounds_without_end_are_none_in_plain_data():
     one = Toy("one", (Bound(math.inf), Bound()), (0.0, 10.0))
-    data = planned([one], SITUATION, Floor(1, 1, 1), 0.1, {"one": False}).as_data()
+    data = plan_effects([one], SITUATION, MinimumNorms(1, 1, 1), 0.1, {"one": False}).as_data()
     assert data["error"] is None
     assert data["decisions"][0]["bound"]["mean"] is None
     assert data["decisions"][0]["relative"] is None

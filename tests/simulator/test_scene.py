@@ -8,7 +8,7 @@ from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, ring_pattern
 
 from optics.plane import Plane
 from simulator.clock import VirtualClock
-from simulator.scene import Dark, Flat, Photograph, Scene, Star
+from simulator.scene import Dark, Flat, PhotographPrint, Scene, Star
 
 PLANE = Plane((60, 62), (7e-6, 7e-6))
 
@@ -26,7 +26,7 @@ def picture_of(target, wavelength=550e-9) -> torch.Tensor:
 def test_the_photographs_colours_are_met_and_mixed():
     """Red, green and blue stand for 610, 540 and 450 nm; halfway between, the mean."""
     image = torch.tensor([0.2, 0.4, 0.8]).expand(2, 2, 3)
-    photo = Photograph(image, 2.0, 1.0, cover=5.0)
+    photo = PhotographPrint(image, 2.0, 1.0, cover=5.0)
     expected = {610e-9: 0.2, 575e-9: 0.3, 540e-9: 0.4, 495e-9: 0.6, 450e-9: 0.8,
                 400e-9: 0.8, 700e-9: 0.2}  # fmt: skip
     for wavelength, value in expected.items():
@@ -36,7 +36,7 @@ def test_the_photographs_colours_are_met_and_mixed():
 @pytest.mark.parametrize("size", [(20, 20), (200, 150), (7, 300)])
 def test_a_print_covers_the_frame_by_its_cover(size):
     """A white print: samples of one inside, the frame times the cover on its scarcer side."""
-    photo = Photograph(torch.ones(*size, 3), 2.0, 1.0, cover=1.2)
+    photo = PhotographPrint(torch.ones(*size, 3), 2.0, 1.0, cover=1.2)
     picture = picture_of(photo).numpy()
     frame = [n * 14e-6 / 7e-6 for n in CAMERA.sensor.shape]
     scale = 1.2 * max(f / n for f, n in zip(frame, size, strict=True))
@@ -51,7 +51,7 @@ def test_a_print_keeps_its_place_and_orientation():
     """One white corner pixel of a 2 x 2 print lights the same quarter of the plane."""
     image = torch.zeros(2, 2, 3)
     image[0, 1] = 1
-    picture = picture_of(Photograph(image, 2.0, 1.0, cover=1.0))
+    picture = picture_of(PhotographPrint(image, 2.0, 1.0, cover=1.0))
     quarters = [picture[:30, :31], picture[:30, 31:], picture[30:, :31], picture[30:, 31:]]
     assert int(torch.stack([q.sum() for q in quarters]).argmax()) == 1
 
@@ -82,7 +82,7 @@ def test_a_flat_field_is_as_bright_as_white_paper_of_its_radiance():
     rendered PSF: less than a per cent of it. Endless even light has it back from elsewhere.
     """
     camera = replace(WIDE_OPEN, panel=replace(WIDE_OPEN.panel, fill_factor=1.0))
-    white = Photograph(torch.ones(50, 50, 3), 2.0, 1e7, cover=20.0)
+    white = PhotographPrint(torch.ones(50, 50, 3), 2.0, 1e7, cover=20.0)
     scene = Scene({"flat": Flat(2.0, 1e7), "white": white})
     light = light_of(world(camera, scene), target="flat")
     # The panel, 48 x 64 pixels of 40 µm, is smaller than the stop.
@@ -113,12 +113,12 @@ def test_the_dark_sends_no_light():
         (lambda: Flat(0.0, 1.0), r"distance is 0 m; it must be positive"),
         (lambda: Flat(2.0, -1.0), r"radiance is -1 .*negative"),
         (lambda: Flat(2.0, math.inf), r"radiance is inf"),
-        (lambda: Photograph(torch.ones(2, 2, 3), -2.0, 1.0), r"distance is -2 m"),
-        (lambda: Photograph(torch.ones(2, 2, 3), 2.0, -1.0), r"radiance is -1"),
-        (lambda: Photograph(torch.ones(2, 2, 3), 2.0, 1.0, cover=0.0), r"cover is 0"),
-        (lambda: Photograph(torch.ones(2, 2), 2.0, 1.0), r"image is \(2, 2\).* 3"),
-        (lambda: Photograph(torch.ones(0, 2, 3), 2.0, 1.0), r"image is \(0, 2, 3\)"),
-        (lambda: Photograph(torch.full((2, 2, 3), math.nan), 2.0, 1.0), r"image has 12 NaN"),
+        (lambda: PhotographPrint(torch.ones(2, 2, 3), -2.0, 1.0), r"distance is -2 m"),
+        (lambda: PhotographPrint(torch.ones(2, 2, 3), 2.0, -1.0), r"radiance is -1"),
+        (lambda: PhotographPrint(torch.ones(2, 2, 3), 2.0, 1.0, cover=0.0), r"cover is 0"),
+        (lambda: PhotographPrint(torch.ones(2, 2), 2.0, 1.0), r"image is \(2, 2\).* 3"),
+        (lambda: PhotographPrint(torch.ones(0, 2, 3), 2.0, 1.0), r"image is \(0, 2, 3\)"),
+        (lambda: PhotographPrint(torch.full((2, 2, 3), math.nan), 2.0, 1.0), r"image has 12 NaN"),
     ],
 )
 def test_a_target_that_cannot_stand_there_is_refused(make, words):

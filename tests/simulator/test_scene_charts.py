@@ -142,7 +142,7 @@ GREY = Spectrum((4e-7, 7e-7), (0.5, 0.5))
         (lambda: usaf_1951((-9, 1)), "give -4 to 9"),
         (lambda: line_pairs(0, 7), "element is 7"),
         (lambda: checker([GREY] * 3, 1.0), "3 reflectances"),
-        (lambda: checker([GREY] * 23 + [Spectrum.even(1.0)], 1.0), "wavelengths differ"),
+        (lambda: checker([GREY] * 23 + [Spectrum.flat(1.0)], 1.0), "wavelengths differ"),
         (lambda: checker([GREY] * 24, -1.0), "width is -1 m"),
         (lambda: brick((1.0, 0.0)), "width is 0 m"),
         (lambda: brick((1.0, 1.0), 0), "studs is 0"),

@@ -7,8 +7,8 @@ import torch
 from optics.plane import Plane
 from simulator.scene.disc import Disc
 from simulator.scene.display import Windows
-from simulator.scene.drawable import Even
-from simulator.scene.picture import Picture
+from simulator.scene.drawable import UniformLight
+from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.polygons import Polygons, rectangle
 
 PLANE = Plane((23, 30), (4e-6, 5e-6))
@@ -67,7 +67,7 @@ def test_a_shift_moves_a_picture_on_the_object():
 
 
 @pytest.mark.parametrize(
-    "picture", [Disc(3e-4, (1e-4, -2e-4)), Picture(torch.ones(2, 3), 1e-4, (2e-4, 1e-4))]
+    "picture", [Disc(3e-4, (1e-4, -2e-4)), PixelPicture(torch.ones(2, 3), 1e-4, (2e-4, 1e-4))]
 )
 def test_any_picture_moves_by_a_shift_and_an_offset_alike(picture):
     from dataclasses import replace
@@ -114,9 +114,9 @@ def test_a_disc_larger_than_the_plane_fills_it():
 
 
 def test_even_light_is_even_and_its_spectrum_one_number():
-    spectrum = Even(0.5).spectrum(PLANE, SCALE)
+    spectrum = UniformLight(0.5).spectrum(PLANE, SCALE)
     picture = torch.fft.irfft2(spectrum, s=PLANE.shape)
-    assert picture.numpy() == pytest.approx(Even(0.5).light(PLANE, SCALE).numpy(), abs=1e-6)
+    assert picture.numpy() == pytest.approx(UniformLight(0.5).light(PLANE, SCALE).numpy(), abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [13e-5, 2e-5])
@@ -126,7 +126,7 @@ def test_a_picture_is_linear_between_its_pixels_and_averaged_over_cells(side):
 
     rng = np.random.default_rng(1)
     image = rng.uniform(0, 1, (5, 7))
-    drawn = Picture(torch.tensor(image), side, (2e-5, -3e-5)).light(PLANE, SCALE).numpy()
+    drawn = PixelPicture(torch.tensor(image), side, (2e-5, -3e-5)).light(PLANE, SCALE).numpy()
     y = (np.arange(5) - 2) * side * SCALE + 2e-5 * SCALE
     x = (np.arange(7) - 3) * side * SCALE - 3e-5 * SCALE
     half = side * SCALE / 2
@@ -200,7 +200,7 @@ def test_of_a_display_what_lies_beyond_the_plane_is_not_in_its_spectrum():
 
 
 def test_what_is_infinitely_far_away_has_no_size():
-    assert not Picture(torch.ones(2, 2), 1e-3).light(PLANE, 0.0).any()
+    assert not PixelPicture(torch.ones(2, 2), 1e-3).light(PLANE, 0.0).any()
     assert not Windows(torch.ones(2, 2), 1e-3, (0, 1), (0, 1)).light(PLANE, 0.0).any()
     assert not Windows(torch.ones(2, 2), 1e-3, (0, 1), (0, 1)).spectrum(PLANE, 0.0).any()
     assert not Disc(1e-3).light(PLANE, 0.0).any()
@@ -214,10 +214,10 @@ def test_what_is_infinitely_far_away_has_no_size():
         (lambda: Polygons((((0, 0), (1, 1)),), (1.0,)), "fewer than 3 corners"),
         (lambda: Polygons((((0, 0), (1, 1), (0, math.inf)),), (1.0,)), "isn't finite"),
         (lambda: Polygons((), (1.0,)), "0 polygons and 1 values"),
-        (lambda: Picture(torch.ones(2), 1e-3), r"image is \(2,\)"),
-        (lambda: Picture(torch.full((2, 2), math.nan), 1e-3), "image has 4 NaN"),
-        (lambda: Picture(torch.ones(2, 2), 0.0), "side is 0 m"),
-        (lambda: Picture(torch.ones(2, 2), 1.0, (0.0, math.inf)), "offset is"),
+        (lambda: PixelPicture(torch.ones(2), 1e-3), r"image is \(2,\)"),
+        (lambda: PixelPicture(torch.full((2, 2), math.nan), 1e-3), "image has 4 NaN"),
+        (lambda: PixelPicture(torch.ones(2, 2), 0.0), "side is 0 m"),
+        (lambda: PixelPicture(torch.ones(2, 2), 1.0, (0.0, math.inf)), "offset is"),
     ],
 )
 def test_a_picture_that_cannot_be_drawn_is_refused(make, words):

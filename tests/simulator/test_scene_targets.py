@@ -12,18 +12,18 @@ from simulator.scene import (
     Cube,
     Dark,
     Display,
-    Even,
     Flat,
-    Photograph,
+    PhotographPrint,
     Pinhole,
     Relief,
     Sheet,
     Sheets,
     Star,
+    UniformLight,
     basis_of,
     display_primaries,
     distances_of,
-    mixed,
+    mix_reflectances,
     primaries,
 )
 
@@ -45,7 +45,7 @@ def seen(target, wavelength, camera=CAMERA, plane=PLANE):
 
 
 def test_a_print_that_is_lit_anew_is_another_one():
-    dim = Photograph(IMAGE, 2.0, 3.0).for_camera(CAMERA)
+    dim = PhotographPrint(IMAGE, 2.0, 3.0).for_camera(CAMERA)
     bright = replace(dim, radiance=6.0, side=None)
     assert bright.for_camera(CAMERA).radiance == 6.0
     np.testing.assert_allclose(seen(bright, 550e-9), 2 * seen(dim, 550e-9))
@@ -55,10 +55,10 @@ def test_every_target_has_its_radiance_in_the_light_of_its_lamp():
     lamp = halogen()
     for target in (
         Flat(2.0, 3.0, light=lamp),
-        Photograph(torch.ones(4, 4, 3), 2.0, 3.0, light=lamp),
+        PhotographPrint(torch.ones(4, 4, 3), 2.0, 3.0, light=lamp),
         Cube(torch.ones(4, 4, 2), (4e-7, 7e-7), 2.0, 3.0, light=lamp),
         Star(1.0, 2.0, 3.0, light=lamp),
-        Sheets((Sheet(2.0, ((None, Even()),)),), 3.0, light=lamp),
+        Sheets((Sheet(2.0, ((None, UniformLight()),)),), 3.0, light=lamp),
     ):
         middle = seen(target, 500e-9)[30, 40] if not isinstance(target, Star) else 3.0 * float(
             target.layers[0].parts[0].spectrum.at(500e-9)
@@ -73,26 +73,26 @@ def test_without_a_lamp_every_wavelength_is_alike():
 
 
 def test_a_photograph_is_as_its_reflectance_at_every_wavelength():
-    photo = Photograph(IMAGE, 2.0, 2.0)
+    photo = PhotographPrint(IMAGE, 2.0, 2.0)
     for wavelength in (430e-9, 500e-9, 575e-9, 650e-9):
         # Linear between what red, green and blue stand for.
         shares = [np.interp(wavelength * 1e9, (450, 540, 610), line) for line in np.eye(3)]
         reflected = IMAGE @ torch.tensor(shares[::-1], dtype=IMAGE.dtype)
-        grey = Photograph(reflected[..., None].expand(-1, -1, 3), 2.0, 2.0)
+        grey = PhotographPrint(reflected[..., None].expand(-1, -1, 3), 2.0, 2.0)
         assert seen(photo, wavelength) == pytest.approx(seen(grey, 540e-9), abs=1e-6)
 
 
 def test_a_print_covers_the_frame_or_has_a_height():
     """Cover 1.2: the scarcer side is 1.2 frames. Height: of the object, times magnification."""
     white = torch.ones(10, 10, 3)
-    by_cover = seen(Photograph(white, 3.0, 1.0, cover=1.2), 550e-9)
+    by_cover = seen(PhotographPrint(white, 3.0, 1.0, cover=1.2), 550e-9)
     assert (by_cover[30] > 0.5).sum() == pytest.approx(1.2 * 60, abs=1)
-    by_height = seen(Photograph(white, 2.0, 1.0, height=1e-4 / SCALE), 550e-9)
+    by_height = seen(PhotographPrint(white, 2.0, 1.0, height=1e-4 / SCALE), 550e-9)
     assert by_height.sum() == pytest.approx((1e-4 / 5e-6) ** 2, rel=1e-5)
 
 
 def test_a_print_for_a_camera_is_one_object():
-    photo = Photograph(IMAGE, 2.0, 1.0)
+    photo = PhotographPrint(IMAGE, 2.0, 1.0)
     fitted = photo.for_camera(CAMERA)
     assert photo.for_camera(replace(CAMERA, transmission=0.1)) is fitted
     assert fitted.for_camera(CAMERA) is fitted
@@ -107,7 +107,7 @@ def test_a_cube_is_its_bands_and_between_them_linear():
     target = Cube(cube, tuple(bands), 2.0, 1.0)
     assert len(target.images) <= 4
     for k in (0, 4, 8):
-        grey = Photograph(cube[..., k, None].expand(-1, -1, 3), 2.0, 1.0)
+        grey = PhotographPrint(cube[..., k, None].expand(-1, -1, 3), 2.0, 1.0)
         assert seen(target, bands[k]) == pytest.approx(seen(grey, 540e-9), abs=1e-3)
     halfway = (seen(target, bands[3]) + seen(target, bands[4])) / 2
     assert seen(target, bands[3:5].mean()) == pytest.approx(halfway, abs=1e-6)
@@ -128,9 +128,9 @@ def test_a_cube_of_any_rank_keeps_its_tolerance():
 
 def test_colours_mix_to_one_reflectance():
     red, green, blue = primaries()
-    assert mixed(primaries(), (0.2, 0.4, 0.8)).at([450e-9, 540e-9, 610e-9]) == pytest.approx(
-        [0.8, 0.4, 0.2]
-    )
+    assert mix_reflectances(primaries(), (0.2, 0.4, 0.8)).at(
+        [450e-9, 540e-9, 610e-9]
+    ) == pytest.approx([0.8, 0.4, 0.2])
     assert basis_of(red, green, blue) == (red, green, blue)
     short = Spectrum((5e-7, 6e-7), (0.2, 0.3))
     assert basis_of(short, short, short)[1].at([3e-7, 5.5e-7, 1e-6]) == pytest.approx(
@@ -173,7 +173,7 @@ def test_a_relief_hides_and_shows_and_fills_what_is_hidden():
 
 def test_a_relief_of_one_depth_is_a_photograph():
     flat = Relief(IMAGE, torch.full((8, 12), 2.0), 1.5, cover=1.3)
-    photo = Photograph(IMAGE, 2.0, 1.5, cover=1.3)
+    photo = PhotographPrint(IMAGE, 2.0, 1.5, cover=1.3)
     assert seen(flat, 550e-9) == pytest.approx(seen(photo, 550e-9))
 
 
@@ -194,7 +194,7 @@ def test_no_light_is_lost_where_sharp_layers_of_a_relief_meet():
 def test_a_display_shines_in_its_primaries():
     image = torch.zeros(4, 6, 3)
     image[..., 2] = 0.5
-    target = Display(image, 2e-4, 2.0, 4.0, display_primaries(), fill=0.8, polarised=0.3)
+    target = Display(image, 2e-4, 2.0, 4.0, display_primaries(), fill=0.8, polarisation_angle=0.3)
     blue = seen(target, 455e-9)
     # Half of 4 in a window of 0.8 x 0.8 / 3 of each pixel.
     assert blue.mean() * 60 * 80 * 25e-12 == pytest.approx(
@@ -202,20 +202,20 @@ def test_a_display_shines_in_its_primaries():
     )
     assert seen(target, 610e-9).max() < 1e-6 * blue.max()
     assert target.size == pytest.approx((8e-4, 12e-4))
-    assert target.polarised == 0.3
+    assert target.polarisation_angle == 0.3
 
 
 def test_sheets_keep_their_order_and_covers():
-    sheets = Sheets((Sheet(1.0, (), Even()), Sheet(2.0, ((None, Even()),))), 1.0)
+    sheets = Sheets((Sheet(1.0, (), UniformLight()), Sheet(2.0, ((None, UniformLight()),))), 1.0)
     assert [layer.distance for layer in sheets.layers] == [1.0, 2.0]
-    assert sheets.layers[0].cover == Even()
+    assert sheets.layers[0].cover == UniformLight()
     assert sheets.distance == 1.0
 
 
 def test_anything_may_move_or_be_polarised():
     moving = replace(Pinhole(), velocity=(0.0, 0.03), lamp=Waveform("sine", 100.0, 0.1))
-    assert moving.moves
-    assert not Pinhole().moves
+    assert moving.is_moving
+    assert not Pinhole().is_moving
     assert moving.layers[0].parts[0].picture == Pinhole().layers[0].parts[0].picture
 
 
@@ -223,8 +223,8 @@ def test_anything_may_move_or_be_polarised():
     ("make", "words"),
     [
         (lambda: Flat(2.0, 1.0, velocity=(math.nan, 0.0)), "velocity is"),
-        (lambda: Flat(2.0, 1.0, polarised=math.inf), "polarised is inf"),
-        (lambda: Photograph(IMAGE, 2.0, 1.0, height=0.0), "height is 0 m"),
+        (lambda: Flat(2.0, 1.0, polarisation_angle=math.inf), "polarisation_angle is inf"),
+        (lambda: PhotographPrint(IMAGE, 2.0, 1.0, height=0.0), "height is 0 m"),
         (lambda: Cube(torch.ones(2, 2, 3), (5e-7, 6e-7), 2.0, 1.0), "3 bands and 2 wavelengths"),
         (lambda: Cube(-torch.ones(2, 2, 2), (5e-7, 6e-7), 2.0, 1.0), "reflectances down to -1"),
         (lambda: Cube(torch.ones(2, 2, 2), (6e-7, 5e-7), 2.0, 1.0), "don't rise"),
@@ -242,8 +242,8 @@ def test_anything_may_move_or_be_polarised():
         (lambda: Display(IMAGE, 0.0, 2.0, 1.0, primaries()), "pitch is 0 m"),
         (lambda: Display(IMAGE, 1e-4, 2.0, 1.0, primaries(), fill=0.0), "fill is 0"),
         (lambda: Display(IMAGE, 1e-4, 2.0, 1.0, primaries(), light=halogen()), "by itself"),
-        (lambda: mixed(primaries(), (1.0, 2.0, 0.0)), "colour is"),
-        (lambda: basis_of(*[Spectrum.even(0.5)] * 3), "adds up to 1.5"),
+        (lambda: mix_reflectances(primaries(), (1.0, 2.0, 0.0)), "colour is"),
+        (lambda: basis_of(*[Spectrum.flat(0.5)] * 3), "adds up to 1.5"),
     ],
 )
 def test_a_target_that_cannot_be_is_refused(make, words):

@@ -11,7 +11,7 @@ import torch
 from optics.camera import Panel, Sensor
 from optics.sensor import moments
 from simulator.recipe import Recipe
-from simulator.streaming import Stream
+from simulator.streaming import FrameSimulator
 
 SENSOR = Sensor(shape=(6, 8), bits=10, full_well=900.0, gain=1.1, read_noise=1.5, black_level=20.0,
                 dark_current=3.0)  # fmt: skip
@@ -29,7 +29,7 @@ def generator(seed=0):
 
 
 def drawn(light, sensor, recipe, count=MANY):
-    stream, chance = Stream(light, 0.5, sensor, recipe), generator()
+    stream, chance = FrameSimulator(light, 0.5, sensor, recipe), generator()
     return np.stack([stream.frame(chance) for _ in range(count)])
 
 
@@ -89,7 +89,9 @@ def test_noises_together_are_distributed_as_each_by_itself(shot, electrons, read
                     black_level=100.0, dark_current=0.0)  # fmt: skip
     recipe = replace(ALL, shot=shot, dark_current=False, fixed_pattern=False)
     light = torch.full(sensor.shape, electrons)
-    numbers = Stream(light, 0.5, sensor, recipe).frame(generator()).ravel().astype(int) - 100
+    numbers = (
+        FrameSimulator(light, 0.5, sensor, recipe).frame(generator()).ravel().astype(int) - 100
+    )
     values = np.arange(numbers.min(), numbers.max() + 1)
     seen = np.bincount(numbers - values[0]).cumsum() / numbers.size
     far = 9 * math.sqrt(electrons) + 20
@@ -105,7 +107,7 @@ def test_noises_together_are_distributed_as_each_by_itself(shot, electrons, read
 def test_a_frame_follows_from_the_generator_and_from_no_thread():
     big = torch.linspace(0, 800, 300 * 400).reshape(300, 400)
     sensor = replace(SENSOR, shape=(300, 400))
-    one, two = (Stream(big, 0.5, sensor, ALL, threads=n) for n in (1, 2))
+    one, two = (FrameSimulator(big, 0.5, sensor, ALL, threads=n) for n in (1, 2))
     chance, other = generator(3), generator(3)
     first = one.frame(chance)
     assert np.array_equal(first, two.frame(other))
@@ -117,14 +119,14 @@ def test_a_frame_follows_from_the_generator_and_from_no_thread():
 def test_pixels_of_a_frame_dont_repeat_each_other():
     """Blocks have seeds of their own: correlation of one with the next, of 32,768 pixels."""
     sensor = replace(SENSOR, shape=(256, 256))
-    frame = Stream(torch.full((256, 256), 300.0), 0.5, sensor, ALL).frame(generator())
+    frame = FrameSimulator(torch.full((256, 256), 300.0), 0.5, sensor, ALL).frame(generator())
     first, second = frame.ravel()[:32768].astype(float), frame.ravel()[32768:].astype(float)
     assert abs(np.corrcoef(first, second)[0, 1]) < 5 / math.sqrt(32768)
 
 
 def test_frames_are_whole_numbers_in_the_converters_range():
     recipe = replace(ALL, clipping=False, quantisation=False)
-    frame = Stream(LIGHT * 100, 0.5, SENSOR, recipe).frame(generator())
+    frame = FrameSimulator(LIGHT * 100, 0.5, SENSOR, recipe).frame(generator())
     assert frame.dtype == np.uint16
     assert frame.shape == (6, 8)
     assert frame.max() == 1023
@@ -133,7 +135,7 @@ def test_frames_are_whole_numbers_in_the_converters_range():
 def test_without_noise_nothing_is_drawn():
     """The generator gives seeds only, and all frames are the rounded mean."""
     recipe = replace(ALL, shot="none", read_noise=False)
-    stream = Stream(LIGHT, 0.5, SENSOR, recipe)
+    stream = FrameSimulator(LIGHT, 0.5, SENSOR, recipe)
     expected = np.round(np.minimum(LIGHT.double().numpy() + 1.5, 900) / 1.1 + 20)
     assert np.array_equal(stream.frame(generator(1)), expected)
     assert np.array_equal(stream.frame(generator(2)), expected)
@@ -141,7 +143,7 @@ def test_without_noise_nothing_is_drawn():
 
 
 def test_any_amount_of_light_can_be_drawn():
-    frame = Stream(torch.full((6, 8), 1e30), 0.5, SENSOR, ALL).frame(generator())
+    frame = FrameSimulator(torch.full((6, 8), 1e30), 0.5, SENSOR, ALL).frame(generator())
     assert (np.abs(frame.astype(float) - round(900 / 1.1 + 20)) < 10).all()
 
 
@@ -155,4 +157,4 @@ def test_any_amount_of_light_can_be_drawn():
 )
 def test_streams_that_cant_be_are_refused(light, exposure, threads, message):
     with pytest.raises(ValueError, match=message):
-        Stream(light, exposure, SENSOR, ALL, threads)
+        FrameSimulator(light, exposure, SENSOR, ALL, threads)

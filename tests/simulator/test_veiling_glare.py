@@ -13,10 +13,10 @@ from sensor_situations import situation as sharp_situation
 from optics.caching import ByteCache
 from optics.camera import Camera, Sensor
 from simulator.effects.glare import VeilingGlare
-from simulator.formation.picture import expected
+from simulator.formation.mean_picture import expected_electrons
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
-from simulator.scene import Flat, Photograph
+from simulator.scene import Flat, PhotographPrint
 
 EFFECT = VeilingGlare()
 
@@ -31,9 +31,9 @@ def black_area(share: float) -> np.ndarray:
 
 def formed(camera: Camera, image: np.ndarray, glare: bool) -> np.ndarray:
     """On a sensor that is wholly covered, and without blur by diffraction."""
-    s = situation(Photograph(torch.from_numpy(image), 1.0, 1e8, cover=2.0), camera)
-    recipe = Recipe.barest(s).having(pixel_aperture=True, glare=glare)
-    return expected(s, recipe, ByteCache(), Ledger()).double().numpy()
+    s = situation(PhotographPrint(torch.from_numpy(image), 1.0, 1e8, cover=2.0), camera)
+    recipe = Recipe.minimal(s).with_changes(pixel_aperture=True, glare=glare)
+    return expected_electrons(s, recipe, ByteCache(), Ledger()).double().numpy()
 
 
 @pytest.mark.parametrize("glare", [0.003, 0.05, 0.5])
@@ -59,15 +59,15 @@ def test_no_light_is_lost_and_none_is_won():
 
 def test_even_light_stays_as_it_is_and_needs_no_veil():
     s = situation(Flat(1.0, 1e7), replace(CAMERA, glare=0.1))
-    recipe = Recipe.barest(s).having(glare=True)
-    lit = expected(s, recipe, ByteCache(), Ledger())
+    recipe = Recipe.minimal(s).with_changes(glare=True)
+    lit = expected_electrons(s, recipe, ByteCache(), Ledger())
     assert float(lit.std() / lit.mean()) < 1e-6
-    assert EFFECT.bound(s, 0).mean <= 2e-3 * float(torch.linalg.vector_norm(lit))
+    assert EFFECT.error_bound(s, 0).mean <= 2e-3 * float(torch.linalg.vector_norm(lit))
 
 
 def test_a_camera_without_glare_knows_nothing_of_it():
-    assert not EFFECT.caused(situation())
-    assert EFFECT.caused(situation(camera=replace(CAMERA, glare=0.01)))
+    assert not EFFECT.is_present(situation())
+    assert EFFECT.is_present(situation(camera=replace(CAMERA, glare=0.01)))
 
 
 @pytest.mark.parametrize("glare", [-0.1, 1.1, math.nan])
@@ -80,10 +80,10 @@ def seen(light: torch.Tensor, one: Sensor, glare: float):
     """The bound, and by how much what is read differs, in mean, variance and σ."""
     s = sharp_situation(light, one)
     s.camera = replace(s.camera, glare=glare)
-    recipe = BARE.having(shot="Poisson", read_noise=True, dark_current=True)
+    recipe = BARE.with_changes(shot="Poisson", read_noise=True, dark_current=True)
     veiled = torch.lerp(light, light.mean(), glare)
     found = (read(part, one, s.exposure, recipe) for part in (veiled, light))
-    return EFFECT.bound(s, 0), changes(*found)
+    return EFFECT.error_bound(s, 0), changes(*found)
 
 
 @pytest.mark.parametrize("seed", range(40))

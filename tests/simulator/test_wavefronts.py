@@ -12,10 +12,17 @@ from optical_situations import CAMERA, situation
 
 from optics.camera import Panel
 from optics.polarisation import PathEffect
-from simulator.effects.wavefronts import Sampled, apart, margin, of_phase, steady, told
+from simulator.effects.field_distance import (
+    PixelSample,
+    describe_proof,
+    has_coherent_background,
+    margin,
+    phase_error_psf_bound,
+    psf_distance_bound,
+)
 
 ACROSS = 24
-ALL = Sampled(1, 1, torch.ones(ACROSS, ACROSS, dtype=torch.float64))
+ALL = PixelSample(1, 1, torch.ones(ACROSS, ACROSS, dtype=torch.float64))
 
 
 def drawn(seed: int, phase: float, loss: float = 0.0) -> torch.Tensor:
@@ -37,20 +44,20 @@ def test_a_bound_of_two_fields_is_kept_and_near_what_changes(loss, change):
         one = drawn(seed, 3.0, loss)
         other = one * drawn(100 + seed, change)
         changed = float((psf(one) - psf(other)).abs().sum())
-        bound = apart(ALL, one, other)
+        bound = psf_distance_bound(ALL, one, other)
         assert changed <= bound <= 4 * changed
 
 
 def test_a_darker_field_is_as_far_away_as_the_light_that_it_lacks():
     """(1 + a) |1 - a|, which is 1 - a² then: the bound is the change itself."""
     bright = drawn(1, 3.0)
-    assert apart(ALL, bright, 0.5 * bright) == pytest.approx(0.75)
-    assert apart(ALL, 0.5 * bright, bright) == pytest.approx(0.75)
+    assert psf_distance_bound(ALL, bright, 0.5 * bright) == pytest.approx(0.75)
+    assert psf_distance_bound(ALL, 0.5 * bright, bright) == pytest.approx(0.75)
 
 
 def test_the_same_phase_on_all_pixels_is_no_difference():
     one = drawn(2, 3.0, 0.5)
-    assert apart(ALL, one, one * complex(math.cos(2), math.sin(2))) < 1e-6
+    assert psf_distance_bound(ALL, one, one * complex(math.cos(2), math.sin(2))) < 1e-6
 
 
 @pytest.mark.parametrize("interference", [0.0, 0.3 + 0.2j])
@@ -58,16 +65,16 @@ def test_a_common_phase_counts_where_other_light_interferes(interference):
     parts = (torch.tensor(0.5), torch.tensor(0.05), torch.tensor(interference))
     s = situation(path=PathEffect(*parts))
     error = torch.full((ACROSS, ACROSS), 0.01, dtype=torch.float64)
-    assert steady(s) == bool(interference)
+    assert has_coherent_background(s) == bool(interference)
     beats = abs(interference)
     wanted = (2 + beats) * 2 * math.sin(0.005) if beats else 0.0
-    assert of_phase(s, ALL, error) == pytest.approx(wanted, abs=1e-6)
+    assert phase_error_psf_bound(s, ALL, error) == pytest.approx(wanted, abs=1e-6)
 
 
 def test_the_light_of_the_gap_interferes_too():
-    assert not steady(situation())
+    assert not has_coherent_background(situation())
     camera = replace(CAMERA, panel=replace(CAMERA.panel, fill_factor=0.9, gap_reflection=0.1))
-    assert steady(situation(camera=camera))
+    assert has_coherent_background(situation(camera=camera))
 
 
 @pytest.mark.parametrize(
@@ -76,10 +83,10 @@ def test_the_light_of_the_gap_interferes_too():
 def test_a_panel_of_which_pixels_are_left_out_has_a_margin(across, factor, word):
     s = situation(camera=replace(CAMERA, panel=Panel((8, across), 8e-6)))
     assert margin(s) == factor
-    assert told(s, "sums").startswith(word)
+    assert describe_proof(s, "sums").startswith(word)
 
 
 def test_pixels_count_by_the_light_that_the_stop_lets_through():
-    half_open = Sampled(1, 1, torch.tensor([[1.0, 0.5]], dtype=torch.float64))
+    half_open = PixelSample(1, 1, torch.tensor([[1.0, 0.5]], dtype=torch.float64))
     values = torch.tensor([[2.0, 6.0]], dtype=torch.float64)
     assert half_open.mean(values) == pytest.approx((2 + 6 / 4) / (1 + 1 / 4))

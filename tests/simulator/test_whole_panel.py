@@ -8,7 +8,7 @@ from judges import positions, relative
 from small_bench.world import NEUTRAL, WIDE_OPEN, light_of, ring_pattern, world
 
 from optics.camera import Panel
-from optics.slm import Map, Response, max_phase
+from optics.slm import PanelMap, PhaseResponse, max_phase
 from simulator.scene import Scene, Star
 
 WAVELENGTH = 550e-9
@@ -71,9 +71,9 @@ def test_a_panel_with_many_effects_is_the_panel_drawn_finely():
         "unmodulated": 0.06,
         "front_reflection": 0.012,
         "coupling": 0.15 * 40e-6,
-        "response": Response.tabulated(WAVELENGTH, SHARES),
-        "flatness": Map(FIGURE),
-        "illumination": Map(BEAM),
+        "response": PhaseResponse.from_curve(WAVELENGTH, SHARES),
+        "flatness": PanelMap(FIGURE),
+        "illumination": PanelMap(BEAM),
     }
     panel, grey = replace(plain, **effects), ring_pattern(120e-6, WIDE_OPEN)
     all_light = star(plain).sum()

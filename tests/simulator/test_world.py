@@ -23,14 +23,14 @@ from small_bench.world import (
 
 import optics.slm
 import optics.slm.modulator
-import simulator.formation.gathering
+import simulator.exposure_fields
 import simulator.formation.kernels
-import simulator.motion
+import simulator.formation.sample_grid
 import simulator.mount
 from optics.slm import grey_to_phase
 from simulator.effects.registry import EFFECTS
-from simulator.scene import Dark, Photograph, Scene, Star
-from simulator.shown import shares_of_time
+from simulator.panel_content import shares_of_time
+from simulator.scene import Dark, PhotographPrint, Scene, Star
 from simulator.world import TYPICAL_EXPOSURE
 
 WAVELENGTH = 550e-9
@@ -220,9 +220,9 @@ class Counted:
 
 
 def test_effects_that_are_off_are_not_computed(monkeypatch):
-    aperture = Counted(simulator.formation.gathering.pixel_transfer)
+    aperture = Counted(simulator.formation.sample_grid.pixel_transfer)
     operators = Counted(simulator.formation.kernels.PSFOperator)
-    monkeypatch.setattr(simulator.formation.gathering, "pixel_transfer", aperture)
+    monkeypatch.setattr(simulator.formation.sample_grid, "pixel_transfer", aperture)
     monkeypatch.setattr(simulator.formation.kernels, "PSFOperator", operators)
     off = {"filter bandwidth": "1", "pixel aperture": False, "panel orders": False}
     w = world(forced=off)
@@ -232,7 +232,7 @@ def test_effects_that_are_off_are_not_computed(monkeypatch):
     light_of(on, ring_pattern(200e-6))
     assert aperture.calls >= 1
     assert operators.calls == 1 + 3
-    assert "pixel aperture" not in w.imaging.ledger.entered
+    assert "pixel aperture" not in w.imaging.ledger.effects_called
 
 
 def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
@@ -241,20 +241,26 @@ def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("called for nothing")
 
-    for name in ("coupled", "flatness_phase", "gap_light", "scattered_share", "flicker_nodes"):
+    for name in (
+        "fringing_field_mean",
+        "flatness_phase",
+        "gap_amplitude",
+        "scattered_share",
+        "flicker_nodes",
+    ):
         monkeypatch.setattr(optics.slm.modulator, name, never)
     monkeypatch.setattr(optics.slm.modulator, "time_nodes", never)
-    monkeypatch.setattr(optics.slm.Map, "on", never)
-    monkeypatch.setattr(optics.slm.Response, "at", never)
-    monkeypatch.setattr(simulator.motion, "first_start", never)
+    monkeypatch.setattr(optics.slm.PanelMap, "at_pixels", never)
+    monkeypatch.setattr(optics.slm.PhaseResponse, "at", never)
+    monkeypatch.setattr(simulator.exposure_fields, "first_start_phase", never)
     there = {"illumination", "front reflection", "panel response", "neighbour coupling",
              "flicker", "jitter", "gap light", "flatness", "liquid-crystal response"}  # fmt: skip
     absent = [effect for effect in EFFECTS if effect.name in there]
     assert len(absent) == len(there)
     for effect in absent:
-        for name in ("bound", "estimate", "work", "apply"):
+        for name in ("error_bound", "estimated_error", "work", "add_to_recipe"):
             monkeypatch.setattr(type(effect), name, never)
-    monkeypatch.setattr(simulator.mount.Mount, "turned", never)
+    monkeypatch.setattr(simulator.mount.Mount, "to_sensor_axes", never)
     w = world()
     light_of(w, ring_pattern(80e-6))
     video_of(w, STILLS, 2 * FRAME)
@@ -312,7 +318,7 @@ def test_an_effect_that_needs_one_that_is_forced_off_is_refused():
 @pytest.mark.parametrize("exposure", [0.0, -0.01, math.inf, math.nan])
 def test_an_exposure_that_is_none_is_refused(exposure):
     with pytest.raises(ValueError, match=r"exposure is .* s; it must be positive and finite"):
-        world().light(exposure)
+        world().electron_rates(exposure)
 
 
 def test_a_wavelength_that_the_panel_does_not_know_is_refused():
@@ -343,7 +349,7 @@ def test_a_star_out_of_focus_is_as_large_as_geometric_optics_says(distance):
 def test_defocus_loses_no_light():
     """A large grey card is as bright far out of focus as in focus."""
     cards = {
-        name: Photograph(GREY_CARD, distance, 1e7, cover=30.0)
+        name: PhotographPrint(GREY_CARD, distance, 1e7, cover=30.0)
         for name, distance in (("sharp", 2.0), ("blurred", 0.8))
     }
     bench = world(scene=Scene(cards))
@@ -377,9 +383,9 @@ STILLS = (NEUTRAL, ring_pattern(60e-6), lens_pattern(3.0))
 def video_of(w, frames, exposure, moment=0.0, target="star"):
     """The light of a video during an exposure that begins at a moment of the plan."""
     w.wavelength, w.target = WAVELENGTH, target
-    w.begin(1, 2, 3, moment=moment)
+    w.begin_frame(1, 2, 3, start_time=moment)
     w.play(np.stack(frames), FRAME)
-    return w.light(exposure)[0].numpy().astype(np.float64)
+    return w.electron_rates(exposure)[0].numpy().astype(np.float64)
 
 
 @cache
@@ -489,8 +495,8 @@ def test_a_short_look_at_a_long_video_sees_one_frame():
 
 def test_frames_that_are_not_seen_are_not_computed(monkeypatch):
     """A plan looks at all of them; what is rendered is what is seen."""
-    settled = Counted(simulator.motion._settled)
-    monkeypatch.setattr(simulator.motion, "_settled", settled)
+    settled = Counted(simulator.exposure_fields._settled_phase)
+    monkeypatch.setattr(simulator.exposure_fields, "_settled_phase", settled)
     w = world(forced={"filter bandwidth": "1", "panel orders": False})
     video_of(w, STILLS, FRAME)
     assert settled.calls == 1
@@ -517,8 +523,8 @@ def test_a_video_calls_for_what_its_widest_frame_calls_for():
         w.wavelength, w.target = WAVELENGTH, "star"
         w.play(video, FRAME)
         for moment in (0.0, 0.5 * FRAME, FRAME):
-            w.begin(1, 2, 3, moment=moment)
-            assert w.light()[1].levels == plan.levels
+            w.begin_frame(1, 2, 3, start_time=moment)
+            assert w.electron_rates()[1].levels == plan.levels
     assert w.effect_plan(NEUTRAL[None], WAVELENGTH, target="star").levels == still.levels
 
 
@@ -531,7 +537,7 @@ def test_light_belongs_to_the_settings_with_which_it_was_begun():
         w.wavelength, w.bandwidth, w.target = 600e-9, 20e-9, "card"
         w.grey = ring_pattern(100e-6)
 
-    seen = w.light(0.01, meddle)[0].numpy()
+    seen = w.electron_rates(0.01, meddle)[0].numpy()
     assert np.array_equal(seen, light_of(world()))
     # And what it leaves behind is neither.
     w.bandwidth = 7e-9
@@ -553,7 +559,7 @@ def test_a_check_may_end_a_computation_and_nothing_is_left():
     w = world()
     w.wavelength, w.target = WAVELENGTH, "star"
     with pytest.raises(Enough):
-        w.light(0.01, check)
+        w.electron_rates(0.01, check)
     assert np.array_equal(light_of(w), light_of(world()))
 
 
@@ -561,15 +567,15 @@ def test_a_check_may_end_a_computation_and_nothing_is_left():
 
 
 def draws(w, count=2):
-    return [torch.rand(4, generator=w.chance()).tolist() for _ in range(count)]
+    return [torch.rand(4, generator=w.random_generator()).tolist() for _ in range(count)]
 
 
 def test_the_same_frame_of_the_same_run_has_the_same_chance():
     w, other = world(), world()
-    w.begin(1, 2, 3)
-    other.begin(9, 9, 9)
+    w.begin_frame(1, 2, 3)
+    other.begin_frame(9, 9, 9)
     draws(other)
-    other.begin(1, 2, 3, index=17, moment=3.5)
+    other.begin_frame(1, 2, 3, index=17, start_time=3.5)
     assert draws(w) == draws(other)
 
 
@@ -578,8 +584,8 @@ def test_the_same_frame_of_the_same_run_has_the_same_chance():
 )
 def test_every_part_of_what_a_frame_is_counts_for_its_chance(frame):
     w, other = world(), world()
-    w.begin(1, 2, 3)
-    other.begin(*frame)
+    w.begin_frame(1, 2, 3)
+    other.begin_frame(*frame)
     mine, others = draws(w, 3), draws(other, 3)
     assert not any(draw in others for draw in mine)
 
@@ -587,10 +593,10 @@ def test_every_part_of_what_a_frame_is_counts_for_its_chance(frame):
 def test_each_picture_of_a_frame_has_its_own_chance():
     """As when it is taken again; and that, too, can be repeated."""
     w = world()
-    w.begin(1, 2, 3)
+    w.begin_frame(1, 2, 3)
     first = draws(w, 5)
     assert len({tuple(draw) for draw in first}) == 5
-    w.begin(1, 2, 3)
+    w.begin_frame(1, 2, 3)
     assert draws(w, 5) == first
 
 
@@ -599,33 +605,33 @@ def test_many_frames_have_different_chances():
     for run in range(6):
         for step in range(6):
             for frame in range(6):
-                w.begin(run, step, frame)
+                w.begin_frame(run, step, frame)
                 seen.update(tuple(draw) for draw in draws(w))
     assert len(seen) == 2 * 6**3
 
 
 def test_a_world_that_forgets_keeps_no_light_and_computes_the_same_again():
     w = world(WIDE_OPEN)
-    light = w.light()[0]
+    light = w.electron_rates()[0]
     kept, seen, once = weakref.ref(light), light.clone(), w.imaging.ledger.operations
     del light
     w.forget()
     gc.collect()
     assert kept() is None
-    assert torch.equal(w.light()[0], seen)
+    assert torch.equal(w.electron_rates()[0], seen)
     assert w.imaging.ledger.operations == 2 * once
 
 
 def test_what_one_tolerance_has_found_out_another_need_not():
     w, other = world(WIDE_OPEN), world(WIDE_OPEN)
-    trial = w.imaging.at(0.1)
+    trial = w.imaging.with_tolerance(0.1)
     one, two = w.situation(), w.situation()
     first, second = trial.plan(one), w.imaging.plan(two)
-    assert one.pattern is two.pattern
+    assert one.pattern_probe is two.pattern_probe
     assert (first.tol, second.tol) == (0.1, w.imaging.tol)
     assert second.levels == other.imaging.plan(other.situation()).levels
     with pytest.raises(ValueError, match="tol is -1"):
-        w.imaging.at(-1.0)
+        w.imaging.with_tolerance(-1.0)
 
 
 def test_patterns_that_were_shown_leave_nothing_behind():
@@ -635,7 +641,7 @@ def test_patterns_that_were_shown_leave_nothing_behind():
         one.grey = np.full_like(NEUTRAL, level)
         s = one.situation()
         one.imaging.plan(s)
-        refs.append((weakref.ref(s), weakref.ref(s.pattern)))
+        refs.append((weakref.ref(s), weakref.ref(s.pattern_probe)))
         del s
     gc.collect()
     assert not any(s() for s, _ in refs)

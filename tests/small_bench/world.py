@@ -10,7 +10,7 @@ import torch
 from optics.camera import Camera
 from optics.patterns import axicon, fresnel_lens
 from optics.slm import phase_to_grey
-from simulator.scene import Dark, Photograph, Scene, Star
+from simulator.scene import Dark, PhotographPrint, Scene, Star
 from simulator.world import World
 from small_bench.files import TINY
 from small_bench.setups import bench_file
@@ -26,7 +26,7 @@ SCENE = Scene(
         "dark": Dark(),
         "star": Star(20e-6, 2.0, 2e12),
         "near star": Star(20e-6, 1.7, 2e12),
-        "card": Photograph(GREY_CARD, 2.0, 1e7, cover=20.0),
+        "card": PhotographPrint(GREY_CARD, 2.0, 1e7, cover=20.0),
     }
 )
 NEUTRAL = np.zeros(CAMERA.panel.shape, dtype=np.uint8)
@@ -40,7 +40,7 @@ def light_of(
     world: World, grey=NEUTRAL, wavelength=550e-9, target="star", exposure=0.01
 ) -> np.ndarray:
     world.grey, world.wavelength, world.target = grey, wavelength, target
-    return world.light(exposure)[0].numpy().astype(np.float64)
+    return world.electron_rates(exposure)[0].numpy().astype(np.float64)
 
 
 def ring_pattern(radius: float, camera: Camera = CAMERA) -> np.ndarray:

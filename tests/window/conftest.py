@@ -26,7 +26,7 @@ from window_bench import Bench
 from window_scene import write_bench
 
 from labapp.bench.opening import BenchFiles
-from labapp.common.speed import keep
+from labapp.common.speed import save_speed
 from labapp.window import theme
 from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb
@@ -93,7 +93,7 @@ def slow_machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder))
-        keep(replace(MachineSpeed(), call=5e-3))
+        save_speed(replace(MachineSpeed(), call=5e-3))
     return folder
 
 
@@ -140,7 +140,7 @@ def qapp(qapp: QApplication) -> Iterator[QApplication]:
 
 @pytest.fixture(scope="session")
 def dark_theme(qapp: QApplication) -> None:
-    theme.apply(qapp)
+    theme.apply_theme(qapp)
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,7 @@ class SharedWindow:
 
     def ready(self, qtbot: Any) -> Bench:
         """Live, on the photograph with the neutral pattern."""
-        if self._bench is not None and self._bench.connection.running:
+        if self._bench is not None and self._bench.connection.is_running:
             try:
                 return self._settled(self._bench, qtbot, _SETTLING)
             except AssertionError:

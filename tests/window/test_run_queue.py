@@ -7,16 +7,18 @@ import pytest
 
 from labapp.runs.state import State
 from labapp.window.engine import timing
-from labapp.window.engine.person import Person
-from labapp.window.engine.run import Run
+from labapp.window.engine.person_prompter import PersonPrompter
+from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
-from labapp.window.engine.timing import Timing
+from labapp.window.engine.timing import RunTiming
 from optics.progress import Cancelled, Progress
 
 
 def make_run(name):
-    timing = Timing(10.0, 5, virtual=True)
-    return Run(name, Path(f"{name}.h5"), lambda **_: None, timing, planned=5, stored=0)
+    timing = RunTiming(10.0, 5, virtual=True)
+    return QueuedRun(
+        name, Path(f"{name}.h5"), lambda **_: None, timing, planned_frames=5, stored_frames=0
+    )
 
 
 @pytest.fixture
@@ -29,7 +31,7 @@ def queue():
 
 
 def states(queue):
-    return [info.state.value for info in queue.infos()]
+    return [info.state.value for info in queue.run_infos()]
 
 
 def test_the_next_run_begins_after_a_complete_one(queue):
@@ -43,18 +45,18 @@ def test_the_next_run_begins_after_a_complete_one(queue):
 @pytest.mark.parametrize("state", [State.CANCELLED, State.FAILED])
 def test_after_a_bad_end_the_others_wait_until_somebody_says_so(queue, state):
     queue.end(queue.begin(), state, "why")
-    assert queue.held.startswith("one ")
+    assert queue.hold_reason.startswith("one ")
     assert queue.begin() is None
     queue.add(make_run("four"))
     assert queue.begin() is None
-    queue.go_on()
+    queue.release()
     assert queue.begin().title == "two"
 
 
 def test_the_last_run_holds_nobody(queue):
     queue.remove([2, 3])
     queue.end(queue.begin(), State.FAILED, "why")
-    assert queue.held == ""
+    assert queue.hold_reason == ""
     queue.add(make_run("four"))
     assert queue.begin().title == "four"
 
@@ -71,13 +73,13 @@ def test_only_runs_that_wait_are_removed_and_only_ended_ones_cleared(queue):
 def test_who_takes_all_that_wait_out_ends_the_hold(queue):
     queue.end(queue.begin(), State.CANCELLED, "")
     queue.remove([2, 3])
-    assert queue.held == ""
+    assert queue.hold_reason == ""
 
 
 def test_cancel_reaches_the_run_under_way_and_no_other(queue):
     run = queue.begin()
     queue.cancel()
-    assert run.progress.cancelled
+    assert run.progress.is_cancelled
     assert states(queue) == ["RUNNING", "WAITING", "WAITING"]
 
 
@@ -94,58 +96,58 @@ def test_a_run_that_was_asked_for_before_a_bad_end_waits_with_the_others(queue):
     """However long it takes to be read and checked."""
     queue.remove([2, 3])
     run = queue.begin()
-    queue.expect()
+    queue.expect_run()
     queue.cancel()
     queue.end(run, State.CANCELLED, "")
-    assert queue.held == "one was cancelled"
+    assert queue.hold_reason == "one was cancelled"
     queue.add(make_run("four"))
     assert queue.begin() is None
-    queue.go_on()
+    queue.release()
     assert queue.begin().title == "four"
 
 
 def test_a_run_that_never_comes_holds_nobody(queue):
     queue.remove([2, 3])
     run = queue.begin()
-    queue.expect()
+    queue.expect_run()
     queue.end(run, State.FAILED, "")
-    queue.dismiss()
-    assert queue.held == ""
+    queue.drop_expected()
+    assert queue.hold_reason == ""
 
 
 def test_cancel_reaches_a_run_that_is_still_being_made_ready():
     queue = RunQueue(lambda: None)
     queue.cancel()
-    queue.expect()
+    queue.expect_run()
     queue.add(make_run("one"))
     assert states(queue) == ["WAITING"]
     queue.end(queue.begin(), State.COMPLETE, "")
-    queue.expect()
-    queue.expect()
+    queue.expect_run()
+    queue.expect_run()
     queue.cancel()
     queue.add(make_run("two"))
     queue.add(make_run("three"))
     assert states(queue) == ["COMPLETE", "CANCELLED", "WAITING"]
-    assert queue.held == "two was cancelled"
+    assert queue.hold_reason == "two was cancelled"
 
 
 def test_a_file_is_taken_as_long_as_its_run_has_not_ended(queue):
-    assert queue.has(Path("one.h5"))
+    assert queue.has_record(Path("one.h5"))
     queue.end(queue.begin(), State.CANCELLED, "")
-    assert not queue.has(Path("one.h5"))
+    assert not queue.has_record(Path("one.h5"))
 
 
 def test_what_a_run_says_of_its_rest_is_its_state():
     run = make_run("one")
-    run.begin()
+    run.mark_started()
     run.progress.report(0.5, "dark, neutral, 550 nm, 8 ms")
     assert (run.info.state, run.info.message) == ("RUNNING", "dark, neutral, 550 nm, 8 ms")
-    run.pause(True)
-    assert (run.info.state, run.info.pausing) == ("RUNNING", True)
+    run.set_paused(True)
+    assert (run.info.state, run.info.pause_requested) == ("RUNNING", True)
     run.progress.report(0.5, "PAUSED: paused by the user")
     assert (run.info.state, run.info.message) == ("PAUSED", "paused by the user")
-    run.pause(False)
-    assert (run.info.state, run.info.pausing) == ("RUNNING", False)
+    run.set_paused(False)
+    assert (run.info.state, run.info.pause_requested) == ("RUNNING", False)
 
 
 @pytest.mark.parametrize(("virtual", "left"), [(True, 3 * 0.5), (False, 6.0 + 3 * 0.5)])
@@ -153,22 +155,22 @@ def test_what_is_left_follows_from_the_frames_taken(monkeypatch, virtual, left):
     """Five frames of 2 s of bench time, each half a second longer than that."""
     now = 100.0
     monkeypatch.setattr(timing.time, "monotonic", lambda: now)
-    told = Timing(10.0, 5, virtual=virtual)
+    told = RunTiming(10.0, 5, virtual=virtual)
     told.begin()
-    assert told.left == (None if virtual else 10.0)
+    assert told.seconds_left == (None if virtual else 10.0)
     now += 30  # patterns are computed, which says nothing about frames
-    told.frame(2.0)
+    told.count_frame(2.0)
     now += 0.5 if virtual else 2.5
-    told.frame(2.0)
-    assert told.left == pytest.approx(left)
+    told.count_frame(2.0)
+    assert told.seconds_left == pytest.approx(left)
     told.rest()
     now += 1000
-    assert told.left == pytest.approx(left)
-    assert told.elapsed == pytest.approx(1030.5 if virtual else 1032.5)
+    assert told.seconds_left == pytest.approx(left)
+    assert told.elapsed_seconds == pytest.approx(1030.5 if virtual else 1032.5)
 
 
 def test_an_answer_to_an_earlier_prompt_is_none():
-    person = Person(lambda: None)
+    person = PersonPrompter(lambda: None)
     progress = Progress()
     asked = []
 

@@ -12,8 +12,8 @@ from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.window.messages import BenchState
 from simulator.machines.varispec import VariSpecMachine
-from simulator.wire import Line, WireFault
-from simulator.wire.pty import ServedLine
+from simulator.wire import SimulatedLine, WireFault
+from simulator.wire.pty import PtyLine
 
 
 def hangs(device, frame=0, times=1):
@@ -66,8 +66,8 @@ def paused_by_the_filter(own_bench, chosen_file, qtbot, tmp_path):
 
 def test_a_run_that_a_device_stopped_goes_on_when_it_is_mended(paused_by_the_filter):
     bench, person = paused_by_the_filter
-    assert bench.runs[0].stored == 2
-    assert "simulated tunable filter" in bench.window.call.text
+    assert bench.runs[0].stored_frames == 2
+    assert "simulated tunable filter" in bench.window.prompt_bar.text
     person.waits(lambda: "failed" in bench.window.devices.text("filter"))
     # The run opens the device again itself.
     assert not bench.window.devices.rows["filter"].reconnect.isEnabled()
@@ -94,7 +94,7 @@ def test_closing_the_window_in_a_run_leaves_the_bench_safe(paused_by_the_filter,
     with Record(path) as record:
         # It is only written once the bench has been made safe.
         assert record.state is State.CANCELLED
-        assert len(record.missing()) == 2
+        assert len(record.missing_frames()) == 2
 
 
 def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
@@ -102,11 +102,11 @@ def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
 ):
     """A VariSpec whose port goes; the run waits for it, and goes on by itself."""
     files = write_bench(tmp_path)
-    line, port = Line(VariSpecMachine(), baudrate=9600), tmp_path / "filter"
+    line, port = SimulatedLine(VariSpecMachine(), baudrate=9600), tmp_path / "filter"
     table = f'driver = "varispec"\noptions = {{ port = "{port}" }}\nsimulated = true'
     text = files.bench.read_text()
     files.bench.write_text(text.replace('driver = "simulated-filter"', table))
-    with ServedLine(line, port) as served:
+    with PtyLine(line, port) as served:
         bench = own_bench(files=files)
         window, person = bench.window, Person(bench, qtbot)
         chosen_file(write_plan(tmp_path, "Darks", wavelengths="[500, 600]", repeats=5))
@@ -117,6 +117,6 @@ def test_a_device_that_is_unplugged_in_a_run_is_red_until_it_is_there_again(
         assert "there any more" in window.devices.text("filter")
         person.waits(lambda: "UNPLUGGED: filter, VariSpec" in bench.runs[-1].message)
         assert "unplugged" not in window.devices.text("camera")
-        line.mend()
+        line.clear_faults()
         person.waits(lambda: "in a run" in window.devices.text("filter"))
         person.waits(lambda: bench.states == ["COMPLETE"])

@@ -11,20 +11,20 @@ from waits import wait_until
 
 from labapp.window import theme
 from labapp.window.effects_panel import EffectsPanel
-from labapp.window.effects_table import BAR
-from labapp.window.messages import DeviceInfo, EffectsTold, EffectTold
+from labapp.window.effects_table import BAR_COLUMN
+from labapp.window.messages import DeviceInfo, EffectInfo, EffectsReport
 
 _WHY = "the brightest pixel could hold 5e3 electrons, and 1.05e4 are read without clipping"
 
 
 def effect(name, level, at_most, forced=False):
-    return EffectTold(
+    return EffectInfo(
         name, level, level != "off", forced, at_most, 2e-6 if at_most else 0.0,
         "pixels of 3.45 µm", "a pixel averages light", "Goodman 2005", "proved: Young",
     )  # fmt: skip
 
 
-TOLD = EffectsTold(
+TOLD = EffectsReport(
     "photograph", "axicon 80 µm", 612.34e-9, 0.0125,
     (
         effect("pixel aperture", "on", 0.0), effect("dark current", "off", 1e-5),
@@ -44,7 +44,7 @@ def panel(qtbot, dark_theme):
     return made
 
 
-def cell(panel, row, column=BAR):
+def cell(panel, row, column=BAR_COLUMN):
     return panel.table.visualRect(panel.table.effects.index(row, column))
 
 
@@ -174,10 +174,10 @@ def test_news_of_the_same_effects_leaves_the_person_where_they_are(panel):
     bar = panel.table.verticalScrollBar()
     wait_until(lambda: bar.maximum() > 200)
     bar.setValue(200)
-    changed = tuple(replace(one, at_most=0.5) for one in many)
+    changed = tuple(replace(one, error_bound=0.5) for one in many)
     panel.show_effects(replace(TOLD, effects=changed))
     assert bar.value() == 200
-    assert shown(panel, 29)[BAR] == "0.5"
+    assert shown(panel, 29)[BAR_COLUMN] == "0.5"
     place = cell(panel, 10)
     assert panel.table.indexAt(QPoint(5, place.center().y())).row() == 10
 

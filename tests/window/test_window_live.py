@@ -54,13 +54,13 @@ def test_the_caption_is_of_the_frame_that_is_shown(bench, person):
             said.setdefault(exposure, set()).add(round(float(report.image.mean()) - 64, -1))
             assert exposure == round(report.exposure * 1e3, 3)
 
-    bench.connection.received.connect(compare)
+    bench.connection.report_received.connect(compare)
     for exposure in ("800", "50", "400"):
         person.types(bench.window.settings.exposure, exposure)
         person.waits(lambda ms=float(exposure): bench.frame.exposure == ms * 1e-3)
         count = bench.frames
         person.waits(lambda n=count: bench.frames > n + 2)
-    bench.connection.received.disconnect(compare)
+    bench.connection.report_received.disconnect(compare)
     assert set(said) == {800.0, 50.0, 400.0}
     assert max(said[50.0]) < min(said[400.0])
     assert max(said[400.0]) < min(said[800.0])
@@ -68,7 +68,7 @@ def test_the_caption_is_of_the_frame_that_is_shown(bench, person):
 
 def test_the_cursor_reads_digital_numbers(bench, person):
     view = bench.window.live_view
-    person.moves_mouse(view.picture, view.picture.place_of(20, 30).toPoint())
+    person.moves_mouse(view.picture, view.picture.pixel_position(20, 30).toPoint())
     person.waits(lambda: view.cursor_reading.text().startswith("x 30  y 20"))
     reading = re.search(r"(\d+) DN   ([\d.]+) %", view.cursor_reading.text())
     assert 64 <= int(reading[1]) <= 4095

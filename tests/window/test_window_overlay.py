@@ -8,7 +8,7 @@ from waits import wait_until
 from labapp.window.live_view import LiveView
 from labapp.window.messages import LiveFrame
 from labapp.window.theme import BLACK, SATURATED
-from labapp.window.tone import Scale
+from labapp.window.tone_mapping import DigitalScale
 
 _FULL, _BLACK_LEVEL = 4095, 64
 
@@ -31,7 +31,7 @@ def view(dark_theme, qtbot):
     view.resize(900, 760)
     view.show()
     wait_until(lambda: view.windowHandle().isExposed())
-    view.set_scale(Scale(_FULL))
+    view.set_scale(DigitalScale(_FULL))
     return view
 
 
@@ -39,11 +39,13 @@ def view(dark_theme, qtbot):
 def test_marks_are_exactly_where_raw_data_is_clipped(view, raw, levels):
     view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
     if levels is not None:
-        view.take_levels(*levels)
+        view.set_levels(*levels)
     view.caption.hide()
 
     def marks_are_right():
-        places = [[view.picture.place_of(r, c).toPoint() for c in range(60)] for r in range(40)]
+        places = [
+            [view.picture.pixel_position(r, c).toPoint() for c in range(60)] for r in range(40)
+        ]
         y, x = (np.array([[getattr(p, axis)() for p in row] for row in places]) for axis in "yx")
         colours = pixels(view.picture)[y, x]
         red, blue = ((colours == colour).all(axis=2) for colour in (SATURATED, BLACK))
@@ -63,7 +65,7 @@ def test_the_share_of_saturated_pixels_counts_every_one(view, raw):
 def test_marks_can_be_taken_off(view, raw):
     view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
     for marked in (True, False):
-        view.set_marked(marked)
+        view.set_clipping_marks(marked)
         wait_until(lambda on=marked: is_red(view).any() == on)
 
 
@@ -83,7 +85,9 @@ def test_no_saturated_pixel_is_lost_in_a_large_picture(view):
 
     def all_are_red():
         red = is_red(view)
-        points = [view.picture.place_of(int(row), int(column)).toPoint() for row, column in places]
+        points = [
+            view.picture.pixel_position(int(row), int(column)).toPoint() for row, column in places
+        ]
         return all(red[p.y() - 1 : p.y() + 2, p.x() - 1 : p.x() + 2].any() for p in points)
 
     wait_until(all_are_red)

@@ -5,27 +5,27 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
-from labapp.window.engine.plan import read_pattern
+from labapp.window.engine.plan_building import validate_pattern
 from labapp.window.messages import PatternPreview
-from labapp.window.pattern_kinds import KINDS, Number, Words
+from labapp.window.pattern_kinds import PATTERN_KINDS, NumberField, TextField
 
 
 def first(field):
     """What a field holds in a new window."""
-    return field.first if isinstance(field, Number | Words) else "picture.png"
+    return field.initial if isinstance(field, NumberField | TextField) else "picture.png"
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", PATTERN_KINDS, ids=lambda kind: kind.name)
 def test_every_kind_is_a_pattern_of_a_plan_at_its_limits(kind):
     """Fields that a plan file doesn't know, or that reach too far, would be told to nobody."""
     values = {field.key: first(field) for field in kind.fields}
-    coded = {"wavelength_nm": 500.0} if kind.coded else {}
-    spec = read_pattern(kind.table(values) | coded)
-    assert spec.label.endswith("for 500 nm") == kind.coded
+    coded = {"wavelength_nm": 500.0} if kind.needs_wavelength else {}
+    spec = validate_pattern(kind.build_table(values) | coded)
+    assert spec.label.endswith("for 500 nm") == kind.needs_wavelength
     for field in kind.fields:
-        if isinstance(field, Number) and field.unit not in (" m", " pixels"):
+        if isinstance(field, NumberField) and field.unit not in (" m", " pixels"):
             for limit in (field.low, field.high):
-                read_pattern(kind.table(values | {field.key: limit}) | coded)
+                validate_pattern(kind.build_table(values | {field.key: limit}) | coded)
 
 
 def preview_name(bench) -> str:
@@ -39,12 +39,12 @@ def test_a_pattern_changes_the_picture(bench, person):
     person.chooses(bench.window.pattern.form.kind, "Axicon")
     person.types(bench.window.pattern.form.numbers["axicon", "radius_um"], "20")
     person.waits(lambda: "axicon 20" in preview_name(bench))
-    assert bench.window.pattern.shown.text() == "On the SLM: neutral"
+    assert bench.window.pattern.displayed_label.text() == "On the SLM: neutral"
     assert bench.frame.pattern == "neutral"
     person.clicks(bench.window.pattern.show_button)
     name = "axicon 20 µm for 550 nm"
     person.waits(lambda: bench.frame.pattern == name)
-    person.waits(lambda: bench.window.pattern.shown.text() == f"On the SLM: {name}")
+    person.waits(lambda: bench.window.pattern.displayed_label.text() == f"On the SLM: {name}")
     assert name in bench.window.live_view.caption.text()
     after = bench.frame.image.astype(float)
     # The axicon blurs: detail goes, light stays.

@@ -53,13 +53,23 @@ def test_runs_are_taken_one_after_the_other(bench, person, queue, run_plan):
     assert bench.window.actions_["acquire"].isEnabled()
     assert bench.window.pattern.form.isEnabled()
     assert not bench.window.settings.target.isEnabled()
-    person.clicks(bench.window.call.done_button)
+    person.clicks(bench.window.prompt_bar.done_button)
     person.waits(lambda: bench.states == ["COMPLETE", "COMPLETE"])
     person.waits(lambda: has_colour(person, table, 1, 1, theme.RUN_STATES[State.COMPLETE]))
     first, second = bench.runs
     assert first.path.name.endswith("_first-of-all.h5")
     assert second.path.name.endswith("_second-2-frames.h5")
-    assert (first.stored, first.planned, second.stored, second.planned) == (40, 40, 2, 2)
+    assert (
+        first.stored_frames,
+        first.planned_frames,
+        second.stored_frames,
+        second.planned_frames,
+    ) == (
+        40,
+        40,
+        2,
+        2,
+    )
     with Record(first.path) as one, Record(second.path) as two:
         assert one.state is two.state is State.COMPLETE
         assert one.end_time <= two.text("start_time")
@@ -91,12 +101,12 @@ def test_after_a_cancelled_run_the_queue_holds(bench, person, queue, run_plan):
     person.waits(lambda: [run.title for run in bench.runs] == ["Too long", "Wanted"])
     person.presses(Qt.Key.Key_Escape)
     person.waits(lambda: bench.states == ["CANCELLED", "WAITING"])
-    person.waits(queue.held.isVisible)
+    person.waits(queue.hold_bar.isVisible)
     assert queue.held_text.text() == "Held: Too long was cancelled. 1 run waits."
     assert "stopped" in bench.window.devices.text("camera")
-    person.clicks(queue.go_on)
+    person.clicks(queue.release_button)
     person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
-    assert not queue.held.isVisible()
+    assert not queue.hold_bar.isVisible()
     count = bench.frames
     person.waits(lambda: bench.frames > count + 2)
 
@@ -110,7 +120,7 @@ def test_pause_holds_and_resume_goes_on(bench, person, queue, run_plan):
     person.presses(Qt.Key.Key_F8)
     person.waits(lambda: bench.states == ["PAUSED"])
     assert pause.text() == "Resume  F8"
-    assert bench.window.call.text.startswith("PAUSED: paused by the user")
+    assert bench.window.prompt_bar.text.startswith("PAUSED: paused by the user")
     person.waits(lambda: has_colour(person, queue.table, 0, 1, theme.RUN_STATES[State.PAUSED]))
     missing = not_stored(bench)
     # Nothing is taken while the engine computes something else.
@@ -123,10 +133,10 @@ def test_pause_holds_and_resume_goes_on(bench, person, queue, run_plan):
     times = bench.window.run.times.text()
     assert times.startswith("Expected ")
     assert "elapsed" in times
-    person.clicks(bench.window.call.resume_button)
+    person.clicks(bench.window.prompt_bar.resume_button)
     person.waits(lambda: bench.stored > count + 2)
     assert bench.states == ["RUNNING"]
-    assert bench.window.call.text == ""
+    assert bench.window.prompt_bar.text == ""
     person.presses(Qt.Key.Key_F8)
     person.waits(lambda: bench.states == ["PAUSED"])
     person.clicks(bench.window.bar.buttons["cancel"])
@@ -137,12 +147,12 @@ def not_stored(bench):
     """Frames that the record of the run that was paused lacks."""
     with Record(bench.runs[0].path) as record:
         assert record.state is State.PAUSED
-        return len(record.not_stored())
+        return len(record.frames_not_stored())
 
 
 def test_a_run_asks_and_waits_for_the_answer(bench, person, queue, run_plan):
     run_plan("Two places", top=ASKS, targets='["near", "far"]')
-    call = bench.window.call
+    call = bench.window.prompt_bar
     person.waits(lambda: call.text == "Place the star at 1.5 m, then press Enter.")
     person.waits(lambda: bench.states == ["PAUSED"])
     assert bench.stored == 0
@@ -162,29 +172,29 @@ def test_a_run_asks_and_waits_for_the_answer(bench, person, queue, run_plan):
 
 def test_cancel_at_a_prompt_cancels(bench, person, queue, run_plan):
     run_plan("Two places", top=ASKS, targets='["near", "far"]')
-    person.waits(lambda: bench.window.call.asks)
+    person.waits(lambda: bench.window.prompt_bar.is_asking)
     person.presses(Qt.Key.Key_Escape)
     person.waits(lambda: bench.states == ["CANCELLED"])
-    assert bench.window.call.text == ""
+    assert bench.window.prompt_bar.text == ""
     with Record(bench.runs[0].path) as record:
         assert record.state is State.CANCELLED
 
 
 def test_a_cancelled_run_is_resumed(bench, person, queue, run_plan, chosen_file):
     run_plan("In two goes", top=ASKS, targets='["dark", "near"]', repeats=5)
-    person.waits(lambda: bench.window.call.asks)
+    person.waits(lambda: bench.window.prompt_bar.is_asking)
     person.presses(Qt.Key.Key_Escape)
     person.waits(lambda: bench.states == ["CANCELLED"])
     path = bench.runs[0].path
-    assert bench.runs[0].stored == 10
+    assert bench.runs[0].stored_frames == 10
     chosen_file(path)
     person.clicks(queue.buttons["resume"])
-    person.waits(lambda: bench.window.call.asks)
+    person.waits(lambda: bench.window.prompt_bar.is_asking)
     person.presses(Qt.Key.Key_Return)
     person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
     again = bench.runs[1]
     assert (again.path, again.title) == (path, "In two goes")
-    assert again.stored == again.planned == 20
+    assert again.stored_frames == again.planned_frames == 20
     with Record(path) as record:
         assert record.state is State.COMPLETE
         # Only what was missing was taken in the second go.
@@ -203,17 +213,17 @@ def test_a_plan_that_the_bench_cannot_run_is_refused_before_it_waits(
 
 def test_a_wavelength_chosen_during_a_run_is_for_what_follows(bench, person, queue, run_plan):
     run_plan("At 550 nm", top=ASKS, targets='["near", "far"]')
-    person.waits(lambda: bench.window.call.asks)
+    person.waits(lambda: bench.window.prompt_bar.is_asking)
     person.types(bench.window.settings.wavelength, "620")
     bench.reports.clear()
     bench.frame = None
-    person.clicks(bench.window.call.done_button)
+    person.clicks(bench.window.prompt_bar.done_button)
     person.waits(lambda: bench.stored == 2 and bench.frame is not None)
     assert round(bench.frame.wavelength * 1e9) == 550
-    person.waits(lambda: bench.window.call.asks)
+    person.waits(lambda: bench.window.prompt_bar.is_asking)
     run_plan("Short")
     person.presses(Qt.Key.Key_Escape)
-    person.waits(queue.go_on.isVisible)
-    person.clicks(queue.go_on)
+    person.waits(queue.release_button.isVisible)
+    person.clicks(queue.release_button)
     person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
     person.waits(lambda: round(bench.frame.wavelength * 1e9) == 620)

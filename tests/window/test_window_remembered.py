@@ -3,15 +3,15 @@
 import pytest
 from waits import wait_until
 
-from labapp.window.connection import Connection
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
-from labapp.window.remembered import Remembered
+from labapp.window.remembered_settings import RememberedSettings
 
 
 @pytest.fixture
 def opened(dark_theme, qtbot):
     def open_(file):
-        window = MainWindow(Connection(), Remembered(file))
+        window = MainWindow(EngineConnection(), RememberedSettings(file))
         qtbot.addWidget(window)
         window.show()
         return window
@@ -23,14 +23,14 @@ def test_fields_come_back(opened, tmp_path):
     first = opened(tmp_path / "window.ini")
     first.settings.wavelength.setValue(633.2)
     first.run.star.count.setValue(6)
-    first.pattern.form.choose("lens")
+    first.pattern.form.select_kind("lens")
     first.pattern.form.numbers["lens", "focal_length_m"].setValue(-7.5)
     first.resize(1400, 800)
     first.close()
     second = opened(tmp_path / "window.ini")
     assert second.settings.wavelength.value() == 633.2
     assert second.run.star.bracket.count == 6
-    table = second.pattern.form.table(633.2)
+    table = second.pattern.form.pattern_table(633.2)
     assert table == {"kind": "lens", "focal_length_m": -7.5, "wavelength_nm": 633.2}
     assert second.size() == first.size()
 

@@ -6,9 +6,9 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtWidgets import QFileDialog
 from test_window_run import acquire_small
 
-from labapp.window.messages import JobEnded, PictureSaved, Reconstructed
+from labapp.window.messages import JobEnded, PictureSaved, ReconstructionResult
 from labapp.window.reconstruction_view import METHODS
-from optics.deconvolution.names import RESTORATIONS
+from optics.deconvolution.method_names import RESTORATIONS
 
 
 def drags(qtbot, picture, start, end):
@@ -38,13 +38,13 @@ def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monke
     assert not window.actions_["reconstruct"].isEnabled()
     person.presses(Qt.Key.Key_Escape)
     person.waits(lambda: bench.last(JobEnded) is not None)
-    assert bench.last(Reconstructed) is None
+    assert bench.last(ReconstructionResult) is None
     person.waits(window.actions_["reconstruct"].isEnabled)
 
     person.chooses(view.method, "Total variation")
     person.clicks(view.start)
-    person.waits(lambda: bench.last(Reconstructed) is not None)
-    result = bench.last(Reconstructed)
+    person.waits(lambda: bench.last(ReconstructionResult) is not None)
+    result = bench.last(ReconstructionResult)
     person.waits(lambda: f"Residual {result.residual:.2f}" in view.note.text())
     assert "photograph, axicon 30 µm" in view.note.text()
     assert "total variation" in view.note.text()
@@ -59,12 +59,12 @@ def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monke
     rows, columns = result.before.shape
     picture.fit()
     person.waits(lambda: person.looks_at(picture).std() > 5)
-    middle = picture.place_of(rows // 2, columns // 2).toPoint()
-    right = picture.place_of(rows // 2, 3 * columns // 4).toPoint()
+    middle = picture.pixel_position(rows // 2, columns // 2).toPoint()
+    right = picture.pixel_position(rows // 2, 3 * columns // 4).toPoint()
     drags(qtbot, picture, middle, right)
     person.waits(lambda: abs(picture.divider.value() - 0.75 * columns) < 0.05 * columns)
-    beside = picture.place_of(rows // 2, int(0.9 * columns)).toPoint()
-    within = picture.place_of(rows // 2, int(0.3 * columns)).toPoint()
+    beside = picture.pixel_position(rows // 2, int(0.9 * columns)).toPoint()
+    within = picture.pixel_position(rows // 2, int(0.3 * columns)).toPoint()
     moved = person.looks_at(picture)
     qtbot.mousePress(view.before, Qt.MouseButton.LeftButton)
     assert not picture.captions[1].isVisible()
@@ -125,7 +125,7 @@ def test_a_time_in_which_nothing_fits_is_an_error_in_words(bench, person):
     assert "the quickest, wiener, takes about" in window.message.text
     person.waits(window.actions_["reconstruct"].isEnabled)
     person.types(view.budget, "0")
-    assert view.chosen == ("auto", None)
+    assert view.method_and_budget == ("auto", None)
 
 
 def test_every_restoration_there_is_can_be_chosen():

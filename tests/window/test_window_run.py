@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from labapp.window.messages import CancelHeard, Reconstructed, RunEnded
+from labapp.window.messages import CancelAcknowledged, ReconstructionResult, RunEnded
 
 
 def set_bracket(person, row, shortest, ratio, count):
@@ -33,8 +33,8 @@ def test_exposures_are_listed_before_they_are_taken(bench, person):
     run = bench.window.run
     set_bracket(person, run.star, "1", "8", "4")
     set_bracket(person, run.photograph, "100", "4", "3")
-    assert run.star.listed.text() == "1  8  64  512 ms"
-    assert run.photograph.listed.text() == "100  400  1600 ms"
+    assert run.star.exposures_label.text() == "1  8  64  512 ms"
+    assert run.photograph.exposures_label.text() == "100  400  1600 ms"
     assert run.summary.text().startswith("50 frames, 1 MB: 28 dark, 16 star and 6 photograph")
     # Of 64 x 96 pixels and 2 bytes; each of the exposures is taken of the dark, too.
     set_bracket(person, run.star, "1", "1.1", "12")
@@ -49,16 +49,16 @@ def test_a_bracket_is_acquired_and_reconstructed(bench, person):
     assert Path(ended.path).parent == Path(bench.window.run.folder.text())
     person.waits(lambda: bench.states[-1] == "COMPLETE")
     run = bench.runs[-1]
-    assert (run.stored, run.planned, run.path) == (22, 22, ended.path)
+    assert (run.stored_frames, run.planned_frames, run.path) == (22, 22, ended.path)
     # The virtual bench takes exactly what was planned.
-    assert ended.took == pytest.approx(run.expected)
+    assert ended.bench_seconds == pytest.approx(run.expected_bench_seconds)
     assert bench.window.run.times.text() == "Expected 3 s, took 3 s of bench time"
     with Record(ended.path) as record:
         assert record.state is State.COMPLETE
-        assert record.missing() == []
-        assert record.frames == 3 * 4 + 2 * 2 * 2 + 2
+        assert record.missing_frames() == []
+        assert record.frame_count == 3 * 4 + 2 * 2 * 2 + 2
         assert record.plan.reconstruct.coded == "axicon 30 µm for 550 nm"
-        assert set(record.simulated) == {"slm", "filter", "camera", "targets"}
+        assert set(record.simulated_devices) == {"slm", "filter", "camera", "targets"}
     # The person's own settings are back, and the picture is live.
     person.waits(lambda: bench.frame.target == "photograph" and bench.frame.exposure == 0.4)
 
@@ -84,9 +84,9 @@ def reconstruct(bench, person, method):
     bench.reports.clear()
     person.chooses(bench.window.reconstruction.method, method)
     person.presses(Qt.Key.Key_F7)
-    person.waits(lambda: bench.last(Reconstructed) is not None)
+    person.waits(lambda: bench.last(ReconstructionResult) is not None)
     person.waits(bench.window.actions_["reconstruct"].isEnabled)
-    return [psnr for psnr, _ in bench.last(Reconstructed).scores]
+    return [psnr for psnr, _ in bench.last(ReconstructionResult).scores]
 
 
 def test_zoom_is_linked(bench, person):
@@ -110,12 +110,12 @@ def test_a_cancelled_run_says_so_in_its_file_and_leaves_the_bench_safe(
     person.waits(lambda: bench.window.settings.target_read.text() == "dark")
     person.clicks(bench.window.bar.buttons["cancel"])
     person.waits(lambda: bench.last(RunEnded) is not None)
-    assert bench.last(CancelHeard) is not None
+    assert bench.last(CancelAcknowledged) is not None
     ended = bench.last(RunEnded)
     assert ended.state == "CANCELLED"
     with Record(ended.path) as record:
         assert record.state is State.CANCELLED
-        assert 0 < len(record.missing()) == ended.missing < record.frames
+        assert 0 < len(record.missing_frames()) == ended.missing_frames < record.frame_count
     devices = bench.window.devices
     person.waits(lambda: "stopped" in devices.text("camera"))
     assert "neutral" in devices.text("slm")

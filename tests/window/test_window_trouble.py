@@ -9,7 +9,7 @@ from pathlib import Path
 from waits import wait_until
 from window_bench import alive, state_of
 
-from labapp.window.messages import Expose
+from labapp.window.messages import SetExposure
 
 
 def test_a_killed_engine_is_noticed_and_restarted(bench, person):
@@ -23,7 +23,7 @@ def test_a_killed_engine_is_noticed_and_restarted(bench, person):
     assert window.bar.badge.text() == "BENCH NOT OPEN"
     assert not window.actions_["acquire"].isEnabled()
     assert "STOPPED" in window.live_view.caption.text()
-    assert "unknown" in window.pattern.shown.text()
+    assert "unknown" in window.pattern.displayed_label.text()
     assert effects.rowCount() == 0
     assert window.effects.summary.text() == "The engine is not running."
     count = bench.frames
@@ -48,7 +48,7 @@ def test_an_engine_that_hangs_does_not_hang_the_window(bench, person, qtbot):
             person.clicks(bench.window.pattern.show_button)
         # More than the way to it holds.
         for _ in range(2000):
-            bench.connection.send(Expose(0.05))
+            bench.connection.send(SetExposure(0.05))
         assert bench.frames == count
         assert "400.000 ms" in bench.window.live_view.caption.text()
         assert bench.window.settings.exposure_read.property("differs") is not None
@@ -59,9 +59,9 @@ def test_an_engine_that_hangs_does_not_hang_the_window(bench, person, qtbot):
 
 def test_an_error_stays_until_it_is_clicked(bench, person):
     message = bench.window.message
-    message.say("all is well")
-    message.complain("The filter wheel is silent. Check its cable.")
-    message.say("more news")
+    message.show_message("all is well")
+    message.show_error("The filter wheel is silent. Check its cable.")
+    message.show_message("more news")
     assert message.text == "The filter wheel is silent. Check its cable."
     person.clicks(message)
     assert message.text == "more news"

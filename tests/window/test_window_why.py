@@ -15,11 +15,11 @@ from window_scene import write_bench
 
 from labapp.bench.opening import open_bench
 from labapp.window import theme
-from labapp.window.connection import Connection
-from labapp.window.engine.effects import Effects
+from labapp.window.engine.effects_reporter import EffectsReporter
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import BenchOpened, DeviceInfo, EffectsTold, LiveFrame, QueueState
-from labapp.window.remembered import Remembered
+from labapp.window.messages import BenchOpened, DeviceInfo, EffectsReport, LiveFrame, QueueState
+from labapp.window.remembered_settings import RememberedSettings
 
 
 class Heard:
@@ -51,22 +51,22 @@ def dark_current(told):
 
 def test_a_plan_is_told_once_for_each_setting(small_bench):
     heard = Heard()
-    effects, world = Effects(small_bench, heard), small_bench.world
+    effects, world = EffectsReporter(small_bench, heard), small_bench.world
     for _ in range(3):
-        effects.tell(frame(small_bench))
+        effects.report_if_changed(frame(small_bench))
     assert len(heard.sent) == 1
     # Time passes, and nothing else changes.
-    world.begin(1, 2, 3, index=4, moment=5.0)
-    effects.tell(frame(small_bench))
+    world.begin_frame(1, 2, 3, index=4, start_time=5.0)
+    effects.report_if_changed(frame(small_bench))
     assert len(heard.sent) == 1
-    effects.tell(frame(small_bench, exposure=0.8))
+    effects.report_if_changed(frame(small_bench, exposure=0.8))
     world.wavelength = 600e-9
-    effects.tell(frame(small_bench, exposure=0.8))
+    effects.report_if_changed(frame(small_bench, exposure=0.8))
     # A file that has changed is another pattern of the same name.
     world.grey = np.full(world.camera.panel.shape, 9, np.uint8)
-    effects.tell(frame(small_bench, exposure=0.8))
+    effects.report_if_changed(frame(small_bench, exposure=0.8))
     world.target = "flat"
-    effects.tell(frame(small_bench, exposure=0.8))
+    effects.report_if_changed(frame(small_bench, exposure=0.8))
     told = [(one.target, round(one.wavelength * 1e9), one.exposure) for one in heard.sent]
     assert told == [
         ("dark", 550, 0.4), ("dark", 550, 0.8), ("dark", 600, 0.8), ("dark", 600, 0.8),
@@ -77,14 +77,14 @@ def test_a_plan_is_told_once_for_each_setting(small_bench):
 def test_what_is_told_is_what_the_plan_says(small_bench):
     heard = Heard()
     small_bench.world.target = "flat"
-    Effects(small_bench, heard).tell(frame(small_bench, exposure=0.01))
+    EffectsReporter(small_bench, heard).report_if_changed(frame(small_bench, exposure=0.01))
     told = heard.sent[0]
     plan = small_bench.world.imaging.plan(small_bench.world.situation(0.01))
     assert [effect.name for effect in told.effects] == [one.effect for one in plan.decisions]
     for effect, decision in zip(told.effects, plan.decisions, strict=True):
         assert (effect.on, effect.forced) == (decision.on, decision.forced)
         assert effect.level.split(" of ")[0] == decision.level
-        assert (effect.at_most, effect.why) == (decision.relative, decision.why)
+        assert (effect.error_bound, effect.why) == (decision.relative, decision.why)
     assert {effect.name for effect in told.effects if effect.forced} == {
         "panel orders", "PSF reach"
     }  # fmt: skip
@@ -95,9 +95,9 @@ def test_what_is_told_is_what_the_plan_says(small_bench):
 def test_dark_electrons_grow_with_the_exposure(small_bench):
     """One electron a second, as the bench file says."""
     heard = Heard()
-    effects = Effects(small_bench, heard)
+    effects = EffectsReporter(small_bench, heard)
     for exposure in (0.4, 0.8):
-        effects.tell(frame(small_bench, exposure=exposure))
+        effects.report_if_changed(frame(small_bench, exposure=exposure))
     said = [dark_current(told).why.split()[0] for told in heard.sent]
     assert [float(number) for number in said] == pytest.approx([0.4, 0.8], rel=1e-2)
 
@@ -105,7 +105,7 @@ def test_dark_electrons_grow_with_the_exposure(small_bench):
 def test_messages_need_no_simulator_to_be_read(small_bench):
     """The window's process has no torch: what it gets is words and numbers."""
     heard = Heard()
-    Effects(small_bench, heard).tell(frame(small_bench))
+    EffectsReporter(small_bench, heard).report_if_changed(frame(small_bench))
     plain = (str, float, bool, int, type(None))
     told = heard.sent[0]
     for effect in told.effects:
@@ -118,20 +118,20 @@ def test_a_limit_that_is_not_known_is_told_as_none(small_bench):
     heard, world = Heard(), small_bench.world
     world.target = "flat"
     plan = world.imaging.plan(world.situation(0.01))
-    plan.error = float("inf")
+    plan.relative_error_bound = float("inf")
     plan.decisions = (replace(plan.decisions[0], relative=float("inf")), *plan.decisions[1:])
-    Effects(small_bench, heard).tell(frame(small_bench, exposure=0.01))
+    EffectsReporter(small_bench, heard).report_if_changed(frame(small_bench, exposure=0.01))
     assert heard.sent[0].error is None
-    assert heard.sent[0].effects[0].at_most is None
+    assert heard.sent[0].effects[0].error_bound is None
 
 
 def test_of_a_real_camera_nothing_is_told(small_bench):
     class Real:
         world = small_bench.world
-        simulated = ("slm", "filter", "targets")
+        simulated_devices = ("slm", "filter", "targets")
 
     heard = Heard()
-    Effects(Real(), heard).tell(frame(small_bench))
+    EffectsReporter(Real(), heard).report_if_changed(frame(small_bench))
     assert heard.sent == []
 
 
@@ -173,15 +173,15 @@ def test_the_panel_follows_the_setting_and_not_the_frames(live):
     person.waits(lambda: window.effects.setting.text() == "dark · neutral · 550.00 nm · 400.000 ms")
     assert "read noise" in names(window)
     assert "diffraction" not in names(window)
-    count, told = bench.frames, len([r for r in bench.reports if isinstance(r, EffectsTold)])
+    count, told = bench.frames, len([r for r in bench.reports if isinstance(r, EffectsReport)])
     person.waits(lambda: bench.frames > count + 5)
-    assert len([r for r in bench.reports if isinstance(r, EffectsTold)]) == told
+    assert len([r for r in bench.reports if isinstance(r, EffectsReport)]) == told
     person.types(window.settings.exposure, "10")
     person.waits(lambda: window.effects.setting.text().endswith("· 10.000 ms"))
     person.chooses(window.settings.target, "flat")
     person.waits(lambda: window.effects.setting.text().startswith("flat ·"))
     assert "diffraction" in names(window)
-    assert bench.last(EffectsTold).target == "flat"
+    assert bench.last(EffectsReport).target == "flat"
     assert "of everything on (tolerance 1e-2" in window.effects.summary.text()
 
 
@@ -192,7 +192,7 @@ def test_a_run_tells_what_its_frames_are_computed_with(live, chosen_file, tmp_pa
     bench.window.actions_["plan"].trigger()
 
     def exposures():
-        return {told.exposure for told in bench.reports if isinstance(told, EffectsTold)}
+        return {told.exposure for told in bench.reports if isinstance(told, EffectsReport)}
 
     # Not every frame is shown, so that one of them may be told of late.
     person.waits(lambda: exposures() >= {1e-3, 8e-3})
@@ -200,7 +200,7 @@ def test_a_run_tells_what_its_frames_are_computed_with(live, chosen_file, tmp_pa
     person.waits(lambda: bench.states[-1] == "CANCELLED")
     # The live view comes back with what the person had set.
     person.presses(Qt.Key.Key_F5)
-    person.waits(lambda: bench.last(EffectsTold).exposure == 0.4)
+    person.waits(lambda: bench.last(EffectsReport).exposure == 0.4)
 
 
 def test_reset_layout_brings_the_queue_back(live):
@@ -253,10 +253,10 @@ def test_a_queue_that_is_held_comes_to_the_front(live):
     window = bench.window
     person.clicks(window.bar.buttons["why"])
     person.waits(lambda: in_front(window.effects))
-    bench.connection.received.emit(QueueState((), "Night run failed"))
-    person.waits(lambda: in_front(window.queue.held))
+    bench.connection.report_received.emit(QueueState((), "Night run failed"))
+    person.waits(lambda: in_front(window.queue.hold_bar))
     person.waits(lambda: not window.actions_["why"].isChecked())
-    bench.connection.received.emit(QueueState(()))
+    bench.connection.report_received.emit(QueueState(()))
 
 
 def test_a_window_with_the_reasons_in_front_fits_a_small_screen(live):
@@ -271,14 +271,14 @@ def test_a_window_with_the_reasons_in_front_fits_a_small_screen(live):
 
 
 def test_a_bench_of_real_devices_says_so(dark_theme, qtbot, tmp_path):
-    window = MainWindow(Connection(), Remembered(tmp_path / "window.ini"))
+    window = MainWindow(EngineConnection(), RememberedSettings(tmp_path / "window.ini"))
     qtbot.addWidget(window)
     window.show()
     devices = tuple(DeviceInfo(n, "any", False) for n in ("slm", "filter", "camera", "targets"))
     opened = BenchOpened(
         "Bench", devices, ("scene",), (4e-7, 7e-7), (1e-5, 1.0), (32, 48), 4095, False
     )
-    window.connection.received.emit(opened)
+    window.connection.report_received.emit(opened)
     window.actions_["why"].trigger()
     wait_until(lambda: in_front(window.effects))
     assert window.effects.summary.text() == "Real devices: nothing is simulated."

@@ -9,10 +9,10 @@ from typing import Any
 
 from PySide6.QtWidgets import QApplication
 
-from labapp.window.connection import Connection
+from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
 from labapp.window.messages import LiveFrame, QueueState, RunInfo
-from labapp.window.remembered import Remembered
+from labapp.window.remembered_settings import RememberedSettings
 
 
 def state_of(process: int) -> str:
@@ -31,18 +31,18 @@ def alive(process: int) -> bool:
 class Bench:
     """The window, its engine, the last frame that came, and how the queue stands.
 
-    files: of the bench, as Connection takes them.
+    files: of the bench, as EngineConnection takes them.
     """
 
     def __init__(self, folder: Path, **files: Path | None) -> None:
         self.folder = folder
-        self.connection = Connection(**files)
-        self.window = MainWindow(self.connection, Remembered(folder / "window.ini"))
+        self.connection = EngineConnection(**files)
+        self.window = MainWindow(self.connection, RememberedSettings(folder / "window.ini"))
         self.window.run.folder.setText(str(folder / "runs"))
         self.frames = 0
         self.frame: LiveFrame | None = None
         self.reports: list[Any] = []
-        self.connection.received.connect(self._hear)
+        self.connection.report_received.connect(self._hear)
         self.window.show()
         self.connection.start()
 
@@ -67,14 +67,14 @@ class Bench:
     @property
     def stored(self) -> int:
         """Frames of the run under way."""
-        run = self.window.session.queue.under_way
-        return run.stored if run else 0
+        run = self.window.session.queue.current_run
+        return run.stored_frames if run else 0
 
     @property
     def idle(self) -> bool:
         """Whether nothing is under way that an earlier test may have left."""
         session = self.window.session
-        runs = session.queue.busy or bool(session.queue.held)
+        runs = session.queue.is_busy or bool(session.queue.hold_reason)
         return not (runs or session.job or QApplication.activeModalWidget())
 
     def describe(self) -> str:
@@ -90,8 +90,8 @@ class Bench:
         return "\n".join(
             [
                 shown,
-                f"runs: {self.states}, {self.stored} frames stored, held: {queue.held!r}",
-                f"call: {window.call.text!r}",
+                f"runs: {self.states}, {self.stored} frames stored, held: {queue.hold_reason!r}",
+                f"call: {window.prompt_bar.text!r}",
                 f"message: {window.message.text!r}",
                 f"engine: {self.connection.process_id or 'none'}",
             ]

@@ -7,7 +7,7 @@ from pathlib import Path
 from small_bench.files import bench_text
 
 from labapp.bench.opening import BenchFiles
-from labapp.files.reading import bundled
+from labapp.files.reading import bundled_path
 
 _SCENE = """
 version = 1
@@ -45,5 +45,5 @@ def write_bench(folder: Path) -> BenchFiles:
     """The small bench, and a scene of four targets, two effects of it forced off."""
     files = BenchFiles(folder / "bench.toml", folder / "scene.toml")
     files.bench.write_text(bench_text())
-    files.scene.write_text(_SCENE.format(photograph=bundled("photograph.jpg")))
+    files.scene.write_text(_SCENE.format(photograph=bundled_path("photograph.jpg")))
     return files

@@ -12,7 +12,7 @@ from drivers.aravis import AravisCamera
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
-from simulator.wire.fake_gige import FakeGigE
+from simulator.wire.fake_gige import FakeGigECamera
 
 SHAPE = (48, 64)
 
@@ -35,8 +35,8 @@ def exposure_of(image: NDArray[np.uint16]) -> float:
     return sum(digit << shift for digit, shift in zip(digits, (0, 8, 16, 24), strict=True)) * 1e-6
 
 
-def fake_camera(pixel_format: str = "Mono8", **options: Any) -> FakeGigE:
-    return FakeGigE(picture, SHAPE, pixel_format, **options)
+def fake_camera(pixel_format: str = "Mono8", **options: Any) -> FakeGigECamera:
+    return FakeGigECamera(picture, SHAPE, pixel_format, **options)
 
 
 def camera(**options: Any) -> AravisCamera:

@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from drivers.aravis.link import PACKAGES, python_with_gi
+from drivers.aravis.library_process import PACKAGES, python_with_gi
 
 
 @cache

@@ -12,8 +12,8 @@ from drivers.interfaces import Surroundings
 from optics.camera import Camera, Lens, Panel, Sensor
 from simulator.devices import SimulatedCamera
 from simulator.scene import Scene, Star
-from simulator.wire.fake_gige import FakeGigE
-from simulator.wire.seen import seen_of
+from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.frame_rendering import frame_renderer
 from simulator.world import World
 
 BENCH = Camera(
@@ -32,7 +32,9 @@ def test_the_camera_sees_the_very_picture_of_the_virtual_bench() -> None:
     behind = world()
     bits = BENCH.sensor.bits
     with (
-        FakeGigE(seen_of(behind), BENCH.sensor.shape, f"Mono{bits}", fresh=True),
+        FakeGigECamera(
+            frame_renderer(behind), BENCH.sensor.shape, f"Mono{bits}", always_render=True
+        ),
         # The bench's pictures take what they take to be computed.
         AravisCamera(
             Surroundings(RealClock()), "127.0.0.1", latency_frames=0, frame_timeout_ms=60e3
@@ -41,7 +43,7 @@ def test_the_camera_sees_the_very_picture_of_the_virtual_bench() -> None:
         for exposure in (1e-3, 4e-3):
             alone = world()
             for each in (behind, alone):
-                each.begin(1, 2, 3)
+                each.begin_frame(1, 2, 3)
             camera.set_exposure(exposure)
             seen = camera.capture(never)
             with SimulatedCamera(Surroundings(alone.clock, alone)) as simulated:
@@ -53,7 +55,7 @@ def test_the_camera_sees_the_very_picture_of_the_virtual_bench() -> None:
 
 def test_gain_multiplies_and_clips() -> None:
     first, second = world(), world()
-    image = seen_of(first)(1e-3, 0.0)
-    more = seen_of(second)(1e-3, 20.0)
+    image = frame_renderer(first)(1e-3, 0.0)
+    more = frame_renderer(second)(1e-3, 20.0)
     full = BENCH.sensor.full_scale
     np.testing.assert_array_equal(more, np.minimum(image.astype(int) * 10, full))

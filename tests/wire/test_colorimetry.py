@@ -5,11 +5,11 @@ import pytest
 
 from simulator.machines.colorimetry import (
     chromaticity,
+    colour_matching_functions,
     colour_temperature,
-    dominant,
-    matching,
+    dominant_wavelength,
     tristimulus,
-    uniform,
+    uniform_chromaticity,
 )
 
 NM = np.arange(380, 781)
@@ -36,11 +36,13 @@ def laser(nm, width=2.0):
     ],
 )
 def test_matching_functions_of_1931(nm, x, y, z):
-    assert matching(np.array([nm * 1e-9]))[:, 0] == pytest.approx([x, y, z], abs=0.03)
+    assert colour_matching_functions(np.array([nm * 1e-9]))[:, 0] == pytest.approx(
+        [x, y, z], abs=0.03
+    )
 
 
 def test_the_observer_of_1964_at_550_nm():
-    assert matching(np.array([550e-9]), 10)[:, 0] == pytest.approx(
+    assert colour_matching_functions(np.array([550e-9]), 10)[:, 0] == pytest.approx(
         [0.529, 0.9918, 0.0040], abs=0.03
     )
 
@@ -49,7 +51,7 @@ def test_illuminant_a_has_its_published_colour_and_temperature():
     # CIE illuminant A: a black body at 2856 K with c2 = 1.435e-2 in 1931's scale.
     xyz = tristimulus(WAVELENGTHS, planck(2848, 1.435e-2))
     assert chromaticity(xyz) == pytest.approx((0.4476, 0.4074), abs=2e-3)
-    assert uniform(xyz) == pytest.approx((0.2560, 0.5243), abs=2e-3)
+    assert uniform_chromaticity(xyz) == pytest.approx((0.2560, 0.5243), abs=2e-3)
     kelvins, off = colour_temperature(WAVELENGTHS, xyz)
     assert kelvins == pytest.approx(2856, abs=2)
     assert abs(off) < 1e-4
@@ -76,14 +78,14 @@ def test_luminance_of_one_watt_at_555_nm():
 
 @pytest.mark.parametrize("nm", [470, 500, 532, 560, 590, 610])
 def test_a_laser_is_its_own_dominant_wavelength_and_pure(nm):
-    found, purity = dominant(WAVELENGTHS, tristimulus(WAVELENGTHS, laser(nm)))
+    found, purity = dominant_wavelength(WAVELENGTHS, tristimulus(WAVELENGTHS, laser(nm)))
     assert found == pytest.approx(nm, abs=1.5)
     assert purity == pytest.approx(100, abs=3)
 
 
 def test_purple_has_the_wavelength_of_its_complement():
     purple = laser(450, 8) + laser(640, 8)
-    found, purity = dominant(WAVELENGTHS, tristimulus(WAVELENGTHS, purple))
+    found, purity = dominant_wavelength(WAVELENGTHS, tristimulus(WAVELENGTHS, purple))
     assert -570 < found < -550
     assert 80 < purity < 105
 
@@ -92,8 +94,8 @@ def test_darkness_has_no_colour():
     xyz = tristimulus(WAVELENGTHS, np.zeros(401))
     for values in (
         chromaticity(xyz),
-        uniform(xyz),
+        uniform_chromaticity(xyz),
         colour_temperature(WAVELENGTHS, xyz),
-        dominant(WAVELENGTHS, xyz),
+        dominant_wavelength(WAVELENGTHS, xyz),
     ):
         assert np.isnan(values).all()

@@ -16,8 +16,8 @@ import pytest
 
 from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.cs2000_optics import WAVELENGTHS
-from simulator.wire import Line
-from simulator.wire.pty import ServedLine
+from simulator.wire import SimulatedLine
+from simulator.wire.pty import PtyLine
 
 
 def python_with_specio():
@@ -35,7 +35,7 @@ def light(wavelengths):
 @pytest.mark.skipif(python_with_specio() is None, reason="colour-specio is in no Python here")
 def test_it_measures_our_machine(tmp_path):
     machine = CS2000Machine(light, slit_nm=0)
-    with ServedLine(Line(machine, baudrate=115200), tmp_path / "cs2000") as served:
+    with PtyLine(SimulatedLine(machine, baudrate=115200), tmp_path / "cs2000") as served:
         script = Path(__file__).with_name("specio_measures.py")
         done = subprocess.run(
             [python_with_specio(), "-W", "ignore", str(script), str(served.path)],

@@ -7,7 +7,7 @@ import pytest
 
 from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.cs2000_optics import WAVELENGTHS
-from simulator.wire import Line
+from simulator.wire import SimulatedLine
 
 
 def flat(wavelengths):
@@ -20,7 +20,7 @@ class Computer:
 
     def __init__(self, spectrum=flat, **options) -> None:
         self.machine = CS2000Machine(spectrum, **options)
-        self.line = Line(self.machine, baudrate=115200)
+        self.line = SimulatedLine(self.machine, baudrate=115200)
         self.now = 0.0
 
     def say(self, data, seconds=0.5):
@@ -71,12 +71,12 @@ def test_old_firmware_lacks_the_mode_that_spares_the_flash():
     assert computer.say(b"RMTS,2\r") == b"ER17\r"
     computer.say(b"RMTS,1\r")
     computer.say(b"NDFS,1\r")
-    assert computer.machine.settings.written_to_flash == 1
+    assert computer.machine.settings.flash_write_count == 1
 
 
 def test_the_mode_that_spares_the_flash_does(remote):
     remote.say(b"NDFS,1\rSPMS,1,2\rSCMS,2\r")
-    assert remote.machine.settings.written_to_flash == 0
+    assert remote.machine.settings.flash_write_count == 0
 
 
 @pytest.mark.parametrize(
@@ -239,20 +239,20 @@ def test_its_slit_makes_a_line_five_nanometres_wide():
 
     computer = Computer(line)
     computer.say(b"RMTS,2\rMEAS,1\r", 100.0)
-    values = computer.machine.measured
+    values = computer.machine.measured_radiance
     assert values.sum() == pytest.approx(1e-2)
     half = WAVELENGTHS[values >= values.max() / 2]
     assert half[-1] - half[0] == pytest.approx(4e-9)
 
 
 def test_faults_of_its_own(remote):
-    remote.machine.suffer("stuck")
+    remote.machine.set_fault("stuck")
     assert remote.say(b"MEAS,1\r", 20.0) == b"ER81\r"
-    remote.machine.suffer(None)
-    remote.machine.suffer("error code")
+    remote.machine.set_fault(None)
+    remote.machine.set_fault("error code")
     assert remote.say(b"STSR\r") == b"ER99\r"
-    remote.machine.suffer(None)
-    remote.machine.suffer("busy forever")
+    remote.machine.set_fault(None)
+    remote.machine.set_fault("busy forever")
     assert remote.say(b"MEAS,1\r", 300.0) == b"OK00,003\r"
     assert remote.say(b"MEDR,0,0,1\r") == b"ER02\r"
 

@@ -17,23 +17,23 @@ from coded_pictures import (
     picture,
 )
 
-from drivers.aravis import AravisCamera, found_cameras
-from drivers.aravis.pixels import FORMATS
+from drivers.aravis import AravisCamera, find_cameras
+from drivers.aravis.pixel_formats import FORMATS
 from drivers.errors import DeviceError
 from drivers.ports import cameras
-from simulator.wire.fake_gige import FakeGigE
+from simulator.wire.fake_gige import FakeGigECamera
 
 pytestmark = pytest.mark.aravis
 
 
 @pytest.fixture(scope="module")
-def fake() -> Iterator[FakeGigE]:
+def fake() -> Iterator[FakeGigECamera]:
     with fake_camera() as fake:
         yield fake
 
 
 @pytest.fixture
-def opened(fake: FakeGigE) -> Iterator[AravisCamera]:
+def opened(fake: FakeGigECamera) -> Iterator[AravisCamera]:
     with camera() as device:
         yield device
 
@@ -119,20 +119,20 @@ def test_a_killed_library_is_named_and_started_again(opened: AravisCamera) -> No
 
 
 @pytest.mark.parametrize("address", ["SIM01", "Aravis-Fake-SIM01", ""])
-def test_it_is_found_by_serial_number_and_id(fake: FakeGigE, address: str) -> None:
+def test_it_is_found_by_serial_number_and_id(fake: FakeGigECamera, address: str) -> None:
     with camera(address=address) as device:
         assert device.identity.serial == "SIM01"
 
 
-def test_what_is_there_is_listed(fake: FakeGigE) -> None:
-    assert "SIM01" in [one["serial"] for one in found_cameras()]
+def test_what_is_there_is_listed(fake: FakeGigECamera) -> None:
+    assert "SIM01" in [one["serial"] for one in find_cameras()]
     assert [port.address for port in cameras()] == ["Aravis-Fake-SIM01"]
     with pytest.raises(DeviceError, match=r"can't be opened.*Give one of: Aravis-Fake-SIM01"):
         camera(address="NOBODY").__enter__()
 
 
 @pytest.mark.parametrize("name", list(FORMATS))
-def test_frames_of_every_format_are_what_was_sent(fake: FakeGigE, name: str) -> None:
+def test_frames_of_every_format_are_what_was_sent(fake: FakeGigECamera, name: str) -> None:
     with camera(pixel_format=name, latency_frames=0) as device:
         device.set_exposure(1e-3)
         frame = device.capture(never)
@@ -141,5 +141,5 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigE, name: str) -> 
     np.testing.assert_array_equal(frame.image, picture(1e-3))
 
 
-def test_a_camera_that_somebody_has_is_named(fake: FakeGigE, opened: AravisCamera) -> None:
+def test_a_camera_that_somebody_has_is_named(fake: FakeGigECamera, opened: AravisCamera) -> None:
     assert "somebody else has it open" in str(outcome(camera().__enter__))

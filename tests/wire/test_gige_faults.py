@@ -23,8 +23,8 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Surroundings
 from drivers.supervised import SupervisedCamera
-from simulator.wire.camera_faults import KINDS, CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigE
+from simulator.wire.camera_faults import CAMERA_FAULT_KINDS, CameraFault, CameraFaultKind
+from simulator.wire.fake_gige import FakeGigECamera
 
 pytestmark = pytest.mark.aravis
 
@@ -35,7 +35,7 @@ LOST = "no word from it for 0.8 s|control was lost"
 
 
 @pytest.fixture(scope="module")
-def fake() -> Iterator[FakeGigE]:
+def fake() -> Iterator[FakeGigECamera]:
     with fake_camera("Mono12p") as fake:
         yield fake
 
@@ -46,45 +46,45 @@ def driver() -> AravisCamera:
 
 
 @pytest.fixture
-def opened(fake: FakeGigE, driver: AravisCamera) -> Iterator[SupervisedCamera]:
+def opened(fake: FakeGigECamera, driver: AravisCamera) -> Iterator[SupervisedCamera]:
     """Under watch: a call that takes longer than its documented time says that it hangs."""
     with SupervisedCamera("camera", lambda: driver) as device:
         device.set_exposure(2e-3)
         yield device
-        fake.mend()
+        fake.clear_faults()
 
 
 def bad_frames(driver: AravisCamera) -> int:
     return sum(driver.counts[name] for name in ("missing", "corrupt", "incomplete"))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CAMERA_FAULT_KINDS)
 def test_capture_gives_the_right_frame_or_names_what_is_wrong(
-    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
+    fake: FakeGigECamera, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
     fake.inject(CameraFault(kind))
     result = outcome(lambda: opened.capture(never))
-    assert not opened.dead
+    assert not opened.failure_reason
     if isinstance(result, DeviceError):
         assert "Aravis Fake" in str(result)
     else:
         np.testing.assert_array_equal(result.image, picture(result.exposure))
-    fake.mend()
+    fake.clear_faults()
     opened.set_exposure(3e-3)
     np.testing.assert_array_equal(opened.capture(never).image, picture(3e-3))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CAMERA_FAULT_KINDS)
 def test_an_exposure_is_set_or_the_fault_is_named(
-    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
+    fake: FakeGigECamera, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     fake.inject(CameraFault(kind))
     result = outcome(lambda: opened.set_exposure(4e-3))
-    assert not opened.dead
+    assert not opened.failure_reason
     if not isinstance(result, DeviceError):
         assert result.actual == pytest.approx(4e-3)
-    fake.mend()
+    fake.clear_faults()
     opened.set_exposure(5e-3)
     assert exposure_of(opened.capture(never).image) == pytest.approx(5e-3)
 
@@ -104,7 +104,7 @@ def test_an_exposure_is_set_or_the_fault_is_named(
     ],
 )
 def test_a_lasting_fault_has_a_name(
-    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind, named: str
+    fake: FakeGigECamera, opened: SupervisedCamera, kind: CameraFaultKind, named: str
 ) -> None:
     opened.capture(never)
     fake.inject(CameraFault(kind))
@@ -114,7 +114,7 @@ def test_a_lasting_fault_has_a_name(
 
 @pytest.mark.parametrize("kind", ["missing frame", "corrupt frame", "lost packets"])
 def test_a_passing_fault_costs_time_only(
-    fake: FakeGigE, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
+    fake: FakeGigECamera, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
     before = bad_frames(driver)
@@ -122,7 +122,7 @@ def test_a_passing_fault_costs_time_only(
 
     def mends_what_was_seen() -> bool:
         if bad_frames(driver) > before:
-            fake.mend()
+            fake.clear_faults()
         return False
 
     np.testing.assert_array_equal(driver.capture(mends_what_was_seen).image, picture(2e-3))
@@ -131,30 +131,30 @@ def test_a_passing_fault_costs_time_only(
 
 @pytest.mark.parametrize("kind", ["disconnect", "silence", "heartbeat loss"])
 def test_a_lost_camera_is_noticed_within_an_exposure(
-    fake: FakeGigE, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
+    fake: FakeGigECamera, opened: SupervisedCamera, driver: AravisCamera, kind: CameraFaultKind
 ) -> None:
     """After it, a frame would be missing."""
     opened.set_exposure(20.0)
     struck = AtThirdLook(lambda: fake.inject(CameraFault(kind)))
     with pytest.raises(DeviceError, match=LOST):
         driver.capture(lambda: struck() and False)
-    fake.mend()
+    fake.clear_faults()
     opened.set_exposure(1e-3)
     np.testing.assert_array_equal(opened.capture(never).image, picture(1e-3))
 
 
-def test_it_is_opened_as_it_was_set(fake: FakeGigE) -> None:
+def test_it_is_opened_as_it_was_set(fake: FakeGigECamera) -> None:
     with camera(gain_db=3.0, roi=[4, 2, 16, 12], pixel_format="Mono16") as device:
         device.set_exposure(7e-3)
         fake.inject(CameraFault("disconnect"))
         outcome(lambda: device.capture(never))
-        fake.mend()
+        fake.clear_faults()
         frame: Frame = device.capture(never)
         assert device.pixel_format == "Mono16"
     np.testing.assert_array_equal(frame.image, picture(7e-3, 3.0)[2:14, 4:20])
 
 
-def test_a_supervisor_sees_it_through_an_unplugged_cable(fake: FakeGigE) -> None:
+def test_a_supervisor_sees_it_through_an_unplugged_cable(fake: FakeGigECamera) -> None:
     def make() -> AravisCamera:
         return AravisCamera(Surroundings(RealClock()), "127.0.0.1")
 
@@ -163,15 +163,15 @@ def test_a_supervisor_sees_it_through_an_unplugged_cable(fake: FakeGigE) -> None
         fake.inject(CameraFault("disconnect"))
         with pytest.raises(DeviceError, match="no word"):
             device.capture(never)
-        fake.mend()
+        fake.clear_faults()
         assert exposure_of(device.capture(never).image) == pytest.approx(1e-3)
-        assert not device.dead
+        assert not device.failure_reason
 
 
 @pytest.mark.parametrize("latency", [0, 1, 2, 3])
 @pytest.mark.parametrize("trigger", ["software", "free"])
 def test_no_frame_of_a_bracket_has_another_exposure(
-    fake: FakeGigE, latency: int, trigger: str
+    fake: FakeGigECamera, latency: int, trigger: str
 ) -> None:
     fake.set_latency(latency)
     rng = np.random.default_rng(latency)
@@ -184,7 +184,7 @@ def test_no_frame_of_a_bracket_has_another_exposure(
     fake.set_latency(0)
 
 
-def test_a_hardware_trigger_is_waited_for(fake: FakeGigE) -> None:
+def test_a_hardware_trigger_is_waited_for(fake: FakeGigECamera) -> None:
     import threading
 
     with camera(trigger="hardware", latency_frames=0, trigger_wait_s=1.0) as device:
@@ -206,13 +206,13 @@ def test_a_hardware_trigger_is_waited_for(fake: FakeGigE) -> None:
             thread.join()
 
 
-def test_frames_that_were_dropped_are_counted(fake: FakeGigE) -> None:
+def test_frames_that_were_dropped_are_counted(fake: FakeGigECamera) -> None:
     with camera(trigger="free", frame_rate=100.0, latency_frames=0) as device:
         device.set_exposure(1e-3)
         first = device.next_frame(never)
         fake.inject(CameraFault("missing frame"))
         time.sleep(0.2)
-        fake.mend()
+        fake.clear_faults()
         numbers = [first.number]
         while len(numbers) < 30:
             numbers.append(device.next_frame(never).number)
@@ -223,7 +223,7 @@ def test_frames_that_were_dropped_are_counted(fake: FakeGigE) -> None:
 
 @pytest.mark.parametrize("kind", ["lost packets", "corrupt frame", "missing frame"])
 def test_a_running_camera_without_a_good_frame_is_named_and_cancelled(
-    fake: FakeGigE, kind: CameraFaultKind
+    fake: FakeGigECamera, kind: CameraFaultKind
 ) -> None:
     options = {"packet_size": 576, "frame_timeout_ms": 300, "latency_frames": 0}
     driver = camera(trigger="free", frame_rate=50.0, **options)
@@ -237,11 +237,11 @@ def test_a_running_camera_without_a_good_frame_is_named_and_cancelled(
         with pytest.raises(DeviceError, match="it was cancelled"):
             driver.capture(cancelled)
         assert cancelled.looks == 3
-        fake.mend()
+        fake.clear_faults()
         np.testing.assert_array_equal(device.capture(never).image, picture(1e-3))
 
 
-def test_binning_is_set_and_seen(fake: FakeGigE) -> None:
+def test_binning_is_set_and_seen(fake: FakeGigECamera) -> None:
     with camera(binning=[2, 2]) as device:
         assert device.shape == (SHAPE[0] // 2, SHAPE[1] // 2)
         device.set_exposure(1e-3)
@@ -251,19 +251,19 @@ def test_binning_is_set_and_seen(fake: FakeGigE) -> None:
 
 @pytest.mark.parametrize("kind", ["disconnect", "silence", "heartbeat loss"])
 def test_a_camera_that_nobody_asks_is_gone_by_itself(
-    fake: FakeGigE, opened: SupervisedCamera, kind: CameraFaultKind
+    fake: FakeGigECamera, opened: SupervisedCamera, kind: CameraFaultKind
 ) -> None:
     opened.capture(never)
-    assert opened.gone() == ""
+    assert opened.unplugged_reason() == ""
     fake.inject(CameraFault(kind))
     late = time.monotonic() + PATIENCE
-    while not opened.gone():
+    while not opened.unplugged_reason():
         assert time.monotonic() < late
         time.sleep(0.02)
-    fake.mend()
+    fake.clear_faults()
     with pytest.raises(DeviceError, match=LOST):
         opened.set_exposure(3e-3)
-    assert opened.gone() is None
+    assert opened.unplugged_reason() is None
     opened.set_exposure(3e-3)
     np.testing.assert_array_equal(opened.capture(never).image, picture(3e-3))
-    assert opened.gone() == ""
+    assert opened.unplugged_reason() == ""

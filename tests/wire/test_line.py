@@ -7,7 +7,7 @@ import math
 import pytest
 
 from simulator.machines.machine import Reply
-from simulator.wire import WIRE_KINDS, Line, WireFault
+from simulator.wire import WIRE_FAULT_KINDS, SimulatedLine, WireFault
 
 
 class Parrot:
@@ -31,30 +31,32 @@ class Parrot:
         due = [Reply(t + 0.1, b"")] if data == b"\r" else []
         return [Reply(t, data), *due]
 
-    def suffer(self, kind: str | None) -> None:
+    def set_fault(self, kind: str | None) -> None:
         self.tired = kind == "tired"
 
 
-def talk(line: Line, data: bytes = b"hello\r", at: float = 0.0, until: float = 1.0) -> bytes:
+def talk(
+    line: SimulatedLine, data: bytes = b"hello\r", at: float = 0.0, until: float = 1.0
+) -> bytes:
     line.send(data, at)
     return line.receive(until)
 
 
 def test_a_byte_takes_ten_bits_in_each_direction():
     parrot = Parrot()
-    line = Line(parrot, baudrate=9600)
+    line = SimulatedLine(parrot, baudrate=9600)
     line.send(b"ab", 1.0)
     assert line.receive(1.0) == b""
-    assert line.next_at() == pytest.approx(1.0 + 10 / 9600)
+    assert line.next_event_time() == pytest.approx(1.0 + 10 / 9600)
     assert line.receive(1.0 + 19.9 / 9600) == b""
     assert line.receive(1.0 + 20.1 / 9600) == b"a"
     assert line.receive(1.0 + 30.1 / 9600) == b"b"
     assert [t for _, t in parrot.heard] == pytest.approx([1 + 10 / 9600, 1 + 20 / 9600])
-    assert line.next_at() == math.inf
+    assert line.next_event_time() == math.inf
 
 
 def test_an_appointment_is_kept():
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.send(b"hi\r", 0.0)
     assert line.receive(0.1) == b"hi\r"
     assert line.receive(0.2) == b"hi\r"
@@ -73,17 +75,17 @@ def test_an_appointment_is_kept():
     ],
 )
 def test_what_a_fault_leaves(kind, came):
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.inject(WireFault(kind))
     assert talk(line) == came
-    line.mend()
+    line.clear_faults()
     assert talk(line, b"x\r", 5.0, 6.0)[-2:] == b"x\r"
 
 
 def test_silence_hears_nothing_and_mute_does():
     for kind, heard in (("silence", 0), ("mute", 7)):
         parrot = Parrot()
-        line = Line(parrot, baudrate=9600)
+        line = SimulatedLine(parrot, baudrate=9600)
         line.inject(WireFault(kind))
         talk(line)
         assert len(parrot.heard) == heard
@@ -91,7 +93,7 @@ def test_silence_hears_nothing_and_mute_does():
 
 def test_an_answer_is_cut_short():
     for seed in range(20):
-        line = Line(Parrot(), baudrate=9600, seed=seed)
+        line = SimulatedLine(Parrot(), baudrate=9600, seed=seed)
         line.inject(WireFault("truncated"))
         came = talk(line)
         assert b"hello\rhello\r".startswith(came)
@@ -101,7 +103,7 @@ def test_an_answer_is_cut_short():
 def test_an_answer_is_garbage():
     came = set()
     for seed in range(20):
-        line = Line(Parrot(), baudrate=9600, seed=seed)
+        line = SimulatedLine(Parrot(), baudrate=9600, seed=seed)
         line.inject(WireFault("garbage"))
         came.add(talk(line))
     assert len(came) > 15
@@ -109,10 +111,10 @@ def test_an_answer_is_garbage():
 
 
 def test_an_answer_comes_late_and_others_overtake_it():
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.inject(WireFault("delayed", seconds=0.5, delay=2.0))
     assert talk(line) == b"hello\r"
-    line.mend()
+    line.clear_faults()
     assert talk(line, b"x\r", 1.0, 1.9) == b"x\rx\r"
     assert line.receive(2.0) == b""
     assert line.receive(2.2) == b"hello\r"
@@ -120,7 +122,7 @@ def test_an_answer_comes_late_and_others_overtake_it():
 
 def test_noise_strikes_both_directions_as_often_as_it_says():
     parrot = Parrot()
-    line = Line(parrot, baudrate=115200)
+    line = SimulatedLine(parrot, baudrate=115200)
     line.inject(WireFault("bit flips", share=0.1))
     sent = b"a" * 5000
     came = talk(line, sent)
@@ -131,14 +133,14 @@ def test_noise_strikes_both_directions_as_often_as_it_says():
 
 
 def test_byte_by_byte_takes_its_time():
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.inject(WireFault("byte by byte"))
     assert len(talk(line, b"hello\r", until=0.1)) == 4
     assert line.receive(1.0)
 
 
 def test_a_fault_lasts_as_long_as_it_does():
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.inject(WireFault("mute", at=1.0, seconds=1.0))
     assert talk(line, b"a", 0.5, 0.9) == b"a"
     assert talk(line, b"b", 1.5, 1.9) == b""
@@ -146,29 +148,29 @@ def test_a_fault_lasts_as_long_as_it_does():
 
 
 def test_pulls_are_counted_even_once_they_are_mended():
-    line = Line(Parrot(), baudrate=9600)
+    line = SimulatedLine(Parrot(), baudrate=9600)
     line.inject(WireFault("disconnect", at=1.0, seconds=1.0))
-    assert (line.pulls(0.5), line.next_pull(0.5)) == (0, 1.0)
-    assert not line.is_out(0.5)
-    assert line.is_out(1.5)
-    assert line.pulls(1.5) == 1
+    assert (line.unplug_count(0.5), line.next_unplug_time(0.5)) == (0, 1.0)
+    assert not line.is_unplugged(0.5)
+    assert line.is_unplugged(1.5)
+    assert line.unplug_count(1.5) == 1
     line.receive(2.5)
-    line.mend()
-    assert line.pulls(2.5) == 1
+    line.clear_faults()
+    assert line.unplug_count(2.5) == 1
 
 
 def test_bad_options_are_named():
     with pytest.raises(ValueError, match="baudrate is 0"):
-        Line(Parrot(), baudrate=0)
+        SimulatedLine(Parrot(), baudrate=0)
     with pytest.raises(ValueError, match="kind is 'gremlin'; choose one of silence"):
-        Line(Parrot(), baudrate=9600).inject(WireFault("gremlin"))
+        SimulatedLine(Parrot(), baudrate=9600).inject(WireFault("gremlin"))
     for bad in ({"at": math.nan}, {"seconds": -1.0}, {"delay": math.inf}, {"share": 2.0}):
         with pytest.raises(ValueError, match="must be"):
             WireFault("mute", **bad)
 
 
 def test_every_kind_of_the_wire_can_be_injected():
-    for kind in WIRE_KINDS:
-        line = Line(Parrot(), baudrate=9600)
+    for kind in WIRE_FAULT_KINDS:
+        line = SimulatedLine(Parrot(), baudrate=9600)
         line.inject(WireFault(kind))
         talk(line)

@@ -3,7 +3,7 @@
 import pytest
 
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
-from simulator.wire import Line
+from simulator.wire import SimulatedLine
 
 
 class Terminal:
@@ -11,8 +11,8 @@ class Terminal:
 
     def __init__(self, **options) -> None:
         self.seen = []
-        self.machine = ThorlabsWheelMachine(turned=self.seen.append, **options)
-        self.line = Line(self.machine, baudrate=115200)
+        self.machine = ThorlabsWheelMachine(on_slot=self.seen.append, **options)
+        self.line = SimulatedLine(self.machine, baudrate=115200)
         self.now = 0.0
 
     def type(self, keys, seconds=0.1):
@@ -87,7 +87,7 @@ def test_what_is_typed_while_it_turns_waits(terminal):
 
 def test_saved_is_what_was_set_then(terminal):
     terminal.type(b"sensors=0\rsave\rtrig=1\r")
-    assert terminal.machine.saved == {**terminal.machine.settings, "trig": 0}
+    assert terminal.machine.saved_settings == {**terminal.machine.settings, "trig": 0}
 
 
 def test_firmware_1_0_knows_less_and_wants_a_line_before_each_command():
@@ -101,16 +101,16 @@ def test_firmware_1_0_knows_less_and_wants_a_line_before_each_command():
 
 
 def test_stuck_it_prompts_and_stands_where_it_stood(terminal):
-    terminal.machine.suffer("stuck")
+    terminal.machine.set_fault("stuck")
     assert terminal.type(b"pos=2\r", 1.1) == b"pos=2\r> "
     assert terminal.type(b"pos?\r") == b"pos?\r1\r> "
     assert terminal.seen == []
 
 
 def test_busy_forever_it_never_prompts_until_it_is_mended(terminal):
-    terminal.machine.suffer("busy forever")
+    terminal.machine.set_fault("busy forever")
     assert terminal.type(b"pos=2\r", 100.0) == b"pos=2\r"
-    terminal.machine.suffer(None)
+    terminal.machine.set_fault(None)
     assert terminal.type(b"\r") == b"> \r> "
 
 

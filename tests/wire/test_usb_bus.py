@@ -4,10 +4,10 @@ import usb.util
 
 from simulator.clock import VirtualClock
 from simulator.machines.starlight_wheel import StarlightWheelMachine
-from simulator.machines.turning import Turning
+from simulator.machines.turning_wheel import TurningWheel
 from simulator.machines.zwo_wheel import ZwoWheelMachine
-from simulator.wire.faults import WIRE_KINDS, WireFault
-from simulator.wire.usb_backend import UsbBus, bus, register, unregister
+from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
+from simulator.wire.usb_backend import UsbBus, bus, register_bus, unregister_bus
 
 WHERE = bytes.fromhex("03 7e 5a 02 01").ljust(16, b"\0")
 
@@ -40,7 +40,7 @@ def test_a_plain_script_drives_it(clock):
     """As a script for the real wheel would, with pyusb alone."""
     backend = UsbBus(clock)
     seen = []
-    backend.plug_in(StarlightWheelMachine(step=0.5, turned=seen.append))
+    backend.plug_in(StarlightWheelMachine(step=0.5, on_slot=seen.append))
     device = found(backend)
     if device.is_kernel_driver_active(0):
         device.detach_kernel_driver(0)
@@ -135,7 +135,7 @@ def test_other_faults_change_what_comes(clock, kind):
     device.ctrl_transfer(0x21, 9, 0x0303, 0, bytes.fromhex("03 7e 5a 02 04").ljust(16, b"\0"))
     plug.inject(WireFault(kind, share=1.0))
     struck = device.ctrl_transfer(0xA1, 1, 0x0301, 0, 17).tobytes()
-    plug.mend()
+    plug.clear_faults()
     after = device.ctrl_transfer(0xA1, 1, 0x0301, 0, 17).tobytes()
     assert struck != after
     assert (struck == right) == (kind == "wrong echo")
@@ -145,37 +145,37 @@ def test_a_fault_that_a_machine_cannot_have_is_refused(clock):
     plug = UsbBus(clock).plug_in(StarlightWheelMachine())
     with pytest.raises(ValueError, match="kind is 'error code'; choose silence"):
         plug.inject(WireFault("error code"))
-    for kind in (*WIRE_KINDS, *StarlightWheelMachine.own_faults):
+    for kind in (*WIRE_FAULT_KINDS, *StarlightWheelMachine.own_faults):
         plug.inject(WireFault(kind))
-    plug.mend()
+    plug.clear_faults()
 
 
 def test_buses_are_found_by_name(clock):
     backend = UsbBus(clock)
-    assert register("one", backend) == "simulator.wire.usb_backend:bus@one"
+    assert register_bus("one", backend) == "simulator.wire.usb_backend:bus@one"
     assert bus("one") is backend
-    unregister("one")
-    unregister("one")
+    unregister_bus("one")
+    unregister_bus("one")
     with pytest.raises(LookupError, match="no simulated USB bus 'one'"):
         bus("one")
 
 
 def test_a_wheel_turns_the_shorter_way_in_its_time():
     seen = []
-    wheel = Turning(6, 1, 0.5, turned=seen.append)
-    wheel.go(5, 10.0)
-    assert wheel.stands(10.4) == 0
-    assert wheel.stands(10.6) == 0
-    assert wheel.stands(11.0) == 5
+    wheel = TurningWheel(6, 1, 0.5, on_slot=seen.append)
+    wheel.turn_to(5, 10.0)
+    assert wheel.reported_slot(10.4) == 0
+    assert wheel.reported_slot(10.6) == 0
+    assert wheel.reported_slot(11.0) == 5
     assert seen == [6, 5]
     wheel.stuck = True
-    wheel.go(1, 12.0)
-    assert wheel.stands(20.0) == 5
-    wheel.stuck, wheel.endless = False, True
-    wheel.go(6, 21.0)
-    assert wheel.stands(99.0) == 0
-    wheel.endless = False
-    assert wheel.stands(99.0) == 6
+    wheel.turn_to(1, 12.0)
+    assert wheel.reported_slot(20.0) == 5
+    wheel.stuck, wheel.never_arrives = False, True
+    wheel.turn_to(6, 21.0)
+    assert wheel.reported_slot(99.0) == 0
+    wheel.never_arrives = False
+    assert wheel.reported_slot(99.0) == 6
 
 
 @pytest.mark.parametrize(
@@ -183,4 +183,4 @@ def test_a_wheel_turns_the_shorter_way_in_its_time():
 )
 def test_wheels_that_cannot_be_are_refused(bad):
     with pytest.raises(ValueError):
-        Turning(**bad)
+        TurningWheel(**bad)

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted.calls import Request
+from drivers.hosted.calls import CallRequest
 from drivers.interfaces import Surroundings
 from drivers.starlight_wheel import StarlightWheel
 from drivers.zwo_wheel import ZwoWheel
@@ -15,7 +15,7 @@ from simulator.machines.starlight_wheel import StarlightWheelMachine
 from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.wire.faults import WireFault
 from simulator.wire.usb_backend import UsbBus
-from simulator.wire.usb_remote import RemoteBackend, UsbServer, option
+from simulator.wire.usb_remote import RemoteBackend, UsbServer, backend_option
 
 SEVEN = [[400 + 10 * i, 5] for i in range(7)]
 
@@ -46,7 +46,7 @@ def another_process(path):
 
 
 def wheel_at(path):
-    return StarlightWheel(Surroundings(RealClock()), SEVEN, backend=option(path))
+    return StarlightWheel(Surroundings(RealClock()), SEVEN, backend=backend_option(path))
 
 
 def test_a_driver_turns_a_wheel_of_another_process_and_finds_it_again(tmp_path):
@@ -69,13 +69,13 @@ def test_two_drivers_and_faults_at_one_bus(tmp_path):
     bus = UsbBus(RealClock())
     starlight = bus.plug_in(StarlightWheelMachine(step=0.01))
     bus.plug_in(ZwoWheelMachine(step=0.01))
-    zwo = ZwoWheel(Surroundings(RealClock()), SEVEN, backend=option(path), step_ms=500)
+    zwo = ZwoWheel(Surroundings(RealClock()), SEVEN, backend=backend_option(path), step_ms=500)
     with UsbServer(bus, path), wheel_at(path) as wheel, zwo:
         assert (wheel.set_slot(2).actual, zwo.set_slot(2).actual) == (2, 2)
         starlight.inject(WireFault("stall"))
         with pytest.raises(DeviceError, match="refuses the command"):
             wheel.set_slot(3)
-        starlight.mend()
+        starlight.clear_faults()
         starlight.denied = True
         starlight.inject(WireFault("disconnect", at=0, seconds=0))
         with pytest.raises(DeviceError, match="unplugged"):
@@ -87,7 +87,7 @@ def test_two_drivers_and_faults_at_one_bus(tmp_path):
         starlight.inject(WireFault("silence"))
         with pytest.raises(DeviceError, match="no answer within 1 s"):
             wheel.set_slot(4)
-        starlight.mend()
+        starlight.clear_faults()
     assert not path.exists()
     assert not (tmp_path / "usb.key").exists()
 
@@ -106,7 +106,7 @@ def test_strangers_are_not_served(tmp_path):
         with pytest.raises(AttributeError):
             _ = backend.plug_in
         with pytest.raises(AttributeError, match="plug_in"):
-            backend._exchange(Request("plug_in", (1,)), 1.0).result()
+            backend._exchange(CallRequest("plug_in", (1,)), 1.0).result()
 
 
 def test_where_nobody_serves_there_are_no_devices(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simulator.machines.varispec import VariSpecMachine
-from simulator.wire import Line
+from simulator.wire import SimulatedLine
 
 
 class Bench:
@@ -13,8 +13,8 @@ class Bench:
 
     def __init__(self, **options) -> None:
         self.tuned: list[float] = []
-        self.machine = VariSpecMachine(tuned=self.tuned.append, **options)
-        self.line = Line(self.machine, baudrate=9600)
+        self.machine = VariSpecMachine(on_tuned=self.tuned.append, **options)
+        self.line = SimulatedLine(self.machine, baudrate=9600)
         self.now = 0.0
 
     def type(self, keys: bytes, seconds: float = 1.0) -> bytes:
@@ -178,20 +178,20 @@ def test_the_buffer_holds_256_characters(bench):
 
 
 def test_own_faults(bench):
-    bench.machine.suffer("busy forever")
+    bench.machine.set_fault("busy forever")
     assert bench.type(b"W ?\r", 100.0) == b"W ?\r"
     assert bench.type(b"!") == b"!<"
-    bench.machine.suffer(None)
+    bench.machine.set_fault(None)
     assert bench.type(b"\x1b") == b"\x1b"
     assert bench.type(b"W ?\r") == b"W ?\rW 550.00\r"
-    bench.machine.suffer("error code")
+    bench.machine.set_fault("error code")
     bench.type(b"W 500\r")
     assert bench.type(b"R ?\r") == b"R ?\rR     8\r"
-    bench.machine.suffer(None)
-    bench.machine.suffer("uninitialised")
+    bench.machine.set_fault(None)
+    bench.machine.set_fault("uninitialised")
     assert bench.type(b"@")[1] & 1 == 0
     assert bench.type(b"W ?\r") == b"W ?\rW*\r"
-    bench.machine.suffer(None)
+    bench.machine.set_fault(None)
     assert bench.type(b"W ?\r") == b"W ?\rW 550.00\r"
 
 

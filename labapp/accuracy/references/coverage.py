@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
-from labapp.accuracy.references.lens import (
-    breaks_of,
-    crossings_with_upright,
+from labapp.accuracy.references.lens_integral import (
+    break_heights,
     open_intervals,
-    positions,
+    sample_positions,
+    vertical_line_crossings,
 )
 from optics.plane import Plane
 from optics.stop.aperture import Stop
@@ -23,7 +23,7 @@ _NODES = 12
 """Between two breaks, where what is open is smooth in the cosine of an angle."""
 
 
-def open_shares(stop: Stop, radius: float, plane: Plane) -> Array:
+def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
     """Share of every cell around a plane's samples that a stop leaves open.
 
     Parameters
@@ -42,9 +42,9 @@ def open_shares(stop: Stop, radius: float, plane: Plane) -> Array:
     """
     (top, left), (height, width) = _edges(plane, radius), plane.pitch
     area = np.zeros(plane.shape)
-    low, high = breaks_of(stop)[0], breaks_of(stop)[-1]
-    met = [y for x in left for y in crossings_with_upright(stop, float(x))]
-    breaks = sorted({*breaks_of(stop), *met, *(y for y in top if low < y < high)})
+    low, high = break_heights(stop)[0], break_heights(stop)[-1]
+    met = [y for x in left for y in vertical_line_crossings(stop, float(x))]
+    breaks = sorted({*break_heights(stop), *met, *(y for y in top if low < y < high)})
     nodes, weights = roots_legendre(_NODES)
     angles = nodes * np.pi / 2
     for low, high in pairwise(breaks):
@@ -64,7 +64,7 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
     """Where cells begin and end along y and x, in stop radii."""
     found = []
     for axis in (0, 1):
-        middles, half = positions(plane, axis), plane.pitch[axis] / 2
+        middles, half = sample_positions(plane, axis), plane.pitch[axis] / 2
         found.append(np.append(middles - half, middles[-1] + half) / radius)
     return found[0], found[1]
 

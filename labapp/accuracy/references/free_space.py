@@ -48,7 +48,7 @@ class Gaussian:
     frequency: tuple[float, float]
     width: float
 
-    def along(self, axis: int, where: Real) -> Complex:
+    def factor_along(self, axis: int, where: Real) -> Complex:
         away = where - self.middle[axis]
         wave = 2j * np.pi * self.frequency[axis] * away
         return np.asarray(np.exp(wave - (away / self.width) ** 2))
@@ -63,7 +63,8 @@ class SmoothLight:
 
     def on(self, y: Real, x: Real) -> Complex:
         parts = [
-            one.strength * np.outer(one.along(0, y), one.along(1, x)) for one in self.gaussians
+            one.strength * np.outer(one.factor_along(0, y), one.factor_along(1, x))
+            for one in self.gaussians
         ]
         return np.asarray(np.sum(parts, axis=0))
 
@@ -71,12 +72,12 @@ class SmoothLight:
     def samples(self) -> Complex:
         return self.on(*(self.plane.coordinates(axis).numpy() for axis in (0, 1)))
 
-    def pieces(self, axis: int) -> Real:
+    def smooth_pieces(self, axis: int) -> Real:
         """The ends of pieces in which the light is smooth, (pieces, 2): the plane is one."""
         where = self.plane.coordinates(axis).numpy()
         return np.array([[where[0], where[-1]]])
 
-    def turns(self, axis: int) -> float:
+    def spatial_frequency(self, axis: int) -> float:
         """Cycles per metre of the light by itself."""
         return max(abs(g.frequency[axis]) + 1 / (math.pi * g.width) for g in self.gaussians)
 
@@ -95,11 +96,11 @@ class CellLight:
         )
         return np.asarray(self.samples[np.ix_(rows.astype(int), columns.astype(int))])
 
-    def pieces(self, axis: int) -> Real:
+    def smooth_pieces(self, axis: int) -> Real:
         half = self.plane.pitch[axis] / 2
         return self.plane.coordinates(axis).numpy()[:, None] + np.array([-half, half])
 
-    def turns(self, axis: int) -> float:
+    def spatial_frequency(self, axis: int) -> float:
         return 0.0
 
 
@@ -123,7 +124,7 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
     Complex
         (places,), within about 1e-10 of the integral.
     """
-    (y, wy), (x, wx) = (_rule(light, places, axis, paraxial=paraxial) for axis in (0, 1))
+    (y, wy), (x, wx) = (_quadrature_rule(light, places, axis, paraxial=paraxial) for axis in (0, 1))
     if paraxial:
         down, across = (
             _fresnel(seen[:, None] - nodes, places) * weights
@@ -143,29 +144,32 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
 def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
     """Values of the kernel that exact_field() computes."""
     counts = [
-        sum(_counts(light, places, axis, paraxial=paraxial)) * light.pieces(axis).shape[0]
+        sum(_node_counts(light, places, axis, paraxial=paraxial))
+        * light.smooth_pieces(axis).shape[0]
         for axis in (0, 1)
     ]
     return places.y.size * float(sum(counts) if paraxial else math.prod(counts))
 
 
-def _rule(light: Light, places: Places, axis: int, *, paraxial: bool) -> tuple[Real, Real]:
+def _quadrature_rule(
+    light: Light, places: Places, axis: int, *, paraxial: bool
+) -> tuple[Real, Real]:
     """Nodes and weights along an axis, as dense in all pieces as the steepest one needs."""
-    pieces = light.pieces(axis)
-    counts = _counts(light, places, axis, paraxial=paraxial)
-    inside, weight = (np.concatenate(part) for part in zip(*_panels(counts), strict=True))
+    pieces = light.smooth_pieces(axis)
+    counts = _node_counts(light, places, axis, paraxial=paraxial)
+    inside, weight = (np.concatenate(part) for part in zip(*_composite_rule(counts), strict=True))
     half = np.diff(pieces) / 2
     return (pieces.mean(axis=1)[:, None] + half * inside).ravel(), (half * weight).ravel()
 
 
-def _counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
+def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
     """Nodes of each panel into which every piece is cut."""
-    pieces = light.pieces(axis)
+    pieces = light.smooth_pieces(axis)
     seen = (places.y, places.x)[axis]
     far = max(abs(seen.max() - pieces.min()), abs(seen.min() - pieces.max()))
     slope = far / (abs(places.distance) if paraxial else math.hypot(far, places.distance))
     cycles = float((pieces[:, 1] - pieces[:, 0]).max()) * (
-        slope / places.wavelength + light.turns(axis)
+        slope / places.wavelength + light.spatial_frequency(axis)
     )
     panels = math.ceil(cycles / _CYCLES)
     if isinstance(light, SmoothLight):
@@ -178,7 +182,7 @@ def _counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[
     return [count]
 
 
-def _panels(counts: list[int]) -> list[tuple[Real, Real]]:
+def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
     """Nodes and weights of panels side by side, which together reach from -1 to 1."""
     found = []
     for number, count in enumerate(counts):

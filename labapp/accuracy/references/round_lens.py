@@ -11,7 +11,7 @@ from optics.camera import Lens
 Picture = NDArray[np.float64]
 
 
-def round_lens_picture(
+def round_lens_psf(
     lens: Lens, distance: float, wavelength: float, pitch: float, side: int
 ) -> Picture:
     """Share of a point's light on each pixel of a square window, density times area.

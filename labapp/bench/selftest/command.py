@@ -13,11 +13,11 @@ from typing import Any
 from rich.markup import escape
 
 import labapp
-from labapp.bench.opening import Alone, BenchFiles, BenchSetup, open_device
-from labapp.bench.selftest.by_role import checks_of
-from labapp.bench.selftest.checks import Finding, look, looked
-from labapp.common.console import out, print_json, table, watched
-from labapp.files.writing import require_writable, write_whole
+from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, open_device
+from labapp.bench.selftest.checks import CheckResult, run_check, run_checks
+from labapp.bench.selftest.role_checks import device_checks
+from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.files.writing import require_writable, write_atomically
 
 
 def run_selftest(
@@ -36,12 +36,12 @@ def run_selftest(
     """
     if report is not None:
         require_writable(report, force=force)
-    setup = BenchFiles.default(bench, scene).read()
-    found = _tested(setup, role)
+    setup = BenchFiles.with_defaults(bench, scene).read()
+    found = _test_device(setup, role)
     described = setup.bench.devices.tables[role]
     data = _as_data(role, setup.bench.name, described.model_dump(), found)
     if report is not None:
-        write_whole(report, (json.dumps(data, indent=2) + "\n").encode())
+        write_atomically(report, (json.dumps(data, indent=2) + "\n").encode())
     if as_json:
         print_json(data)
         return bool(data["well"])
@@ -51,23 +51,23 @@ def run_selftest(
     return bool(data["well"])
 
 
-def _tested(setup: BenchSetup, role: str) -> list[Finding]:
+def _test_device(setup: BenchSetup, role: str) -> list[CheckResult]:
     with ExitStack() as stack:
-        alone: list[Alone] = []
+        alone: list[OpenDevice] = []
 
         def open_it() -> str:
             alone.append(stack.enter_context(open_device(setup, role)))
             return ""
 
-        opened = looked("open", open_it)
+        opened = run_check("open", open_it)
         if not opened.passed:
             return [opened]
-        progress = stack.enter_context(watched())
-        return look(checks_of(role, alone[0].device, alone[0].clock), progress)
+        progress = stack.enter_context(terminal_progress())
+        return run_checks(device_checks(role, alone[0].device, alone[0].clock), progress)
 
 
 def _as_data(
-    role: str, bench: str, described: dict[str, Any], found: list[Finding]
+    role: str, bench: str, described: dict[str, Any], found: list[CheckResult]
 ) -> dict[str, Any]:
     return {
         "device": role,
@@ -81,12 +81,12 @@ def _as_data(
     }
 
 
-def _print(role: str, driver: str, found: list[Finding]) -> None:
+def _print(role: str, driver: str, found: list[CheckResult]) -> None:
     rows = [
         [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", escape(one.detail)]
         for one in found
     ]
-    table(f"Self-test of the {role} ({driver})", ["check", "", "seconds ", "seen"], rows)
+    print_table(f"Self-test of the {role} ({driver})", ["check", "", "seconds ", "seen"], rows)
     failed = sum(not one.passed for one in found)
     verdict = f"{failed} of {len(found)} checks FAILED" if failed else f"all {len(found)} passed"
     out.print(verdict, style="bold red" if failed else "bold", markup=False)

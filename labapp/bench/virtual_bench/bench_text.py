@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from labapp.bench.virtual_bench.instruments import Instrument
+from labapp.bench.virtual_bench.instruments import ServedInstrument
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_folder import as_toml
 
@@ -15,7 +15,9 @@ _HEAD = """\
 """
 
 
-def bench_text(bench: BenchFile, served: Mapping[str, Instrument], targets: Sequence[str]) -> str:
+def bench_text(
+    bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
+) -> str:
     """TOML. Devices that aren't served stay as they are in `bench`."""
     data = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     devices = data.pop("devices")
@@ -23,9 +25,9 @@ def bench_text(bench: BenchFile, served: Mapping[str, Instrument], targets: Sequ
     text = _HEAD
     for role in {**devices, **served}:
         if role == "targets":
-            table = _plain("manual-targets", {"names": list(targets)})
+            table = _device_table("manual-targets", {"names": list(targets)})
         elif one := served.get(role):
-            table = _plain(one.driver, one.options)
+            table = _device_table(one.driver, one.options)
         else:
             text += f"# The {role} isn't served: it is the one that the bench file had.\n"
             table = devices[role]
@@ -33,5 +35,5 @@ def bench_text(bench: BenchFile, served: Mapping[str, Instrument], targets: Sequ
     return text + as_toml(data)
 
 
-def _plain(driver: str, options: dict[str, Any]) -> dict[str, Any]:
+def _device_table(driver: str, options: dict[str, Any]) -> dict[str, Any]:
     return {"driver": driver, "options": options, "simulated": True}

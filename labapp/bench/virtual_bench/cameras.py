@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from drivers.aravis.link import PACKAGES
-from drivers.aravis.pixels import FORMATS
-from labapp.bench.virtual_bench.instruments import Instrument, Site, behind_packets
+from drivers.aravis.library_process import PACKAGES
+from drivers.aravis.pixel_formats import FORMATS
+from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext, gige_instrument
 from labapp.common.errors import UserError
 from optics.camera import Sensor
-from simulator.wire.fake_gige import FakeGigE, NoAravis
+from simulator.wire.fake_gige import FakeGigECamera, NoAravis
 
 _ADDRESS = "127.0.0.1"
 
@@ -15,7 +15,7 @@ _COMPUTING_MS = 30_000.0
 """For which the driver waits for a picture: it must first be computed."""
 
 
-def serve_camera(sensor: Sensor, site: Site) -> Instrument:
+def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
     """Start it until the site's stack is left; UserError if there is no Aravis or no place."""
     name = f"Mono{sensor.bits}"
     if name not in FORMATS:
@@ -24,11 +24,11 @@ def serve_camera(sensor: Sensor, site: Site) -> Instrument:
             "'sensor.bits', or leave the camera out with --camera none."
         )
     shortest, longest = sensor.exposure_range
-    camera = FakeGigE(
-        site.shared.seen,
+    camera = FakeGigECamera(
+        site.shared.render_frame,
         sensor.shape,
         name,
-        fresh=True,
+        always_render=True,
         exposure_us=(max(1, round(shortest * 1e6)), round(longest * 1e6)),
         address=_ADDRESS,
         clock=site.clock,
@@ -52,4 +52,4 @@ def serve_camera(sensor: Sensor, site: Site) -> Instrument:
         "frame_timeout_ms": _COMPUTING_MS,
         "electrons_per_number": sensor.gain,
     }
-    return behind_packets(options, camera, site.clock)
+    return gige_instrument(options, camera, site.clock)

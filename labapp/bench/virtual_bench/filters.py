@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from drivers.interfaces import Surroundings
-from labapp.bench.virtual_bench.instruments import Instrument, Site, on_a_line, on_a_wire
+from labapp.bench.virtual_bench.instruments import (
+    ServedInstrument,
+    ServingContext,
+    serve_on_serial_line,
+    wired_instrument,
+)
 from labapp.common.errors import UserError
 from labapp.files.bench_file import DeviceTable
 from simulator.devices import SimulatedFilter, SimulatedWheel
@@ -14,27 +19,27 @@ from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.wire.usb_backend import UsbBus
-from simulator.wire.usb_remote import UsbServer, option
+from simulator.wire.usb_remote import UsbServer, backend_option
 
 FILTERS = ("varispec", "thorlabs", "starlight", "zwo")
 
 _SLOTS = ((450, 10), (500, 10), (532, 10), (550, 10), (600, 10), (633, 10))
 """Centres and widths in nm, of a wheel that no bench file tells."""
 
-_OF_A_FILTER = ("range_nm", "bandwidth_nm", "settling_ms", "shape", "leak", "leak_range_nm")
-_OF_A_WHEEL = ("slots_nm", "shape", "leak", "leak_range_nm")
+_FILTER_OPTIONS = ("range_nm", "bandwidth_nm", "settling_ms", "shape", "leak", "leak_range_nm")
+_WHEEL_OPTIONS = ("slots_nm", "shape", "leak", "leak_range_nm")
 
 
-def serve_filter(kind: str, described: DeviceTable, site: Site) -> Instrument:
+def serve_filter(kind: str, table: DeviceTable, site: ServingContext) -> ServedInstrument:
     """Start it until the site's stack is left.
 
-    kind: one of FILTERS. described: the filter of the bench file, for its range, width, slots
+    kind: one of FILTERS. table: the filter of the bench file, for its range, width, slots
     and shape where it tells them. UserError if it describes what this kind can't be.
     """
     try:
         if kind == "varispec":
-            return _varispec(described, site)
-        return _wheel(kind, described, site)
+            return _serve_varispec(table, site)
+        return _serve_wheel(kind, table, site)
     except (TypeError, ValueError) as error:
         raise UserError(
             f"the bench file's filter can't be a {kind}: {error}. Choose another --filter, or "
@@ -42,21 +47,25 @@ def serve_filter(kind: str, described: DeviceTable, site: Site) -> Instrument:
         ) from error
 
 
-def _given(described: DeviceTable, names: tuple[str, ...]) -> dict[str, Any]:
+def _select_options(described: DeviceTable, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: described.options[name] for name in names if name in described.options}
 
 
-def _varispec(described: DeviceTable, site: Site) -> Instrument:
-    with site.shared.changing() as world:
-        light = SimulatedFilter(Surroundings(site.clock, world), **_given(described, _OF_A_FILTER))
+def _serve_varispec(described: DeviceTable, site: ServingContext) -> ServedInstrument:
+    with site.shared.exclusive_access() as world:
+        light = SimulatedFilter(
+            Surroundings(site.clock, world), **_select_options(described, _FILTER_OPTIONS)
+        )
     low, high = light.wavelength_range
 
-    def tuned(wavelength: float) -> None:
-        with site.shared.changing() as world:
+    def apply_wavelength(wavelength: float) -> None:
+        with site.shared.exclusive_access() as world:
             world.wavelength = wavelength
 
-    machine = VariSpecMachine(range_nm=(round(low * 1e9, 3), round(high * 1e9, 3)), tuned=tuned)
-    return on_a_line(
+    machine = VariSpecMachine(
+        range_nm=(round(low * 1e9, 3), round(high * 1e9, 3)), on_tuned=apply_wavelength
+    )
+    return serve_on_serial_line(
         site,
         "varispec",
         machine,
@@ -66,25 +75,25 @@ def _varispec(described: DeviceTable, site: Site) -> Instrument:
     )
 
 
-def _wheel(kind: str, described: DeviceTable, site: Site) -> Instrument:
-    given = {"slots_nm": _SLOTS} | _given(described, _OF_A_WHEEL)
-    with site.shared.changing() as world:
+def _serve_wheel(kind: str, described: DeviceTable, site: ServingContext) -> ServedInstrument:
+    given = {"slots_nm": _SLOTS} | _select_options(described, _WHEEL_OPTIONS)
+    with site.shared.exclusive_access() as world:
         light = site.stack.enter_context(SimulatedWheel(Surroundings(site.clock, world), **given))
     count = len(light.slots)
 
-    def turned(slot: int) -> None:
-        with site.shared.changing():
+    def apply_slot(slot: int) -> None:
+        with site.shared.exclusive_access():
             light.set_slot(slot)
 
     options: dict[str, Any] = {"slots_nm": [list(slot) for slot in given["slots_nm"]]}
     if kind == "thorlabs":
-        machine = ThorlabsWheelMachine(count, turned=turned)
-        return on_a_line(site, "thorlabs-wheel", machine, 115200, **options)
+        machine = ThorlabsWheelMachine(count, on_slot=apply_slot)
+        return serve_on_serial_line(site, "thorlabs-wheel", machine, 115200, **options)
     make = StarlightWheelMachine if kind == "starlight" else ZwoWheelMachine
-    usb = make(count, turned=turned)
+    usb = make(count, on_slot=apply_slot)
     bus, path = UsbBus(site.clock), site.folder / "usb"
     plug = bus.plug_in(usb)
     site.stack.callback(path.unlink, missing_ok=True)
     site.stack.enter_context(UsbServer(bus, path))
-    options |= {"backend": option(path)}
-    return on_a_wire(f"{kind}-wheel", options, plug, usb.own_faults, site.clock)
+    options |= {"backend": backend_option(path)}
+    return wired_instrument(f"{kind}-wheel", options, plug, usb.own_faults, site.clock)

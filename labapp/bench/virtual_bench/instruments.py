@@ -9,22 +9,22 @@ from pathlib import Path
 from typing import Any, cast
 
 from drivers.interfaces import Clock
-from labapp.bench.virtual_bench.shared import SharedWorld
-from simulator.machines.machine import Machine
-from simulator.wire.camera_faults import KINDS as CAMERA_KINDS
+from labapp.bench.virtual_bench.shared_world import SharedWorld
+from simulator.machines.machine import SerialMachine
+from simulator.wire.camera_faults import CAMERA_FAULT_KINDS as CAMERA_KINDS
 from simulator.wire.camera_faults import CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigE
-from simulator.wire.faults import WIRE_KINDS, WireFault
-from simulator.wire.line import Line
-from simulator.wire.pty import ServedLine
+from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
+from simulator.wire.line import SimulatedLine
+from simulator.wire.pty import PtyLine
 from simulator.wire.usb_plug import Plug
 
-_PLUGGING = 1.0
+_PORT_TIMEOUT = 1.0
 """Seconds in which a port comes or goes."""
 
 
 @dataclass(frozen=True)
-class Site:
+class ServingContext:
     """Where instruments are served: a world, a folder for their ports, and what ends them."""
 
     shared: SharedWorld
@@ -37,53 +37,61 @@ class Site:
 
 
 @dataclass(frozen=True)
-class Instrument:
-    """One that is served. driver, options: as in a bench file. kinds: of its faults."""
+class ServedInstrument:
+    """One that is served. driver, options: as in a bench file. fault_kinds: of its faults."""
 
     driver: str
     options: dict[str, Any]
-    kinds: tuple[str, ...] = ()
-    fail: Callable[[str, float], None] = field(default=lambda kind, seconds: None)
+    fault_kinds: tuple[str, ...] = ()
+    inject_fault: Callable[[str, float], None] = field(default=lambda kind, seconds: None)
     """Have something go wrong for so many seconds; ValueError for an unknown kind."""
-    mend: Callable[[], None] = field(default=lambda: None)
+    clear_faults: Callable[[], None] = field(default=lambda: None)
 
 
-def on_a_line(
-    site: Site, driver: str, machine: Machine, baudrate: int, **options: Any
-) -> Instrument:
+def serve_on_serial_line(
+    site: ServingContext, driver: str, machine: SerialMachine, baudrate: int, **options: Any
+) -> ServedInstrument:
     """An instrument at a serial port of the driver's name."""
-    line, port = Line(machine, baudrate=baudrate), site.folder / driver
-    site.stack.enter_context(ServedLine(line, port, site.clock))
-    return on_a_wire(driver, {"port": str(port)} | options, line, machine.own_faults, site.clock)
+    line, port = SimulatedLine(machine, baudrate=baudrate), site.folder / driver
+    site.stack.enter_context(PtyLine(line, port, site.clock))
+    return wired_instrument(
+        driver, {"port": str(port)} | options, line, machine.own_faults, site.clock
+    )
 
 
-def on_a_wire(
-    driver: str, options: dict[str, Any], wire: Line | Plug, own: tuple[str, ...], clock: Clock
-) -> Instrument:
-    """An instrument behind a serial line or a USB plug. own: the machine's own faults."""
+def wired_instrument(
+    driver: str,
+    options: dict[str, Any],
+    wire: SimulatedLine | Plug,
+    own_faults: tuple[str, ...],
+    clock: Clock,
+) -> ServedInstrument:
+    """An instrument behind a serial line or a USB plug. own_faults: the machine's own faults."""
     port = Path(options["port"]) if "port" in options else None
 
     def fail(kind: str, seconds: float) -> None:
         wire.inject(WireFault(kind, clock.now(), seconds))
-        _await(port, kind != "disconnect", clock)
+        _wait_for_port(port, kind != "disconnect", clock)
 
     def mend() -> None:
-        wire.mend()
-        _await(port, True, clock)
+        wire.clear_faults()
+        _wait_for_port(port, True, clock)
 
-    return Instrument(driver, options, (*WIRE_KINDS, *own), fail, mend)
+    return ServedInstrument(driver, options, (*WIRE_FAULT_KINDS, *own_faults), fail, mend)
 
 
-def _await(port: Path | None, there: bool, clock: Clock) -> None:
+def _wait_for_port(port: Path | None, there: bool, clock: Clock) -> None:
     """Return when a port has come or gone, which whoever serves it soon sees to."""
     if port is not None:
-        clock.wait_until(clock.now() + _PLUGGING, lambda: port.is_symlink() == there)
+        clock.wait_until(clock.now() + _PORT_TIMEOUT, lambda: port.is_symlink() == there)
 
 
-def behind_packets(options: dict[str, Any], camera: FakeGigE, clock: Clock) -> Instrument:
+def gige_instrument(
+    options: dict[str, Any], camera: FakeGigECamera, clock: Clock
+) -> ServedInstrument:
     """The camera."""
 
     def fail(kind: str, seconds: float) -> None:
         camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))
 
-    return Instrument("aravis-camera", options, CAMERA_KINDS, fail, camera.mend)
+    return ServedInstrument("aravis-camera", options, CAMERA_KINDS, fail, camera.clear_faults)

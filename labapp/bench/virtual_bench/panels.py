@@ -10,31 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
-from drivers.screen.choosing import Wanted, choose
+from drivers.screen.screen_choice import ScreenRequest, choose_screen
 from drivers.x11 import ScreenReader, XConnection, XError
-from drivers.x11.outputs import Output, outputs
-from labapp.bench.virtual_bench.instruments import Instrument, Site
-from labapp.bench.virtual_bench.shared import SharedWorld
-from labapp.common.console import say
+from drivers.x11.outputs import Output, list_outputs
+from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext
+from labapp.bench.virtual_bench.shared_world import SharedWorld
+from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from optics.slm import Panel
 from simulator.screens import NoXServer, xvfb
 
 
-class WatchedPanel:
+class ScreenMirror:
     """Has the world's panel show what stands on a screen, whenever it is looked at.
 
     A screen that can't be read is dark, as a panel without a signal; it is looked for again.
     """
 
-    def __init__(self, shared: SharedWorld, display: str, wanted: Wanted) -> None:
-        self._shared, self._display, self._wanted = shared, display, wanted
+    def __init__(self, shared: SharedWorld, display: str, request: ScreenRequest) -> None:
+        self._shared, self._display, self._wanted = shared, display, request
         self._turn = threading.Lock()
         self._reader: ScreenReader | None = None
         self._trouble, self._closed = "", False
         self.output = self._open()
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Read the screen, if anything was drawn on it since the last time."""
         with self._turn:
             if self._closed:
@@ -42,15 +42,15 @@ class WatchedPanel:
             try:
                 if self._reader is None:
                     self._open()
-                grey = self._changed()
+                grey = self._read_if_changed()
             except (XError, DeviceError, UserError) as error:
                 self._drop()
                 grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
-                self._tell(f"the panel has no signal: {error}")
+                self._report_trouble(f"the panel has no signal: {error}")
             else:
-                self._tell("")
+                self._report_trouble("")
         if grey is not None:
-            with self._shared.changing() as world:
+            with self._shared.exclusive_access() as world:
                 world.grey = grey
 
     def close(self) -> None:
@@ -64,32 +64,32 @@ class WatchedPanel:
         if reader is not None:
             reader.close()
 
-    def _changed(self) -> NDArray[np.uint8] | None:
-        if self._reader is None or not self._reader.changed():
+    def _read_if_changed(self) -> NDArray[np.uint8] | None:
+        if self._reader is None or not self._reader.has_changed():
             return None
         return self._reader.grey()
 
     def _open(self) -> Output:
-        found = _found(self._display, self._wanted)
+        found = _find_output(self._display, self._wanted)
         self._reader = ScreenReader(self._display, found.region)
         return found
 
-    def _tell(self, trouble: str) -> None:
+    def _report_trouble(self, trouble: str) -> None:
         if trouble and not self._trouble:
-            say(trouble)
+            print_message(trouble)
         self._trouble = trouble
 
 
-def serve_panel(panel: Panel, display: str, screen: str, site: Site) -> Instrument:
+def serve_panel(panel: Panel, display: str, screen: str, site: ServingContext) -> ServedInstrument:
     """Watch a screen until the site's stack is left: that of `display`, or of an Xvfb of our own.
 
     UserError if there is no such screen, or it is the operator's.
     """
     rows, columns = panel.shape
     display = display or _start_xvfb(rows, columns, site.stack)
-    wanted = Wanted(screen, columns, rows, panel.frame_rate, allow_primary=True)
+    wanted = ScreenRequest(screen, columns, rows, panel.frame_rate, allow_primary=True)
     try:
-        watched = WatchedPanel(site.shared, display, wanted)
+        watched = ScreenMirror(site.shared, display, wanted)
     except (XError, DeviceError) as error:
         raise UserError(
             f"{error}" if isinstance(error, DeviceError) else f"display {display!r}: {error}."
@@ -101,9 +101,9 @@ def serve_panel(panel: Panel, display: str, screen: str, site: Site) -> Instrume
             f"screen {found.name!r} is the operator's own: patterns would cover it. Name another "
             "with --screen, or leave --display out for a screen that only programs see."
         )
-    site.shared.look = watched.look
-    watched.look()
-    return Instrument(
+    site.shared.before_frame = watched.update
+    watched.update()
+    return ServedInstrument(
         "screen-slm",
         {
             "screen": found.name,
@@ -118,17 +118,17 @@ def serve_panel(panel: Panel, display: str, screen: str, site: Site) -> Instrume
     )
 
 
-def _found(display: str, wanted: Wanted) -> Output:
+def _find_output(display: str, request: ScreenRequest) -> Output:
     x = XConnection(display)
     try:
-        there = outputs(x)
+        there = list_outputs(x)
     finally:
         x.close()
     # Whatever its rate is, it is told to the driver.
     try:
-        chosen = choose(wanted, [replace(output, refresh=0.0) for output in there])
+        chosen = choose_screen(request, [replace(output, refresh=0.0) for output in there])
     except DeviceError:
-        choose(wanted, there)  # which lists them as they are
+        choose_screen(request, there)  # which lists them as they are
         raise
     return next(output for output in there if output.number == chosen.number)
 

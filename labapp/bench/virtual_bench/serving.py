@@ -11,17 +11,17 @@ from drivers.clock import RealClock
 from labapp.bench.opening import BenchFiles, BenchSetup, build_world, read_scene
 from labapp.bench.virtual_bench.bench_text import bench_text
 from labapp.bench.virtual_bench.cameras import serve_camera
+from labapp.bench.virtual_bench.command_input import catch_stop_requests, read_commands
+from labapp.bench.virtual_bench.command_interpreter import CommandInterpreter
 from labapp.bench.virtual_bench.filters import FILTERS, serve_filter
-from labapp.bench.virtual_bench.instruments import Instrument, Site
-from labapp.bench.virtual_bench.listening import asked_to_end, listen
+from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext
 from labapp.bench.virtual_bench.panels import serve_panel
-from labapp.bench.virtual_bench.shared import SharedWorld
+from labapp.bench.virtual_bench.shared_world import SharedWorld
 from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
-from labapp.bench.virtual_bench.talking import Talk
-from labapp.common.console import say
+from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench
-from labapp.files.writing import make_folder, require_writable, write_whole
+from labapp.files.writing import make_folder, require_writable, write_atomically
 
 _KINDS = {
     "filter": FILTERS,
@@ -33,7 +33,7 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
-class Wished:
+class ServeOptions:
     """What shall be served. files: of the bench that is described, and of its scene.
 
     folder: for the ports; one of their own if None. out: the bench file that is written.
@@ -51,7 +51,7 @@ class Wished:
     force: bool
     until_eof: bool
 
-    def require_sound(self) -> None:
+    def require_valid(self) -> None:
         """UserError names the first option that is wrong."""
         for name, kinds in _KINDS.items():
             value, known = getattr(self, name), (*kinds, "none")
@@ -65,43 +65,45 @@ class Wished:
             require_writable(self.out, force=self.force)
 
 
-def serve(wished: Wished) -> None:
+def serve(options: ServeOptions) -> None:
     """Serve until the end is asked for; nothing is left behind. UserError says what is wrong."""
-    wished.require_sound()
+    options.require_valid()
     setup = BenchSetup(
-        read_bench(wished.files.bench),
-        read_scene(wished.files),
-        str(wished.files.bench),
-        str(wished.files.scene),
+        read_bench(options.files.bench),
+        read_scene(options.files),
+        str(options.files.bench),
+        str(options.files.scene),
     )
-    with asked_to_end() as ended, ExitStack() as stack:
-        shared, targets, served = _start(wished, setup, stack)
+    with catch_stop_requests() as ended, ExitStack() as stack:
+        shared, targets, served = _start(options, setup, stack)
         text = bench_text(setup.bench, served, targets)
         print(text, flush=True)
-        if wished.out is not None:
-            write_whole(wished.out, text.encode())
-        _say_what_next(wished, list(served))
-        listen(Talk(shared, targets, served), ended, until_eof=wished.until_eof)
-    say("the virtual bench has ended")
+        if options.out is not None:
+            write_atomically(options.out, text.encode())
+        _print_next_steps(options, list(served))
+        read_commands(
+            CommandInterpreter(shared, targets, served), ended, until_eof=options.until_eof
+        )
+    print_message("the virtual bench has ended")
 
 
 def _start(
-    wished: Wished, setup: BenchSetup, stack: ExitStack
-) -> tuple[SharedWorld, list[str], dict[str, Instrument]]:
+    options: ServeOptions, setup: BenchSetup, stack: ExitStack
+) -> tuple[SharedWorld, list[str], dict[str, ServedInstrument]]:
     """The world, its targets, and the instruments before it by their names on the bench."""
     clock = RealClock()
-    camera = setup.bench.uncalibrated().build_camera()
+    camera = setup.bench.without_calibration().build_camera()
     world = build_world(camera, setup, clock)
     shared = SharedWorld(world, clock)
-    site = Site(shared, _folder(wished.folder, stack), stack)
-    served: dict[str, Instrument] = {}
-    if wished.slm != "none":
-        served["slm"] = serve_panel(world.camera.panel, wished.display, wished.screen, site)
-    if wished.filter != "none":
-        served["filter"] = serve_filter(wished.filter, setup.bench.devices.filter, site)
-    if wished.camera != "none":
+    site = ServingContext(shared, _folder(options.folder, stack), stack)
+    served: dict[str, ServedInstrument] = {}
+    if options.slm != "none":
+        served["slm"] = serve_panel(world.camera.panel, options.display, options.screen, site)
+    if options.filter != "none":
+        served["filter"] = serve_filter(options.filter, setup.bench.devices.filter, site)
+    if options.camera != "none":
         served["camera"] = serve_camera(world.camera.sensor, site)
-    if wished.spectroradiometer != "none":
+    if options.spectroradiometer != "none":
         served["spectroradiometer"] = serve_spectroradiometer(site)
     return shared, list(world.scene.targets), served
 
@@ -114,10 +116,12 @@ def _folder(folder: Path | None, stack: ExitStack) -> Path:
     return Path(stack.enter_context(made))
 
 
-def _say_what_next(wished: Wished, names: list[str]) -> None:
-    bench = "bench.toml" if wished.out is None else wished.out
-    where = "Save what was printed as bench.toml, then" if wished.out is None else "Then"
-    say(f"{', '.join(names)} served. {where}, in another terminal:")
-    say(f"  labapp gui --bench {bench}")
-    say(f"  labapp run plan.toml --bench {bench} --out run.h5")
-    say("Type `target NAME` when it asks for a target, `help` for more, `quit` or Ctrl-C to end.")
+def _print_next_steps(options: ServeOptions, names: list[str]) -> None:
+    bench = "bench.toml" if options.out is None else options.out
+    where = "Save what was printed as bench.toml, then" if options.out is None else "Then"
+    print_message(f"{', '.join(names)} served. {where}, in another terminal:")
+    print_message(f"  labapp gui --bench {bench}")
+    print_message(f"  labapp run plan.toml --bench {bench} --out run.h5")
+    print_message(
+        "Type `target NAME` when it asks for a target, `help` for more, `quit` or Ctrl-C to end."
+    )

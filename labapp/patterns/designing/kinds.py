@@ -6,24 +6,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from labapp.common.errors import UserError
-from labapp.common.listing import Listed, print_list
-from labapp.files.keys import described_keys, read_keys
-from labapp.files.pattern_table import STILLS, PSFPattern, Still
+from labapp.common.list_output import ListEntry, print_list
+from labapp.files.key_values import describe_keys, parse_key_values
+from labapp.files.pattern_table import STILL_PATTERNS, PSFPattern, StillPattern
 from labapp.files.phase_table import PhasePattern
 from labapp.files.reading import validate
-from labapp.files.table import Table, tag_of
-from labapp.files.target_table import SHAPES
+from labapp.files.table import Table, tag_value
+from labapp.files.target_table import TARGET_SHAPES
 
-TARGETS = {tag_of(one, "shape"): one for one in SHAPES}
+TARGETS = {tag_value(one, "shape"): one for one in TARGET_SHAPES}
 _TAGS = ("kind", "shape")
 
 
-def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> Still:
+def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
     """A pattern from its kind and KEY=VALUE; UserError names what is wrong."""
-    values = _values(kind, keys, STILLS, "pattern")
-    if issubclass(STILLS[kind], PhasePattern):
+    values = _values(kind, keys, STILL_PATTERNS, "pattern")
+    if issubclass(STILL_PATTERNS[kind], PhasePattern):
         values = {"wavelength_nm": wavelength_nm} | values
-    return validate({"kind": kind} | values, STILLS[kind], f"pattern {kind}")
+    return validate({"kind": kind} | values, STILL_PATTERNS[kind], f"pattern {kind}")
 
 
 def read_psf(
@@ -44,9 +44,9 @@ def read_psf(
 def list_patterns(*, as_json: bool) -> None:
     """Print the kinds of patterns, their keys, units and defaults."""
     print_list(
-        _listed(STILLS),
+        _list_entries(STILL_PATTERNS),
         as_json=as_json,
-        common=described_keys(PhasePattern),
+        common_keys=describe_keys(PhasePattern),
         example="labapp pattern lens focal_length_m=20 --out lens.png\n"
         'Lists and tables as in a plan file: terms="[[4, 0, 60], [3, 1, -40]]"',
     )
@@ -55,20 +55,22 @@ def list_patterns(*, as_json: bool) -> None:
 def list_targets(*, as_json: bool) -> None:
     """Print the shapes of targets, their keys, units and defaults."""
     example = "labapp retrieve spiral radius_um=120 --out spiral.png"
-    print_list(_listed(TARGETS), as_json=as_json, example=example)
+    print_list(_list_entries(TARGETS), as_json=as_json, example=example)
 
 
 def _values(
-    name: str, keys: Sequence[str], known: Mapping[str, type[Table]], what: str
+    name: str, keys: Sequence[str], tables: Mapping[str, type[Table]], what: str
 ) -> dict[str, Any]:
     """KEY=VALUE of a kind that is known."""
-    if name not in known:
-        raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(known)}.")
-    return read_keys(keys, known[name], _TAGS)
+    if name not in tables:
+        raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(tables)}.")
+    return parse_key_values(keys, tables[name], _TAGS)
 
 
-def _listed(tables: Mapping[str, type[Table]]) -> list[Listed]:
-    return [Listed(name, _summary(one), described_keys(one, _TAGS)) for name, one in tables.items()]
+def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
+    return [
+        ListEntry(name, _summary(one), describe_keys(one, _TAGS)) for name, one in tables.items()
+    ]
 
 
 def _summary(table: type[Table]) -> str:

@@ -57,7 +57,7 @@ def merge_all(
     targets: the only ones that are merged, if given.
     """
     sensor = record.bench.build_camera().sensor
-    dark = dark_of(record.plan)
+    dark = dark_target(record.plan)
     wanted = [
         {"target": target, "pattern": pattern, "wavelength_asked": wavelength}
         for target in record.target_names
@@ -76,10 +76,10 @@ def merge_all(
 def merge_frame(record: Record, index: int) -> Bracket:
     """One frame by itself, as a bracket of one exposure."""
     sensor = record.bench.build_camera().sensor
-    return _merge(record, [index], dark_of(record.plan), sensor)
+    return _merge(record, [index], dark_target(record.plan), sensor)
 
 
-def dark_of(plan: PlanFile) -> str:
+def dark_target(plan: PlanFile) -> str:
     """The target of a plan's dark frames."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
@@ -91,7 +91,7 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
     frames = np.stack([record.image(i) for i in indices])
     darks = {t: _mean_dark(record, dark, t, sensor) for t in sorted(set(exposures.tolist()))}
     counts = [darks[t][1] for t in exposures.tolist()]
-    merged = hdr.merge(
+    merged = hdr.merge_bracket(
         torch.from_numpy(frames.astype(np.int32)),
         torch.from_numpy(exposures),
         torch.from_numpy(np.stack([darks[t][0] for t in exposures.tolist()])),
@@ -130,7 +130,7 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
     return np.mean([record.image(i) for i in indices], axis=0), len(indices)
 
 
-def find(
+def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
     """The bracket of a target and pattern, at a wavelength in metres if one is given.

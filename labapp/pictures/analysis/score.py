@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from optics import metrics
 from optics.threads import single_threaded
 
-CENTRAL = 0.9
+CENTRAL_SHARE = 0.9
 """Share of the frame's sides over which a record's pictures are judged."""
 
 _WINDOW = 11
@@ -36,7 +36,7 @@ class Score:
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class ReferencePicture:
     """The picture that a photograph should be.
 
     light: (bands, rows, columns). white: PSNR's peak, and SSIM's range. share: of the frame's
@@ -58,12 +58,14 @@ class Reference:
 
 
 @single_threaded
-def score(image: Light, reference: Light, white: float = 1.0, share: float = CENTRAL) -> Score:
+def score(
+    image: Light, reference: Light, white: float = 1.0, share: float = CENTRAL_SHARE
+) -> Score:
     """PSNR (peak `white`), and the bands' mean SSIM (range `white`), over a share of each side.
 
     Pictures are (..., rows, columns); where they aren't finite they count as 0.
     """
-    a, b = (_cut(picture, share) for picture in (image, reference))
+    a, b = (_central_part(picture, share) for picture in (image, reference))
     psnr = metrics.psnr(a, b, white)
     if min(a.shape[-2:]) < _WINDOW:
         return Score(psnr, math.nan)
@@ -71,7 +73,7 @@ def score(image: Light, reference: Light, white: float = 1.0, share: float = CEN
     return Score(psnr, float(np.mean(ssim)))
 
 
-def _cut(picture: Light, share: float) -> torch.Tensor:
+def _central_part(picture: Light, share: float) -> torch.Tensor:
     """(bands, rows, columns) in double precision."""
     bands = np.nan_to_num(picture).astype(np.float64).reshape(-1, *picture.shape[-2:])
-    return metrics.central(torch.from_numpy(bands), share)
+    return metrics.crop_central_share(torch.from_numpy(bands), share)

@@ -8,54 +8,56 @@ from typing import Any
 
 import numpy as np
 
-from labapp.common.console import out, print_json, say, table, watched
+from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
 from labapp.common.speed import machine_speed
-from labapp.files.photograph_file import written
-from labapp.files.writing import encoded, write_whole
-from labapp.pictures.reconstructing.asked import AskedProblem
-from labapp.pictures.reconstructing.drawing import draw
-from labapp.pictures.reconstructing.methods import Wish
-from labapp.pictures.reconstructing.problem import Problem
-from labapp.pictures.reconstructing.restoring import Outcome, restore_picture
+from labapp.files.photograph_file import encode_photograph
+from labapp.files.writing import encode_image, write_atomically
+from labapp.pictures.reconstructing.before_after import draw_before_after
+from labapp.pictures.reconstructing.method_choice import MethodChoice
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
+from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
 
 @dataclass(frozen=True)
-class Files:
+class OutputFiles:
     """Where the answer goes, the picture of before and after, and a PSF that nobody knew."""
 
     data: Path
     picture: Path
-    found: Path | None = None
+    estimated_psf: Path | None = None
 
 
-def reconstruct(asked: AskedProblem, wish: Wish, files: Files, *, as_json: bool) -> None:
+def reconstruct_photograph(
+    request: RestorationRequest, choice: MethodChoice, files: OutputFiles, *, as_json: bool
+) -> None:
     """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
-    with watched() as progress:
-        problem = asked.problem(progress.part(0, 0.3))
-        if wish.budget is not None:
-            wish = replace(wish, speed=machine_speed(progress))
-        outcome = restore_picture(problem, wish, progress.part(0.3, 0.9))
+    with terminal_progress() as progress:
+        problem = request.read_problem(progress.part(0, 0.3))
+        if choice.budget is not None:
+            choice = replace(choice, speed=machine_speed(progress))
+        outcome = restore_picture(problem, choice, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
-        drawn = draw(problem, outcome, _captions(outcome))
-        full = problem.full if problem.full is not None else problem.white
-        data = written(files.data, outcome.light, problem.coded, full)
+        drawn = draw_before_after(problem, outcome, _captions(outcome))
+        full = problem.full_scale if problem.full_scale is not None else problem.white
+        data = encode_photograph(files.data, outcome.light, problem.is_srgb, full)
         progress.report(1, "writing")
-    write_whole(files.data, data)
-    write_whole(files.picture, drawn)
-    if files.found is not None:
-        write_whole(files.found, encoded(files.found, problem.psf[0]))
+    write_atomically(files.data, data)
+    write_atomically(files.picture, drawn)
+    if files.estimated_psf is not None:
+        write_atomically(files.estimated_psf, encode_image(files.estimated_psf, problem.psf[0]))
     if as_json:
         print_json(_as_data(problem, outcome, files))
         return
-    table(problem.source, ["", "value"], _rows(problem, outcome))
+    print_table(problem.source, ["", "value"], _rows(problem, outcome))
     for note in problem.notes:
-        say(f"note: {note}")
-    for file in (files.data, files.picture, files.found):
+        print_message(f"note: {note}")
+    for file in (files.data, files.picture, files.estimated_psf):
         if file is not None:
             out.print(f"wrote {file}", markup=False, soft_wrap=True)
 
 
-def _captions(outcome: Outcome) -> tuple[str, str]:
+def _captions(outcome: RestoredPicture) -> tuple[str, str]:
     after = f"After: residual {outcome.residual:.2f}"
     if outcome.scores is None:
         return "Before", after
@@ -63,7 +65,7 @@ def _captions(outcome: Outcome) -> tuple[str, str]:
     return f"Before: {before.psnr:.2f} dB", f"{after}, {now.psnr:.2f} dB"
 
 
-def _rows(problem: Problem, outcome: Outcome) -> list[list[str]]:
+def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[str]]:
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
     told = problem.noise_source(bands[0].noise)
@@ -71,8 +73,8 @@ def _rows(problem: Problem, outcome: Outcome) -> list[list[str]]:
     rows = [
         ["PSF", problem.psf_source],
         ["method", outcome.method],
-        ["noise", f"{_each([b.noise for b in bands])} {problem.unit}, {told}"],
-        ["weight", _each(weights) if weights else "none"],
+        ["noise", f"{_join_values([b.noise for b in bands])} {problem.unit}, {told}"],
+        ["weight", _join_values(weights) if weights else "none"],
         ["iterations", " / ".join(dict.fromkeys(str(b.iterations) for b in bands))],
         ["clipped or dead pixels", f"{masked:.2%}, left out".replace("%", " %")],
         ["residual over noise", f"{outcome.residual:.2f}; {outcome.verdict}"],
@@ -88,11 +90,13 @@ def _rows(problem: Problem, outcome: Outcome) -> list[list[str]]:
     return rows
 
 
-def _each(values: list[float]) -> str:
+def _join_values(values: list[float]) -> str:
     return " / ".join(f"{value:.3g}" for value in values)
 
 
-def _as_data(problem: Problem, outcome: Outcome, files: Files) -> dict[str, Any]:
+def _as_data(
+    problem: RestorationProblem, outcome: RestoredPicture, files: OutputFiles
+) -> dict[str, Any]:
     bands = outcome.bands
     return {
         "source": problem.source,
@@ -113,11 +117,11 @@ def _as_data(problem: Problem, outcome: Outcome, files: Files) -> dict[str, Any]
         "notes": list(problem.notes),
         "file": str(files.data),
         "picture": str(files.picture),
-        "psf_file": files.found and str(files.found),
+        "psf_file": files.estimated_psf and str(files.estimated_psf),
     }
 
 
-def _score(problem: Problem, outcome: Outcome) -> dict[str, Any] | None:
+def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
     """Before and after, against the picture as it should be; None where nobody knows that."""
     known = problem.reference
     if known is None or outcome.scores is None:

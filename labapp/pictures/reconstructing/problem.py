@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.photograph_file import Light
-from labapp.pictures.analysis.score import Reference
-from optics.deconvolution.blurred import Blurred
-from optics.deconvolution.measured import measured
+from labapp.pictures.analysis.score import ReferencePicture
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation import Observation
 from optics.operators.blur import Border
 
 _WHITE = 99.9
@@ -20,17 +20,17 @@ _WHITE = 99.9
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class RestorationProblem:
     """A blurred picture and its PSF.
 
     light: (bands, rows, columns), NaN where a pixel is dead. psf: (1 or bands, rows, columns),
     origin at n // 2; its sum is the share of light that arrives. clipped: of the same shape as
-    light, where the well was full. unit: of the light, in words. full: the light of a .png's
-    highest level, None for white; coded: whether that file has sRGB's 8 bits. noise: standard
+    light, where the well was full. unit: of the light, in words. full_scale: the light of a .png's
+    highest level, None for white; is_srgb: whether that file has sRGB's 8 bits. noise: standard
     deviation of a pixel; if None estimated, for what PSF and model can't explain is in it as well,
-    and no less than `least_noise`, which is known to be there. source, psf_source: where the two
+    and no less than `noise_floor`, which is known to be there. source, psf_source: where the two
     are from, in words. notes: what a person should know. reference: the picture as it should be,
-    where there is one. counts: iterations of methods, where somebody has planned them.
+    where there is one. planned_iterations: iterations of methods, where somebody has planned them.
     """
 
     light: Light
@@ -39,23 +39,23 @@ class Problem:
     source: str
     psf_source: str
     unit: str
-    full: float | None = None
-    coded: bool = True
+    full_scale: float | None = None
+    is_srgb: bool = True
     noise: float | None = None
     border: Border = "unknown"
     notes: tuple[str, ...] = field(default=())
-    least_noise: float = 0.0
-    reference: Reference | None = None
-    counts: Mapping[str, int] = field(default_factory=dict)
+    noise_floor: float = 0.0
+    reference: ReferencePicture | None = None
+    planned_iterations: Mapping[str, int] = field(default_factory=dict)
 
-    def bands(self) -> list[Blurred]:
+    def observations(self) -> list[Observation]:
         """Each band by itself."""
-        return [self._band(number) for number in range(len(self.light))]
+        return [self._observation(number) for number in range(len(self.light))]
 
-    def _band(self, number: int) -> Blurred:
+    def _observation(self, number: int) -> Observation:
         light, clipped = self.light[number], self.clipped[number]
         sound = np.isfinite(light)
-        band = measured(
+        band = build_observation(
             np.where(sound, light, 0),
             self.psf[min(number, len(self.psf) - 1)],
             self.noise,
@@ -63,21 +63,21 @@ class Problem:
             weights=None if sound.all() else sound.astype(np.float32),
             clipped=clipped if clipped.any() else None,
         )
-        known = self.noise is not None or band.noise >= self.least_noise
-        return band if known else replace(band, told=self.least_noise)
+        known = self.noise is not None or band.noise >= self.noise_floor
+        return band if known else replace(band, given_noise=self.noise_floor)
 
     def noise_source(self, noise: float) -> str:
         """How the noise that a band was taken to have is known, in words."""
         if self.noise is not None:
             return "as told"
-        return "of photons and read noise" if noise == self.least_noise else "estimated"
+        return "of photons and read noise" if noise == self.noise_floor else "estimated"
 
     @cached_property
     def white(self) -> float:
         """The light that is drawn white."""
-        if self.full is None and self.reference is not None:
+        if self.full_scale is None and self.reference is not None:
             return self.reference.white
-        if self.full is not None and self.coded:
-            return self.full
+        if self.full_scale is not None and self.is_srgb:
+            return self.full_scale
         bright = float(np.nanpercentile(self.light, _WHITE))
         return bright if bright > 0 else 1.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from labapp.common.console import out as console
-from labapp.common.console import print_json, watched
+from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
-from labapp.files.places import REPORT_FILES
-from labapp.files.writing import require_free, write_whole
-from labapp.pictures.report.analysis import Analysis, analyse
+from labapp.files.output_paths import REPORT_FILES
+from labapp.files.writing import require_free_names, write_atomically
+from labapp.pictures.report.record_analysis import RecordAnalysis, analyse_record
 from labapp.pictures.report.tables import as_data, print_tables
 
 __all__ = [
@@ -23,11 +23,11 @@ __all__ = [
 
 def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:
     """Analyse a record and write its report into a folder."""
-    require_free(folder, REPORT_FILES, force=force)
+    require_free_names(folder, REPORT_FILES, force=force)
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
-    with watched() as progress:
-        analysis = analyse(record, progress.part(0, 0.8))
+    with terminal_progress() as progress:
+        analysis = analyse_record(record, progress.part(0, 0.8))
         progress.report(0.8, "report")
         write_report(analysis, folder)
     if as_json:
@@ -38,14 +38,14 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
         console.print(f"wrote {folder / name}")
 
 
-def write_report(analysis: Analysis, folder: Path) -> None:
+def write_report(analysis: RecordAnalysis, folder: Path) -> None:
     """report.png and report.html; each takes its name only when it is whole."""
-    from labapp.common.drawing import png
-    from labapp.pictures.report.page import page
-    from labapp.pictures.report.pictures import overview
+    from labapp.common.figure_png import figure_to_png
+    from labapp.pictures.report.figures import overview
+    from labapp.pictures.report.page import report_page
 
     watch = Stopwatch()
     with watch.stage("report"):
-        write_whole(folder / "report.png", png(overview(analysis)))
-        write_whole(folder / "report.html", page(analysis).encode())
+        write_atomically(folder / "report.png", figure_to_png(overview(analysis)))
+        write_atomically(folder / "report.html", report_page(analysis).encode())
     analysis.seconds |= watch.seconds

@@ -5,18 +5,18 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
-from labapp.common.drawing import png
-from labapp.files.writing import encoded
-from labapp.pictures.report import pictures, tables
-from labapp.pictures.report.analysis import Analysis
+from labapp.common.figure_png import figure_to_png
+from labapp.files.writing import encode_image
+from labapp.pictures.report import figures, tables
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
+from labapp.pictures.report.record_analysis import RecordAnalysis
 
 
-def page(analysis: Analysis) -> str:
+def report_page(analysis: RecordAnalysis) -> str:
     """The whole report as HTML text."""
     parts = [_head(analysis), _exposures(analysis)]
     if analysis.psf is None:
-        parts.append(html_figure(png(pictures.gallery(analysis)), "The merged pictures"))
+        parts.append(html_figure(figure_to_png(figures.gallery(analysis)), "The merged pictures"))
     else:
         parts.append(_psf(analysis))
     if analysis.scores:
@@ -25,11 +25,11 @@ def page(analysis: Analysis) -> str:
     return document(analysis.title, parts)
 
 
-def _head(analysis: Analysis) -> str:
+def _head(analysis: RecordAnalysis) -> str:
     summary = ""
-    if analysis.best:
-        gain = analysis.scores[analysis.best].psnr - analysis.scores["coded"].psnr
-        name = tables.NAMES[analysis.best]
+    if analysis.best_method:
+        gain = analysis.scores[analysis.best_method].psnr - analysis.scores["coded"].psnr
+        name = tables.PICTURE_NAMES[analysis.best_method]
         summary = (
             f"<p>{name} brings the coded photograph {gain:.1f} dB closer to the neutral one, "
             "with the PSF that was measured on the star.</p>"
@@ -37,34 +37,36 @@ def _head(analysis: Analysis) -> str:
     return heading(analysis.title, analysis.simulated) + summary
 
 
-def _exposures(analysis: Analysis) -> str:
+def _exposures(analysis: RecordAnalysis) -> str:
     return (
         "<h2>Exposures</h2>"
         + html_table(tables.EXPOSURE_COLUMNS, tables.exposure_rows(analysis))
         + f"<p>{escape(tables.EXPOSURE_NOTE)}</p>"
-        + html_figure(png(pictures.histogram_figure(analysis)), "Digital numbers by exposure")
+        + html_figure(
+            figure_to_png(figures.histogram_figure(analysis)), "Digital numbers by exposure"
+        )
     )
 
 
-def _psf(analysis: Analysis) -> str:
+def _psf(analysis: RecordAnalysis) -> str:
     return (
         "<h2>Point spread function</h2>"
         + html_figure(
-            png(pictures.psf_figure(analysis)),
+            figure_to_png(figures.psf_figure(analysis)),
             "Logarithmic scale over four decades. The peak in the centre is unmodulated light.",
         )
         + '<div class="pair">'
         + html_table(["figure", "value "], tables.psf_rows(analysis))
-        + html_figure(png(pictures.profile_figure(analysis)), "")
+        + html_figure(figure_to_png(figures.profile_figure(analysis)), "")
         + "</div>"
     )
 
 
-def _photographs(analysis: Analysis) -> str:
-    figures = "".join(
+def _photographs(analysis: RecordAnalysis) -> str:
+    rendered_pictures = "".join(
         html_figure(
-            encoded(Path(f"{name}.png"), pictures.displayed(picture)),
-            pictures.caption(analysis, name),
+            encode_image(Path(f"{name}.png"), figures.gamma_encode(picture)),
+            figures.caption(analysis, name),
         )
         for name, picture in analysis.images.items()
     )
@@ -73,10 +75,10 @@ def _photographs(analysis: Analysis) -> str:
         + html_table(["picture", "PSNR dB ", "SSIM "], tables.score_rows(analysis))
         + "<p>Against the neutral photograph, over the central 90 % of each side; white is 1, "
         "and so are the peak of PSNR and the range of SSIM.</p>"
-        + f'<div class="pair">{figures}</div><p>{escape(analysis.credit)}</p>'
+        + f'<div class="pair">{rendered_pictures}</div><p>{escape(analysis.credit)}</p>'
     )
 
 
-def _time(analysis: Analysis) -> str:
+def _time(analysis: RecordAnalysis) -> str:
     rows = [[stage, f"{seconds:.2f}"] for stage, seconds in analysis.seconds.items()]
     return "<h2>Time</h2>" + html_table(["stage", "s "], rows) + footer()

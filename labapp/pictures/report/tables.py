@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.common.console import out, table
-from labapp.pictures.report.analysis import Analysis
-from optics.deconvolution.names import RESTORATIONS
+from labapp.common.console import out, print_table
+from labapp.pictures.report.record_analysis import RecordAnalysis
+from optics.deconvolution.method_names import RESTORATIONS
 
-NAMES = {
+PICTURE_NAMES = {
     "neutral": "neutral photograph",
     "coded": "coded photograph",
     **{name: one.title for name, one in RESTORATIONS.items()},
@@ -30,21 +30,21 @@ EXPOSURE_NOTE = (
 )
 
 
-def print_tables(analysis: Analysis) -> None:
+def print_tables(analysis: RecordAnalysis) -> None:
     """Exposures, PSF, reconstruction and time, one table each."""
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
     out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
-    table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
+    print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
     out.print(EXPOSURE_NOTE + "\n", style="dim")
     if analysis.psf is not None:
-        table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
+        print_table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
     if analysis.scores:
         heading = "Against the neutral photograph (central 90 %, peak and range 1)"
-        table(heading, ["picture", "PSNR dB ", "SSIM "], score_rows(analysis))
-    table("Time", ["stage", "s "], [[k, f"{v:.2f}"] for k, v in analysis.seconds.items()])
+        print_table(heading, ["picture", "PSNR dB ", "SSIM "], score_rows(analysis))
+    print_table("Time", ["stage", "s "], [[k, f"{v:.2f}"] for k, v in analysis.seconds.items()])
 
 
-def exposure_rows(analysis: Analysis) -> list[list[str]]:
+def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
     """Exposures, and the shares of pixels at full scale, clipped in all, and dark in all."""
     return [
         [
@@ -61,7 +61,7 @@ def exposure_rows(analysis: Analysis) -> list[list[str]]:
     ]
 
 
-def psf_rows(analysis: Analysis) -> list[list[str]]:
+def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
     """Efficiency, contrast, unmodulated share and agreement with the prediction."""
     psf = analysis.psf
     assert psf is not None
@@ -70,20 +70,20 @@ def psf_rows(analysis: Analysis) -> list[list[str]]:
         rows.append(["efficiency, of all light in the window", f"{psf.efficiency:.3f}"])
     if psf.contrast is not None:
         rows.append(["speckle contrast, unmodulated light removed", f"{psf.contrast:.3f}"])
-    rows.append(["light of the star inside the window", percent(psf.inside)])
+    rows.append(["light of the star inside the window", percent(psf.share_in_window)])
     rows.append(["unmodulated share, found in the centre", f"{psf.unmodulated:.3f}"])
     if psf.prediction_error is not None:
         rows.append(["measured against predicted, relative L2", f"{psf.prediction_error:.3f}"])
     return rows
 
 
-def score_rows(analysis: Analysis) -> list[list[str]]:
+def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
     """PSNR and SSIM, and what the reconstructions gained over the coded photograph."""
     before = analysis.scores["coded"].psnr
     rows = []
     for name, score in analysis.scores.items():
         gain = "" if name == "coded" else f" ({score.psnr - before:+.1f})"
-        rows.append([NAMES[name], f"{score.psnr:.2f}{gain}", f"{score.ssim:.3f}"])
+        rows.append([PICTURE_NAMES[name], f"{score.psnr:.2f}{gain}", f"{score.ssim:.3f}"])
     return rows
 
 
@@ -94,7 +94,7 @@ def percent(share: float) -> str:
     return f"{share:.1%}".replace("%", " %") if share >= 5e-4 else f"{share * 1e6:.0f} ppm"
 
 
-def as_data(analysis: Analysis) -> dict[str, Any]:
+def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
     """The figures of a run as plain data."""
     psf = analysis.psf
     return {
@@ -117,12 +117,12 @@ def as_data(analysis: Analysis) -> dict[str, Any]:
         and {
             "efficiency": psf.efficiency,
             "speckle_contrast": psf.contrast,
-            "share_inside_window": psf.inside,
+            "share_inside_window": psf.share_in_window,
             "unmodulated_share": psf.unmodulated,
             "prediction_error": psf.prediction_error,
         },
         "scores": {name: score.as_data for name, score in analysis.scores.items()},
         "score_window": {"crop": "central 90 %", "peak": 1.0, "ssim_data_range": 1.0},
-        "best": analysis.best,
+        "best": analysis.best_method,
         "seconds": analysis.seconds,
     }

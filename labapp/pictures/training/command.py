@@ -9,11 +9,11 @@ from pathlib import Path
 
 import torch
 
-from labapp.common.console import out, watched
-from labapp.files.writing import write_whole
+from labapp.common.console import out, terminal_progress
+from labapp.files.writing import write_atomically
 from labapp.pictures.networks import weights_file
-from labapp.pictures.training.denoiser import train
-from labapp.pictures.training.patches import pictures_in
+from labapp.pictures.training.denoiser import train_weights
+from labapp.pictures.training.patches import read_training_pictures
 from optics.threads import single_threaded
 
 
@@ -23,21 +23,21 @@ def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: 
 
     UserError for pictures that can't be learned from.
     """
-    pictures = pictures_in(folders)
+    pictures = read_training_pictures(folders)
     kept = weights.with_suffix(".training")
     many = sum(picture[0].size for picture in pictures) / 1e6
     out.print(f"{len(pictures)} pictures, {many:.0f} million pixels; kept so far in {kept}")
     started = time.process_time()
-    with watched() as progress, _tiny_numbers_dropped():
-        trained = train(pictures, steps, seed, kept, progress)
-    write_whole(weights, weights_file(trained))
+    with terminal_progress() as progress, _flush_denormals():
+        trained = train_weights(pictures, steps, seed, kept, progress)
+    write_atomically(weights, weights_file(trained))
     kept.unlink(missing_ok=True)
     hours = (time.process_time() - started) / 3600
     out.print(f"wrote {weights} after {hours:.2f} processor hours")
 
 
 @contextmanager
-def _tiny_numbers_dropped() -> Iterator[None]:
+def _flush_denormals() -> Iterator[None]:
     """Numbers too small for full precision slow processors down, and teach nothing.
 
     Only here: others in the process count on them (SciPy's KDTree recurses for ever).

@@ -25,14 +25,14 @@ _PATCHES, _SIDE = 16, 64
 _FASTEST, _SLOWEST = 1e-3, 2e-6
 """Learning rates, from the first step to the last along half a cosine."""
 
-_MEMORY = 0.999
+_AVERAGE_DECAY = 0.999
 """Of the running mean of the weights, which is what is kept: it varies less than the last."""
 
-_SAVED_EACH = 200
+_CHECKPOINT_INTERVAL = 200
 
 
 @dataclass
-class _State:
+class _TrainingState:
     """What a step goes on from."""
 
     network: Denoiser
@@ -41,7 +41,7 @@ class _State:
     step: int = 0
 
     @classmethod
-    def fresh(cls, seed: int) -> _State:
+    def initial(cls, seed: int) -> _TrainingState:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             network = Denoiser()
@@ -49,15 +49,15 @@ class _State:
         return cls(network, mean, torch.optim.Adam(network.parameters(), lr=_FASTEST))
 
     @classmethod
-    def kept(cls, file: Path, plan: dict[str, int]) -> _State:
+    def load_or_create(cls, file: Path, plan: dict[str, int]) -> _TrainingState:
         """What a file has, if it was kept for this; UserError if it wasn't."""
-        state = cls.fresh(plan["seed"])
+        state = cls.initial(plan["seed"])
         if not file.exists():
             return state
         try:
             data = torch.load(file, weights_only=True)
             own = data["plan"]
-            state.take(data)
+            state.load_data(data)
         except (OSError, LookupError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
             raise UserError(f"{file}: not what training kept: {error} Delete it.") from None
         if own != plan:
@@ -73,36 +73,36 @@ class _State:
             "step": self.step,
         }
 
-    def take(self, data: dict[str, Any]) -> None:
+    def load_data(self, data: dict[str, Any]) -> None:
         self.network.load_state_dict(data["network"])
         self.mean = data["mean"]
         self.optimiser.load_state_dict(data["optimiser"])
         self.step = data["step"]
 
 
-def train(
-    pictures: Sequence[Colours], steps: int, seed: int, kept: Path, progress: Progress
+def train_weights(
+    pictures: Sequence[Colours], steps: int, seed: int, checkpoint: Path, progress: Progress
 ) -> dict[str, torch.Tensor]:
     """The weights after so many steps of 16 patches of 64 x 64.
 
     The absolute error is made small, of every level alike: it is divided by the level to the power
     of .7, about as the error of a good denoiser grows. What a step draws follows from seed and
-    step alone, and the state is kept in the file `kept` every 200 steps: training that was
+    step alone, and the state is kept in the file `checkpoint` every 200 steps: training that was
     interrupted goes on from there, and ends in the same weights. Raises UserError for a file of
     other training.
     """
     plan = {"steps": steps, "seed": seed, "pixels": sum(picture.size for picture in pictures)}
-    state = _State.kept(kept, plan)
+    state = _TrainingState.load_or_create(checkpoint, plan)
     while state.step < steps:
         error = _step(state, pictures, steps, seed)
-        if state.step % _SAVED_EACH == 0:
-            _keep(state.as_data() | {"plan": plan}, kept)
+        if state.step % _CHECKPOINT_INTERVAL == 0:
+            _save_checkpoint(state.as_data() | {"plan": plan}, checkpoint)
         message = f"step {state.step}/{steps}, error {error:.4f}"
         progress.report(state.step / steps, message)
     return state.mean
 
 
-def _step(state: _State, pictures: Sequence[Colours], steps: int, seed: int) -> float:
+def _step(state: _TrainingState, pictures: Sequence[Colours], steps: int, seed: int) -> float:
     rng = np.random.default_rng((seed, state.step))
     clean = grey_patches(pictures, _PATCHES, _SIDE, rng)
     low, high = map(math.log, _LEVELS)
@@ -118,14 +118,14 @@ def _step(state: _State, pictures: Sequence[Colours], steps: int, seed: int) -> 
     error.backward()
     state.optimiser.step()
     state.step += 1
-    memory = min(_MEMORY, state.step / (state.step + 10))
+    memory = min(_AVERAGE_DECAY, state.step / (state.step + 10))
     for name, value in state.network.state_dict().items():
         state.mean[name].lerp_(value, 1 - memory)
     return float(error.detach())
 
 
-def _keep(data: dict[str, Any], kept: Path) -> None:
+def _save_checkpoint(data: dict[str, Any], checkpoint: Path) -> None:
     """Replace the file at once: a crash leaves the one before."""
-    fresh = kept.with_suffix(".new")
+    fresh = checkpoint.with_suffix(".new")
     torch.save(data, fresh)
-    os.replace(fresh, kept)
+    os.replace(fresh, checkpoint)

@@ -24,7 +24,7 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 Colours = NDArray[np.float32]
 
 
-def pictures_in(folders: Sequence[Path]) -> list[Colours]:
+def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
     """Every picture of these folders and files, (3, rows, columns), 0 to 1, at each scale.
 
     In the order of their names, whichever way the folders are written. Raises UserError where
@@ -41,7 +41,7 @@ def pictures_in(folders: Sequence[Path]) -> list[Colours]:
     )
     if not files:
         raise UserError(f"{', '.join(map(str, folders))}: no picture to learn from. Name folders.")
-    return [_scaled(_read(file), scale) for file in files for scale in _SCALES]
+    return [_resize(_read(file), scale) for file in files for scale in _SCALES]
 
 
 def _read(file: Path) -> Colours:
@@ -49,10 +49,10 @@ def _read(file: Path) -> Colours:
     if stored is None:
         raise UserError(f"{file}: not a picture that can be read.")
     picture = np.asarray(stored / np.float32(255), dtype=np.float32)
-    return _scaled(np.moveaxis(picture, -1, 0), min(_LARGEST / max(picture.shape[:2]), 1.0))
+    return _resize(np.moveaxis(picture, -1, 0), min(_LARGEST / max(picture.shape[:2]), 1.0))
 
 
-def _scaled(picture: Colours, scale: float) -> Colours:
+def _resize(picture: Colours, scale: float) -> Colours:
     if scale == 1:
         return np.ascontiguousarray(picture)
     size = [round(n * scale) for n in picture.shape[1:]][::-1]

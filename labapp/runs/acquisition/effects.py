@@ -9,43 +9,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.runs.bench import Bench
+from labapp.runs.bench_interface import Bench
 from labapp.runs.steps import Shot
 
 if TYPE_CHECKING:
     from simulator.planning import Decision, EffectPlan
     from simulator.world import World
 
-_KEPT = ("effect", "level", "on", "relative", "estimate", "work", "why", "forced")
+_RECORDED_KEYS = ("effect", "level", "on", "relative", "estimate", "work", "why", "forced")
 """Of a decision; what is the same in all plans is told once."""
 
 
 def effect_plans(
     bench: Bench,
-    listed: Sequence[Shot],
+    shots: Sequence[Shot],
     patterns: Mapping[str, NDArray[np.uint8]],
-    check: Callable[[], None] = lambda: None,
+    check_cancelled: Callable[[], None] = lambda: None,
 ) -> dict[str, Any] | None:
     """The plan of each different target, pattern, wavelength and exposure; None without a world.
 
     {"effects": what they are by name, "plans": [...]}, as plain data. Nothing is rendered.
-    check: is called before each, and may raise. UserError for a picture that can't be made.
+    check_cancelled: is called before each, and may raise. UserError for a picture that can't be made.
     """
     if bench.world is None:
         return None
     effects: dict[str, Any] = {}
     plans: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for shot in listed:
+    for shot in shots:
         state = (shot.target, shot.pattern, shot.wavelength, shot.exposure)
         if state not in plans:
-            check()
-            plan = _decided(bench, bench.world, shot, patterns[shot.pattern])
+            check_cancelled()
+            plan = _plan_effects(bench, bench.world, shot, patterns[shot.pattern])
             effects |= {one.effect: _physics(one) for one in plan.decisions}
-            plans[state] = _told(shot, plan)
+            plans[state] = _plan_data(shot, plan)
     return {"effects": effects, "plans": list(plans.values())}
 
 
-def _decided(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
+def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
     place, bandwidth = shot.place or shot.target, _bandwidth(bench, shot)
     try:
         return world.effect_plan(shown, shot.wavelength, shot.exposure, place, bandwidth)
@@ -69,10 +69,11 @@ def _physics(one: Decision) -> dict[str, Any]:
     return {"kind": one.kind, "physics": one.physics, "source": one.source}
 
 
-def _told(shot: Shot, plan: EffectPlan) -> dict[str, Any]:
+def _plan_data(shot: Shot, plan: EffectPlan) -> dict[str, Any]:
     data = plan.as_data()
     data["decisions"] = [
-        {name: told[name] for name in _KEPT} | {"finest": one.levels[-1], "how": one.bound.how}
+        {name: told[name] for name in _RECORDED_KEYS}
+        | {"finest": one.levels[-1], "how": one.bound.how}
         for one, told in zip(plan.decisions, data["decisions"], strict=True)
     ]
     return {

@@ -8,9 +8,9 @@ from typing import Any
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.runs.bench import Bench
+from labapp.runs.bench_interface import Bench
 
-GROUP = "labapp.hooks"
+HOOK_GROUP = "labapp.hooks"
 """An entry point here is a callable `make(plan, bench)`; what it gives back may have the
 methods before_run(shots), before_frame(shot), after_frame(shot, frame) and after_run(state).
 They run between frames, in the run's own thread; an exception ends the run as FAILED."""
@@ -30,7 +30,9 @@ class Hooks:
     def of(plan: PlanFile, bench: Bench) -> Hooks:
         """UserError if one can't be loaded or made; nothing has moved then."""
         hooks = []
-        known = {entry.name: entry for entry in entry_points(group=GROUP)} if plan.hooks else {}
+        known = (
+            {entry.name: entry for entry in entry_points(group=HOOK_GROUP)} if plan.hooks else {}
+        )
         for name in plan.hooks:
             try:
                 hooks.append((name, known[name].load()(plan, bench)))
@@ -40,15 +42,15 @@ class Hooks:
                 ) from error
         return Hooks(hooks)
 
-    def call(self, moment: str, *given: object) -> None:
+    def call(self, method_name: str, *arguments: object) -> None:
         """Call the method that is named after the moment, of those that have one."""
         for name, hook in self._hooks:
-            method = getattr(hook, moment, None)
+            method = getattr(hook, method_name, None)
             if method is None:
                 continue
             try:
-                method(*given)
+                method(*arguments)
             except Exception as error:
                 raise HookError(
-                    f"hook {name!r}, {moment}: {type(error).__name__}: {error}"
+                    f"hook {name!r}, {method_name}: {type(error).__name__}: {error}"
                 ) from error

@@ -9,17 +9,17 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition.checking import checked_shots, expect
-from labapp.runs.acquisition.runner import Outcome, run_plan
-from labapp.runs.acquisition.taking import Ask
-from labapp.runs.bench import Bench
+from labapp.runs.acquisition.feasibility import estimate_run, feasible_shots
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.runner import RunOutcome, run_plan
+from labapp.runs.bench_interface import Bench
+from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
 from optics.progress import Progress
 
 
 @dataclass(frozen=True)
-class Request:
+class RunRequest:
     """A run that somebody wants: the plan, its name in errors and folder, and the record."""
 
     plan: PlanFile
@@ -30,13 +30,13 @@ class Request:
 
 def run_all(
     bench: Bench,
-    requests: Sequence[Request],
+    requests: Sequence[RunRequest],
     *,
     force: bool = False,
     progress: Progress | None = None,
-    ask: Ask | None = None,
-    on_outcome: Callable[[Outcome], None] = lambda outcome: None,
-) -> list[Outcome]:
+    ask: AskOperator | None = None,
+    on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
+) -> list[RunOutcome]:
     """Run every request; see run_plan(). A run that fails doesn't keep the next from its turn.
 
     Cancelling ends the run under way and the queue. on_outcome: hears how each ended.
@@ -45,7 +45,7 @@ def run_all(
     progress = progress or Progress()
     seconds = _require_all(bench, requests, force)
     total = sum(seconds) or 1.0
-    outcomes: list[Outcome] = []
+    outcomes: list[RunOutcome] = []
     for number, request in enumerate(requests):
         part = progress.part(sum(seconds[:number]) / total, sum(seconds[: number + 1]) / total)
         outcome = run_plan(
@@ -65,15 +65,15 @@ def run_all(
     return outcomes
 
 
-def _require_all(bench: Bench, requests: Sequence[Request], force: bool) -> list[float]:
+def _require_all(bench: Bench, requests: Sequence[RunRequest], force: bool) -> list[float]:
     """The seconds that each run is expected to take."""
-    abilities = Abilities.of(bench)
+    abilities = BenchCapabilities.of(bench)
     paths = [request.path.resolve() for request in requests]
     seconds = []
     for request, path in zip(requests, paths, strict=True):
         if paths.count(path) > 1:
             raise UserError(f"{request.path}: two runs would write it. Give each its own name.")
-        listed = checked_shots(request.plan, abilities, request.source)
+        listed = feasible_shots(request.plan, abilities, request.source)
         require_writable(request.path, force=force)
-        seconds.append(expect(listed, request.plan, abilities).seconds)
+        seconds.append(estimate_run(listed, request.plan, abilities).seconds)
     return seconds

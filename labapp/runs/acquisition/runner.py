@@ -10,20 +10,20 @@ from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.runs.abilities import Abilities
-from labapp.runs.acquisition.checking import checked_shots, expect
-from labapp.runs.acquisition.contents import contents_of
+from labapp.runs.acquisition.active_run import ActiveRun, OnFrame, RunOutcome
+from labapp.runs.acquisition.feasibility import estimate_run, feasible_shots
+from labapp.runs.acquisition.frame_storage import require_space
+from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.hooks import Hooks
-from labapp.runs.acquisition.keeping import require_space
-from labapp.runs.acquisition.taking import Ask
-from labapp.runs.acquisition.under_way import OnFrame, Outcome, RunUnderWay
-from labapp.runs.bench import Bench
-from labapp.runs.record.making import make
+from labapp.runs.acquisition.record_contents import build_record_contents
+from labapp.runs.bench_interface import Bench
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import Shot
 from optics.progress import Progress
 
-__all__ = ["OnFrame", "Outcome", "resume_run", "run_plan"]
+__all__ = ["OnFrame", "RunOutcome", "resume_run", "run_plan"]
 
 _PATTERNS_SHARE = 0.3
 """Of a run's progress; the frames have the rest."""
@@ -39,36 +39,38 @@ def run_plan(
     force: bool = False,
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
-    ask: Ask | None = None,
-    watch: Stopwatch | None = None,
-) -> Outcome:
+    ask: AskOperator | None = None,
+    stopwatch: Stopwatch | None = None,
+) -> RunOutcome:
     """Take every frame of a plan into a record, and leave the bench safe.
 
     source: the plan's name in errors. folder: where its picture files are. on_frame: is
     called with each frame once it is on disk. ask: a person, where the plan has prompts.
-    watch: is told how long the stages took. Pausing the progress rests the run after a
+    stopwatch: is told how long the stages took. Pausing the progress rests the run after a
     frame; cancelling it ends the run with the state CANCELLED; a device that fails as often
     as the plan allows, or a failing disk, with FAILED. A full disk pauses it. UserError if
     the plan can't be run at all; then nothing was moved or written.
     """
-    progress, watch = progress or Progress(), watch or Stopwatch()
-    abilities = Abilities.of(bench)
-    listed = checked_shots(plan, abilities, source)
-    expected = expect(listed, plan, abilities)
+    progress, stopwatch = progress or Progress(), stopwatch or Stopwatch()
+    abilities = BenchCapabilities.of(bench)
+    listed = feasible_shots(plan, abilities, source)
+    expected = estimate_run(listed, plan, abilities)
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
     _require_person(ask, expected.prompts)
     from labapp.patterns.grey_levels import compute_patterns
 
     hooks = Hooks.of(plan, bench)
-    with watch.stage("compute patterns"):
+    with stopwatch.stage("compute patterns"):
         part = progress.part(0, _PATTERNS_SHARE)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
-    with watch.stage("acquire"):
+    with stopwatch.stage("acquire"):
         part = progress.part(_PATTERNS_SHARE, 1)
-        contents = contents_of(bench, plan, patterns, listed, abilities, part.check)
-        make(path, contents, force=force)
-        run = RunUnderWay(bench, plan, path, patterns, hooks, ask, part)
+        contents = build_record_contents(
+            bench, plan, patterns, listed, abilities, part.raise_if_cancelled
+        )
+        create_record(path, contents, force=force)
+        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part)
         return run.take(listed, on_frame)
 
 
@@ -79,32 +81,32 @@ def resume_run(
     missing: Sequence[int] | None = None,
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
-    ask: Ask | None = None,
-) -> Outcome:
+    ask: AskOperator | None = None,
+) -> RunOutcome:
     """Take the frames that a record lacks, with its own plan, patterns and seed.
 
-    missing: what Record.missing() gives, if it was asked already: it reads the whole file.
+    missing: what Record.missing_frames() gives, if it was asked already: it reads the whole file.
     A frame that doesn't read back as it was stored is taken again. Nothing happens to a
     record that is whole. UserError if the bench isn't the one that the run began on, or
     the record is still being written.
     """
     progress = progress or Progress()
-    abilities = Abilities.of(bench)
+    abilities = BenchCapabilities.of(bench)
     with Record(path) as record:
         plan = record.plan
-        missing = record.missing() if missing is None else missing
+        missing = record.missing_frames() if missing is None else missing
         patterns = record.patterns()
-        listed = checked_shots(plan, abilities, str(path))
-        _require_same(record, bench, listed)
+        listed = feasible_shots(plan, abilities, str(path))
+        _require_same_bench(record, bench, listed)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
-    _require_person(ask, expect(left, plan, abilities).prompts)
+    _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
-    run = RunUnderWay(bench, plan, path, patterns, hooks, ask, progress)
-    return run.take(left, on_frame, again=True)
+    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress)
+    return run.take(left, on_frame, is_resumed=True)
 
 
-def _require_person(ask: Ask | None, prompts: Sequence[str]) -> None:
+def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
     if prompts and ask is None:
         raise UserError(
             f"the plan asks a person {len(prompts)} times, first: {prompts[0]!r}. "
@@ -112,7 +114,7 @@ def _require_person(ask: Ask | None, prompts: Sequence[str]) -> None:
         )
 
 
-def _require_same(record: Record, bench: Bench, listed: Sequence[Shot]) -> None:
+def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) -> None:
     """UserError unless the bench takes the frames that the record was begun with."""
     for name, device in record.devices.items():
         identity = asdict(bench.devices[name].identity)

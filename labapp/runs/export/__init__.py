@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from labapp.runs.export.choosing import Choice
 from labapp.runs.export.command import export_record
-from labapp.runs.export.exporting import KINDS, export
+from labapp.runs.export.exporting import KINDS, export_frames
+from labapp.runs.export.frame_selection import FrameSelection
 
-__all__ = ["KINDS", "Choice", "export", "export_record"]
+__all__ = ["KINDS", "FrameSelection", "export_frames", "export_record"]

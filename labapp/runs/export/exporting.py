@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.writing import require_free
-from labapp.runs.export.choosing import Choice, choose
-from labapp.runs.export.naming import SINGLE, TABLE, file_names
+from labapp.files.writing import require_free_names
+from labapp.runs.export.atomic_files import all_or_none
+from labapp.runs.export.export_job import ExportJob
+from labapp.runs.export.frame_rows import column_heading, frame_rows
+from labapp.runs.export.frame_selection import FrameSelection, select_frames
+from labapp.runs.export.naming import ONE_FILE_PER_FRAME, TABLE, file_names
 from labapp.runs.export.npy import write_npy
 from labapp.runs.export.ome_tiff import write_ome_tiff
-from labapp.runs.export.rows import heading, rows_of
-from labapp.runs.export.singles import write_pngs, write_tiffs
-from labapp.runs.export.whole import all_or_none
-from labapp.runs.export.work import Work
+from labapp.runs.export.single_files import write_pngs, write_tiffs
 from labapp.runs.record.reader import Record
 from optics.progress import Progress
 
-WRITERS: dict[str, Callable[[Work, Path], None]] = {
+WRITERS: dict[str, Callable[[ExportJob, Path], None]] = {
     "tiff": write_tiffs,
     "png": write_pngs,
     "ome-tiff": write_ome_tiff,
@@ -30,14 +30,14 @@ WRITERS: dict[str, Callable[[Work, Path], None]] = {
 
 KINDS = tuple(WRITERS)
 
-_ALL = Choice()
+_ALL = FrameSelection()
 
 _CHECKING = 0.3
 """Share of the progress that goes into reading every frame back before the first is written."""
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """What was written: frames by index, and which had to be left out. bits: of the numbers."""
 
     frames: list[int]
@@ -46,15 +46,15 @@ class Exported:
     bits: int | None
 
 
-def export(
+def export_frames(
     path: Path,
     kind: str,
     folder: Path,
-    choice: Choice = _ALL,
+    selection: FrameSelection = _ALL,
     *,
     force: bool = False,
     progress: Progress | None = None,
-) -> Exported:
+) -> ExportResult:
     """Write frames of a record into a folder, which is made if need be.
 
     kind: of KINDS. tiff, png: a 16-bit picture a frame; ome-tiff: one frames.ome.tiff, axes
@@ -67,30 +67,34 @@ def export(
     if kind not in KINDS:
         raise UserError(f"--to: {kind!r} is none of {', '.join(KINDS)}.")
     with Record(path) as record:
-        chosen = choose(record, choice)
-        names = file_names(kind, chosen, rows_of(record, chosen), record.frames)
-        require_free(folder, names, force=force)
+        chosen = select_frames(record, selection)
+        names = file_names(kind, chosen, frame_rows(record, chosen), record.frame_count)
+        require_free_names(folder, names, force=force)
         found, not_stored, damaged = record.read_back(chosen, progress.part(0, _CHECKING))
-        work = Work(record, kind, found, progress.part(_CHECKING, 1))
+        work = ExportJob(record, kind, found, progress.part(_CHECKING, 1))
         if found:
             _write(work, folder)
-        return Exported(found, not_stored, damaged, work.bits)
+        return ExportResult(found, not_stored, damaged, work.bits)
 
 
-def _write(work: Work, folder: Path) -> None:
+def _write(work: ExportJob, folder: Path) -> None:
     """The files of an export, all of them or none."""
     with all_or_none(folder, work.names) as draft:
         WRITERS[work.kind](work, draft)
         _write_table(work, draft)
 
 
-def _write_table(work: Work, draft: Path) -> None:
+def _write_table(work: ExportJob, draft: Path) -> None:
     """A line a frame: its file, its place in it, all columns, and what was simulated."""
-    simulated = " ".join(work.record.simulated)
+    simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        headings = [heading(name) for name in work.rows[0]]
+        headings = [column_heading(name) for name in work.rows[0]]
         writer.writerow(["file", "place", *headings, "simulated"])
         for place, row in enumerate(work.rows):
-            at = (work.names[place], 0) if work.kind in SINGLE else (work.names[0], place)
+            at = (
+                (work.names[place], 0)
+                if work.kind in ONE_FILE_PER_FRAME
+                else (work.names[0], place)
+            )
             writer.writerow([*at, *row.values(), simulated])

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from labapp.runs.export.work import Work
+from labapp.runs.export.export_job import ExportJob
 from labapp.runs.record import layout
 
 
-def write_npy(work: Work, draft: Path) -> None:
+def write_npy(work: ExportJob, draft: Path) -> None:
     path = draft / work.names[0]
     shape = (len(work.frames), *work.shape)
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape)
@@ -29,7 +29,7 @@ def write_npy(work: Work, draft: Path) -> None:
     (draft / work.names[1]).write_text("{\n" + ",\n".join(items) + "\n}\n")
 
 
-def _as_data(work: Work) -> dict[str, Any]:
+def _as_data(work: ExportJob) -> dict[str, Any]:
     """What is known of the frames of an array, as plain data; no number: null."""
     record = work.record
     columns = {name: [_number(row[name]) for row in work.rows] for name in work.rows[0]}
@@ -37,7 +37,7 @@ def _as_data(work: Work) -> dict[str, Any]:
         "record": str(record.path),
         "title": record.text("title"),
         "state": record.state.value,
-        "simulated": record.simulated,
+        "simulated": record.simulated_devices,
         "devices": record.devices,
         "seed": record.seed,
         "start_time": record.text("start_time"),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 from xml.etree import ElementTree
 
-from labapp.runs.export.naming import short
-from labapp.runs.export.rows import heading
-from labapp.runs.export.work import Work
+from labapp.runs.export.export_job import ExportJob
+from labapp.runs.export.frame_rows import column_heading
+from labapp.runs.export.naming import format_decimal
 
 NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
@@ -18,12 +18,12 @@ _ANNOTATIONS = "labapp/frame"
 """The name space of what is told of each plane beyond exposure and time."""
 
 
-def ome_xml(work: Work) -> str:
+def ome_xml(work: ExportJob) -> str:
     """The description as ASCII, for the first page of a TIFF file with axes TYX.
 
     Every plane has its exposure, its time, and a map annotation with all that is known of it.
     """
-    record, simulated = work.record, ", ".join(work.record.simulated)
+    record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})
     schema = "http://www.w3.org/2001/XMLSchema-instance"
     root = ElementTree.Element("OME", {"xmlns": NAMESPACE, "xmlns:xsi": schema})
@@ -33,14 +33,14 @@ def ome_xml(work: Work) -> str:
     _add(
         instrument,
         "Detector",
-        Model=_legal(camera["model"]),
-        SerialNumber=_legal(camera["serial"]),
+        Model=_xml_safe(camera["model"]),
+        SerialNumber=_xml_safe(camera["serial"]),
         ID="Detector:0",
     )
-    image = _add(root, "Image", ID="Image:0", Name=_legal(record.text("title")))
+    image = _add(root, "Image", ID="Image:0", Name=_xml_safe(record.text("title")))
     _add(image, "AcquisitionDate").text = record.text("start_time")
     taken = f"SIMULATED: {simulated}" if simulated else "taken with real devices"
-    _add(image, "Description").text = _legal(taken)
+    _add(image, "Description").text = _xml_safe(taken)
     _add(image, "InstrumentRef", ID="Instrument:0")
     _add_pixels(image, work)
     annotations = _add(root, "StructuredAnnotations")
@@ -50,7 +50,7 @@ def ome_xml(work: Work) -> str:
     return _DECLARATION + body.decode()
 
 
-def _add_pixels(image: ElementTree.Element, work: Work) -> None:
+def _add_pixels(image: ElementTree.Element, work: ExportJob) -> None:
     rows, columns = work.shape
     pixels = _add(
         image,
@@ -98,9 +98,12 @@ def _add_plane(pixels: ElementTree.Element, number: int, row: dict[str, Any]) ->
 def _add_notes(parent: ElementTree.Element, number: int, row: dict[str, Any]) -> None:
     annotation = _add(parent, "MapAnnotation", ID=f"Annotation:{number}", Namespace=_ANNOTATIONS)
     value = _add(annotation, "Value")
-    name = f"{row['target']}, {row['pattern']}, {short(row['wavelength'] * 1e9)} nm"
-    for key, told in {"name": name, **{heading(key): told for key, told in row.items()}}.items():
-        _add(value, "M", K=key).text = _legal(str(told))
+    name = f"{row['target']}, {row['pattern']}, {format_decimal(row['wavelength'] * 1e9)} nm"
+    for key, told in {
+        "name": name,
+        **{column_heading(key): told for key, told in row.items()},
+    }.items():
+        _add(value, "M", K=key).text = _xml_safe(str(told))
 
 
 def _add(parent: ElementTree.Element, name: str, **attributes: object) -> ElementTree.Element:
@@ -108,7 +111,7 @@ def _add(parent: ElementTree.Element, name: str, **attributes: object) -> Elemen
     return ElementTree.SubElement(parent, name, values)
 
 
-def _legal(text: str) -> str:
+def _xml_safe(text: str) -> str:
     """Text without the control characters that XML has no way to write."""
     return "".join(
         one if one.isprintable() or one in "\t\n" else "\N{REPLACEMENT CHARACTER}" for one in text

@@ -19,27 +19,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.hosted.calls import Answer
-from drivers.hosted.line import Line
+from drivers.hosted.calls import CallResult
+from drivers.hosted.message_socket import MessageSocket
 from labapp.common.errors import UserError
-from labapp.files.frame_list import frame_list
-from labapp.runs.accepting import EXPOSURE_STEP, WAVELENGTH_STEP
+from labapp.files.frame_list import format_frame_list
+from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
-from labapp.runs.record.finding import Finding, Result, Verification
-from labapp.runs.record.reader import Record, digest
+from labapp.runs.record.reader import Record, file_sha256
+from labapp.runs.record.verification import CheckStatus, RecordFinding, Verification
 from labapp.runs.state import State
 from optics.progress import Cancelled, Progress
 
 _OVERLAP = 1e-6
 """Seconds by which exposures that follow each other may seem to overlap."""
 
-_KEPT = (
-    ("exposure", *EXPOSURE_STEP, 1e3, "ms"),
-    ("wavelength", WAVELENGTH_STEP, 0.0, 1e9, "nm"),
+_SETTING_TOLERANCES = (
+    ("exposure", *EXPOSURE_TOLERANCE, 1e3, "ms"),
+    ("wavelength", WAVELENGTH_TOLERANCE, 0.0, 1e9, "nm"),
 )
 """Settings, how far and by what share they may miss what was asked, and a unit to say it in."""
 
-Said = tuple[Result, str]
+StatusAndDetail = tuple[CheckStatus, str]
 """A check's result, and the details."""
 
 
@@ -49,33 +49,33 @@ def check_record(path: Path, progress: Progress | None = None) -> Verification:
     try:
         record = Record(path)
     except UserError as error:
-        found.findings.append(Finding("file", "WRONG", _detail(path, error)))
+        found.findings.append(RecordFinding("file", "WRONG", _detail(path, error)))
         return found
     with record:
-        found.findings.append(Finding("file", "ok", f"a record of format {layout.FORMAT}"))
+        found.findings.append(RecordFinding("file", "ok", f"a record of format {layout.FORMAT}"))
         checks = _Checks(record, found, progress or Progress())
         share = 0.0
-        for name, check in checks.all().items():
+        for name, check in checks.by_name().items():
             checks.progress.report(share, f"check {name}")
-            found.findings.append(_checked(name, check, path))
+            found.findings.append(_run_check(name, check, path))
             # Reading the frames back is nearly all of the work.
             share = 1.0 if name == "checksums" else share
     return found
 
 
-def _checked(name: str, check: Callable[[], Said], path: Path) -> Finding:
+def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> RecordFinding:
     """A check's finding; a file so damaged that the check can't be made fails it."""
     try:
         result, detail = check()
     except Cancelled:
         raise
     except UserError as error:
-        return Finding(name, "WRONG", _detail(path, error))
+        return RecordFinding(name, "WRONG", _detail(path, error))
     except Exception as error:
         # Whatever nonsense a damaged file holds, the other checks shall still be made.
         text = f"can't be checked: {type(error).__name__}: {error}"
-        return Finding(name, "WRONG", _printable(text))
-    return Finding(name, result, _printable(detail))
+        return RecordFinding(name, "WRONG", _printable(text))
+    return RecordFinding(name, result, _printable(detail))
 
 
 class _Checks:
@@ -84,21 +84,21 @@ class _Checks:
     def __init__(self, record: Record, found: Verification, progress: Progress) -> None:
         self._record, self._found, self.progress = record, found, progress
 
-    def all(self) -> dict[str, Callable[[], Said]]:
+    def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
         """By name. Later checks use what earlier ones found."""
         return {
-            "contents": self._contents,
-            "plan": self._planned,
-            "frames": self._frames,
-            "checksums": self._checksums,
-            "patterns": self._patterns,
-            "settings": self._settings,
-            "camera": self._camera,
-            "state": self._state,
-            "scene pictures": self._pictures,
+            "contents": self._check_contents,
+            "plan": self._check_planned_columns,
+            "frames": self._check_frames,
+            "checksums": self._check_checksums,
+            "patterns": self._check_patterns,
+            "settings": self._check_settings,
+            "camera": self._check_camera,
+            "state": self._check_state,
+            "scene pictures": self._check_scene_pictures,
         }
 
-    def _contents(self) -> Said:
+    def _check_contents(self) -> StatusAndDetail:
         """Whether every dataset is there, of its type and length, and can be understood."""
         record = self._record
         for name in ("title", "definition", "start_time"):
@@ -108,7 +108,7 @@ class _Checks:
         wrong = [
             name
             for name, dtype in (layout.PLANNED | layout.MEASURED).items()
-            if not _is_column(record.column(name), dtype, record.frames)
+            if not _is_column(record.column(name), dtype, record.frame_count)
         ]
         if wrong:
             return "WRONG", f"of the wrong type or length: {', '.join(wrong)}"
@@ -116,9 +116,9 @@ class _Checks:
         if not _is_axis(record.column("y"), rows) or not _is_axis(record.column("x"), columns):
             return "WRONG", "the places of the pixels, y and x, aren't even"
         by = f"labapp {record.versions['labapp']}"
-        return "ok", f"{record.frames} frames of {columns} x {rows} pixels, by {by}"
+        return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
-    def _planned(self) -> Said:
+    def _check_planned_columns(self) -> StatusAndDetail:
         """Whether the planned columns make sense: numbers of names that there are."""
         record = self._record
         known = {
@@ -128,63 +128,66 @@ class _Checks:
         }
         for column, count in known.items():
             if bad := _where(record.column(column) >= count):
-                return "WRONG", f"no such {column}: of frames {frame_list(bad)}"
-        if not np.array_equal(record.column("frame"), np.arange(record.frames)):
+                return "WRONG", f"no such {column}: of frames {format_frame_list(bad)}"
+        if not np.array_equal(record.column("frame"), np.arange(record.frame_count)):
             return "WRONG", "the frames aren't numbered one after the other"
         for column in ("exposure_asked", "wavelength_asked"):
             if bad := _where(~_is_positive(record.column(column))):
-                return "WRONG", f"no {column}: of frames {frame_list(bad)}"
+                return "WRONG", f"no {column}: of frames {format_frame_list(bad)}"
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
 
-    def _frames(self) -> Said:
+    def _check_frames(self) -> StatusAndDetail:
         """Whether every planned frame is stored."""
         record = self._record
-        self._found.not_stored = missing = record.not_stored()
+        self._found.not_stored = missing = record.frames_not_stored()
         if not missing:
-            return "ok", f"all {record.frames} are stored"
-        detail = f"{len(missing)} of {record.frames} were never stored: {frame_list(missing)}"
+            return "ok", f"all {record.frame_count} are stored"
+        detail = f"{len(missing)} of {record.frame_count} were never stored: {format_frame_list(missing)}"
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
-    def _checksums(self) -> Said:
+    def _check_checksums(self) -> StatusAndDetail:
         """Whether every stored frame reads back as it was."""
-        stored = self._stored()
+        stored = self._stored_indices()
         _, _, self._found.damaged = self._record.read_back(stored, self.progress)
         if damaged := self._found.damaged:
-            return "WRONG", f"{len(damaged)} frames don't read back: {frame_list(damaged)}"
+            return "WRONG", f"{len(damaged)} frames don't read back: {format_frame_list(damaged)}"
         return "ok", f"{len(stored)} stored frames read back as they were"
 
-    def _patterns(self) -> Said:
+    def _check_patterns(self) -> StatusAndDetail:
         """Whether the patterns are those that were shown."""
         record = self._record
         if changed := record.changed_patterns():
             return "WRONG", f"not as they were shown: {', '.join(changed)}"
         return "ok", f"{len(record.pattern_names)} patterns are as they were shown"
 
-    def _settings(self) -> Said:
+    def _check_settings(self) -> StatusAndDetail:
         """Whether the frames were taken with the settings that the plan asks for."""
-        record, stored = self._record, self._stored()
-        for name, step, share, scale, unit in _KEPT:
+        record, stored = self._record, self._stored_indices()
+        for name, step, share, scale, unit in _SETTING_TOLERANCES:
             used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
             # What is no number is wrong, too.
             if bad := _where(~(np.abs(used - asked) <= np.maximum(step, share * asked))):
                 first = f"{used[bad[0]] * scale:g} instead of {asked[bad[0]] * scale:g} {unit}"
-                return "WRONG", f"{name} of frames {frame_list(stored[i] for i in bad)}: {first}"
+                return (
+                    "WRONG",
+                    f"{name} of frames {format_frame_list(stored[i] for i in bad)}: {first}",
+                )
         if bad := _where(~_is_positive(record.column("gain")[stored])):
-            return "WRONG", f"no gain: of frames {frame_list(stored[i] for i in bad)}"
+            return "WRONG", f"no gain: of frames {format_frame_list(stored[i] for i in bad)}"
         return "ok", "exposures and wavelengths are those asked for"
 
-    def _camera(self) -> Said:
+    def _check_camera(self) -> StatusAndDetail:
         """Whether times, attempts and the camera's count can be what a run leaves."""
-        record, stored = self._record, self._stored()
+        record, stored = self._record, self._stored_indices()
         for name in ("time", "timestamp", "attempts"):
             values = record.column(name)[stored]
             # The bench's clock begins with 0.
             is_good = _is_positive(values) | ((values == 0) & (name == "time"))
             if bad := _where(~is_good):
-                return "WRONG", f"no {name}: of frames {frame_list(stored[i] for i in bad)}"
-        return self._in_order(stored)
+                return "WRONG", f"no {name}: of frames {format_frame_list(stored[i] for i in bad)}"
+        return self._check_order(stored)
 
-    def _in_order(self, stored: list[int]) -> Said:
+    def _check_order(self, stored: list[int]) -> StatusAndDetail:
         """Whether times and counts rise as often anew as the log can explain.
 
         Every sitting, the run or a resumption of it, takes its frames in the order of the
@@ -198,18 +201,18 @@ class _Checks:
         failed = sum(bool(re.match(r"frame \d+, attempt \d+ of ", text)) for text in lines)
         times, numbers = record.column("time")[stored], record.column("number")[stored]
         said = f"{resumed} resumptions, {failed} failed attempts"
-        if len(lines) >= layout.log_rows(record.frames):
+        if len(lines) >= layout.log_capacity(record.frame_count):
             return "ok", f"not compared with the log, which is full ({said})"
-        if _rising_rows(times.tolist()) > 1 + resumed:
+        if _min_rising_sequences(times.tolist()) > 1 + resumed:
             return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
-        if _rising_rows(numbers.tolist()) > 1 + resumed + failed:
+        if _min_rising_sequences(numbers.tolist()) > 1 + resumed + failed:
             return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
         ends = times + record.column("exposure")[stored]
         if not resumed and np.any(times[1:] < ends[:-1] - _OVERLAP):
             return "WRONG", "exposures begin before the last one has ended"
         return "ok", f"times and the camera's count rise ({said})"
 
-    def _state(self) -> Said:
+    def _check_state(self) -> StatusAndDetail:
         """Whether the record says of itself what is so."""
         record, found = self._record, self._found
         found.state = state = record.state
@@ -225,17 +228,17 @@ class _Checks:
         who = f"process {writer['pid']} on {writer['host']}"
         if state is State.INTERRUPTED:
             return "unfinished", f"INTERRUPTED: {who} wrote it, and is gone without a word"
-        found.live = True
+        found.is_being_written = True
         if writer["host"] != socket.gethostname():
             return "unfinished", f"{state}: {who} writes it, or died; only there that shows"
         return "unfinished", f"{state}: {who} writes it"
 
-    def _pictures(self) -> Said:
+    def _check_scene_pictures(self) -> StatusAndDetail:
         """Whether a resumption finds the scene that the run was begun with."""
-        known = self._record.pictures
+        known = self._record.scene_picture_digests
         if not known:
             return "ok", "the scene has none"
-        now = {file: digest(Path(file)) for file in known}
+        now = {file: file_sha256(Path(file)) for file in known}
         gone = [file for file, found in now.items() if not found]
         changed = [file for file, found in now.items() if found and found != known[file]]
         if not gone and not changed:
@@ -247,7 +250,7 @@ class _Checks:
             return "note", f"{'; '.join(told)}; the run can't be repeated exactly"
         return "unfinished", f"{'; '.join(told)}; put them back before you resume"
 
-    def _stored(self) -> list[int]:
+    def _stored_indices(self) -> list[int]:
         return _where(self._record.column("stored") != 0)
 
 
@@ -271,7 +274,7 @@ def _is_axis(places: NDArray[Any], size: int) -> bool:
     return steps.size == 0 or bool(steps[0] > 0 and np.allclose(steps, steps[0], 1e-6, 0))
 
 
-def _rising_rows(values: Iterable[float]) -> int:
+def _min_rising_sequences(values: Iterable[float]) -> int:
     """The least number of strictly rising rows that a sequence can be woven from."""
     ends: list[float] = []
     for value in values:
@@ -293,8 +296,8 @@ def _printable(text: str) -> str:
     return "".join(one if one.isprintable() else " " for one in text)
 
 
-def answer(line: Line, path: Path) -> None:
+def send_verification(line: MessageSocket, path: Path) -> None:
     """Tell the progress of all checks, (share, message), and at last what they found."""
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
-    line.send(Answer(check_record(path, progress)))
+    line.send(CallResult(check_record(path, progress)))

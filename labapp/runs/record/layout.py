@@ -98,9 +98,9 @@ LOG_ROW = np.dtype([("time", "f8"), ("text", "S200")])
 STATE = np.dtype("S16")
 MESSAGE = np.dtype("S800")
 WRITER = np.dtype("S400")
-WHEN = np.dtype("S40")
+END_TIME_DTYPE = np.dtype("S40")
 
 
-def log_rows(frames: int) -> int:
+def log_capacity(frames: int) -> int:
     """Room in the log for a run of this many frames, with some trouble and resumptions."""
     return 256 + 6 * frames

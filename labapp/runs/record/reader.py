@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import checksum
 from labapp.common.errors import UserError
-from labapp.files.finding import require_file
+from labapp.files.file_lookup import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.runs.record import layout, process
+from labapp.runs.record import layout, writer_process
 from labapp.runs.state import State
 from optics.progress import Progress
 
@@ -30,7 +30,15 @@ if TYPE_CHECKING:
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-_BROKEN = (KeyError, OSError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
+_DAMAGE_ERRORS = (
+    KeyError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    MemoryError,
+)
 """What h5py raises, and what decoding raises, where a file is damaged."""
 
 
@@ -47,9 +55,9 @@ class Record:
         try:
             self._file = h5py.File(path, "r")
         except (OSError, RuntimeError) as error:
-            raise UserError(f"{path}: {_why_closed(path, error)}") from error
+            raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
         try:
-            with self._reading("labapp_format"):
+            with self._damage_as_user_error("labapp_format"):
                 written = self._file.attrs.get("labapp_format")
         except UserError:
             self.close()
@@ -73,16 +81,16 @@ class Record:
     @property
     def state(self) -> State:
         """As written; INTERRUPTED if it was running and its writer is gone."""
-        with self._reading("entry/state"):
-            written = State(self._only("state"))
-        with self._reading("entry/writer"):
-            gone = not written.has_ended and not process.is_alive(self.writer)
+        with self._damage_as_user_error("entry/state"):
+            written = State(self._single_text("state"))
+        with self._damage_as_user_error("entry/writer"):
+            gone = not written.has_ended and not writer_process.is_alive(self.writer)
         return State.INTERRUPTED if gone else written
 
     @property
     def writer(self) -> str:
         """Who wrote last: host, process, start of the process, as JSON."""
-        return self._only("writer")
+        return self._single_text("writer")
 
     @property
     def message(self) -> str:
@@ -116,7 +124,7 @@ class Record:
 
     @property
     def devices(self) -> dict[str, dict[str, Any]]:
-        with self._reading("entry/instrument"):
+        with self._damage_as_user_error("entry/instrument"):
             return {
                 name: {
                     "model": device["model"][()].decode(),
@@ -127,17 +135,17 @@ class Record:
             }
 
     @property
-    def simulated(self) -> list[str]:
+    def simulated_devices(self) -> list[str]:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
         """A scalar string of the entry: title, start_time, plan, ..."""
-        with self._reading(f"entry/{name}"):
+        with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}").decode()
 
     @property
     def end_time(self) -> str:
-        return self._only("end_time")
+        return self._single_text("end_time")
 
     @property
     def seed(self) -> int:
@@ -173,7 +181,7 @@ class Record:
     def pattern(self, name: str) -> NDArray[np.uint8]:
         """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
         index = self.pattern_names.index(name)
-        with self._reading(layout.PATTERNS):
+        with self._damage_as_user_error(layout.PATTERNS):
             group = self._file[layout.PATTERNS]
             first, count = int(group["first"][index]), int(group["frames"][index])
             frames = group["images"][first : first + count]
@@ -190,7 +198,7 @@ class Record:
         return self._json("faults")
 
     @property
-    def pictures(self) -> dict[str, str]:
+    def scene_picture_digests(self) -> dict[str, str]:
         """SHA-256 of the picture files of a simulated scene, by path."""
         return self._json("pictures")
 
@@ -202,34 +210,34 @@ class Record:
         return self._read(f"{layout.DATA}/images", index)
 
     @property
-    def frames(self) -> int:
-        with self._reading(f"{layout.DATA}/images"):
+    def frame_count(self) -> int:
+        with self._damage_as_user_error(f"{layout.DATA}/images"):
             return int(self._file[f"{layout.DATA}/images"].shape[0])
 
     @property
     def log(self) -> list[tuple[float, str]]:
         rows = self._read("entry/log")
-        with self._reading("entry/log"):
+        with self._damage_as_user_error("entry/log"):
             lines = [(float(r["time"]), r["text"]) for r in rows if r["text"]]
         return [(time, text.decode(errors="replace")) for time, text in lines]
 
-    def not_stored(self) -> list[int]:
+    def frames_not_stored(self) -> list[int]:
         """Indices of planned frames that were never acknowledged."""
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
-    def missing(self) -> list[int]:
+    def missing_frames(self) -> list[int]:
         """Indices of planned frames that aren't stored, or don't read back as they were."""
-        _, not_stored, damaged = self.read_back(range(self.frames), Progress())
+        _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 
     def read_back(
-        self, chosen: Sequence[int], progress: Progress
+        self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
         """Frames that read back, frames that were never stored, and frames that are damaged."""
         stored, sums = self.column("stored"), self.column("checksum")
         found, not_stored, damaged = [], [], []
-        for done, index in enumerate(chosen):
-            progress.report(done / len(chosen), f"read frame {index} back")
+        for done, index in enumerate(indices):
+            progress.report(done / len(indices), f"read frame {index} back")
             if not stored[index]:
                 not_stored.append(index)
             elif self._has_checksum(index, sums[index]):
@@ -244,11 +252,11 @@ class Record:
         except UserError:
             return False
 
-    def select(self, **wanted: Any) -> list[int]:
+    def select(self, **criteria: Any) -> list[int]:
         """Indices of stored frames by target, pattern, exposure_asked, wavelength_asked."""
         names = {"target": self.target_names, "pattern": self.pattern_names}
         keep = self.column("stored").astype(bool)
-        for column, value in wanted.items():
+        for column, value in criteria.items():
             known = names.get(column)
             if known is not None:
                 if value not in known:
@@ -257,7 +265,7 @@ class Record:
             keep &= self.column(column) == value
         return np.flatnonzero(keep).tolist()
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def seeded_arrays(self) -> dict[str, NDArray[Any]]:
         """Every array of the record that plan, seed and bench decide, by its path.
 
         What differs from run to run of the same plan is left out: wall-clock times, log,
@@ -276,35 +284,35 @@ class Record:
 
     def _read(self, name: str, rows: Any = ()) -> Any:
         """The values of a dataset by its path, or some rows of it."""
-        with self._reading(name):
+        with self._damage_as_user_error(name):
             return self._file[name][rows]
 
-    def _only(self, name: str) -> str:
+    def _single_text(self, name: str) -> str:
         """The text of a dataset of the entry with one row."""
-        with self._reading(f"entry/{name}"):
+        with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}")[0].decode()
 
     def _texts(self, name: str) -> list[str]:
-        with self._reading(name):
+        with self._damage_as_user_error(name):
             return [text.decode() for text in self._read(name)]
 
     def _json(self, name: str) -> Any:
-        with self._reading(f"entry/{name}"):
+        with self._damage_as_user_error(f"entry/{name}"):
             return json.loads(self.text(name))
 
     @contextmanager
-    def _reading(self, name: str) -> Iterator[None]:
+    def _damage_as_user_error(self, name: str) -> Iterator[None]:
         """UserError that names a part of the file, if reading it fails."""
         try:
             yield
-        except _BROKEN as error:
+        except _DAMAGE_ERRORS as error:
             raise UserError(
                 f"{self.path}: is damaged: {name} is missing or can't be read. "
                 "Restore the file from a copy."
             ) from error
 
 
-def _why_closed(path: Path, error: Exception) -> str:
+def _explain_open_failure(path: Path, error: Exception) -> str:
     """Why HDF5 doesn't open a file, and what to do."""
     if isinstance(error, PermissionError):
         return "may not be read. Ask its owner, or copy it."
@@ -318,7 +326,7 @@ def _why_closed(path: Path, error: Exception) -> str:
     return f"is damaged: HDF5 can't open it ({error}). Restore it from a copy."
 
 
-def digest(file: Path) -> str:
+def file_sha256(file: Path) -> str:
     """SHA-256 of a file in hexadecimals; empty if it can't be read."""
     try:
         return sha256(file.read_bytes()).hexdigest()

@@ -16,8 +16,8 @@ import numpy as np
 
 from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
-from labapp.runs.record import layout, process
-from labapp.runs.record.making import now
+from labapp.runs.record import layout, writer_process
+from labapp.runs.record.creation import utc_timestamp
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
@@ -59,10 +59,10 @@ class RecordWriter:
             self._places = {name.rpartition("/")[2]: _place(file[name]) for name in names}
             written = np.flatnonzero(file["entry/log"]["text"] != b"")
         self._log_length = int(written[-1]) + 1 if len(written) else 0
-        self._beside = ThreadPoolExecutor(1, "checksum")
+        self._checksum_thread = ThreadPoolExecutor(1, "checksum")
         self._handle = -1
         self._open()
-        self._put("writer", 0, process.me().encode())
+        self._put("writer", 0, writer_process.describe_this_process().encode())
 
     def __enter__(self) -> Self:
         return self
@@ -71,7 +71,7 @@ class RecordWriter:
         self.close()
 
     def close(self) -> None:
-        self._beside.shutdown()
+        self._checksum_thread.shutdown()
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -83,18 +83,18 @@ class RecordWriter:
         self._open()
 
     def store(
-        self, shot: Shot, frame: Frame, wavelength: float, *, moment: float, attempts: int = 1
+        self, shot: Shot, frame: Frame, wavelength: float, *, start_time: float, attempts: int = 1
     ) -> None:
         """Put a frame on disk; when this returns, it survives the end of this process.
 
-        moment: the `time` to keep. CorruptFrame if the picture isn't the one that left the
+        start_time: the `time` to keep. CorruptFrame if the picture isn't the one that left the
         camera, OSError if the disk takes it not; the frame doesn't count as stored then.
         """
         image = np.ascontiguousarray(frame.image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
             raise CorruptFrame(f"it has {image.shape} pixels")
         # The checksum is computed while the picture is on its way to the disk.
-        summed = self._beside.submit(checksum, image)
+        summed = self._checksum_thread.submit(checksum, image)
         self._write("images", shot.index, image.data.cast("B"))
         found = summed.result()
         if frame.checksum is not None and found != frame.checksum:
@@ -103,7 +103,7 @@ class RecordWriter:
             "exposure": frame.exposure,
             "wavelength": wavelength,
             "gain": frame.gain,
-            "time": moment,
+            "time": start_time,
             "timestamp": time.time(),
             "number": frame.number,
             "attempts": attempts,
@@ -113,7 +113,7 @@ class RecordWriter:
             self._put(name, shot.index, value)
         self._put("stored", shot.index, 1)
 
-    def read_back(self, index: int) -> bool:
+    def is_stored_intact(self, index: int) -> bool:
         """Whether a stored frame is in the file as it was given."""
         data, known = self._read("images", index), self._read("checksum", index)
         if len(data) < self._places["images"].row_bytes:
@@ -129,7 +129,7 @@ class RecordWriter:
     def set_state(self, state: State, message: str = "") -> None:
         """Write how the run stands, and why; a state that ends it comes with the time."""
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
-        self._put("end_time", 0, now().encode() if state.has_ended else b"")
+        self._put("end_time", 0, utc_timestamp().encode() if state.has_ended else b"")
         self._put("state", 0, state.value.encode())
 
     def _open(self) -> None:

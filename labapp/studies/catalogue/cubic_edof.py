@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 
-class EdofSettings(Settings):
+class EdofSettings(StudySettings):
     """How strong the plate is, and how the pictures are exposed."""
 
     QUICK: ClassVar[dict[str, Any]] = {"scene_ms": [400], "iterations": 6}

@@ -8,10 +8,10 @@ from pydantic import Field
 
 from labapp.files.phase_table import Iterations
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 
-class DeconvolutionSettings(Settings):
+class DeconvolutionSettings(StudySettings):
     """The blur, and how the pictures are exposed."""
 
     QUICK: ClassVar[dict[str, Any]] = {"photograph_ms": [400], "iterations": 8, "blind": False}

@@ -9,22 +9,22 @@ from pydantic import Field
 
 from labapp.files.phase_table import Iterations
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]
 
-PUBLISHED: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "spiral")
+PUBLISHED_SHAPES: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "spiral")
 """In the order of Fig. 3.3."""
 
 
-class ShapesSettings(Settings):
+class ShapesSettings(StudySettings):
     """What is drawn, how large, and how it is looked for."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"shapes": ["heart", "ring"], "iterations": 10}
 
     shapes: Annotated[
         tuple[Shape, ...], Field(min_length=1, description="eye, letters, heart ... ring")
-    ] = (*PUBLISHED, "ring")
+    ] = (*PUBLISHED_SHAPES, "ring")
     text: Annotated[str, Field(min_length=1, max_length=8, description="of the letters")] = "EI"
     radius_um: Annotated[Positive, Field(description="of the shapes on the sensor")] = 100.0
     width_um: Annotated[Positive, Field(description="of their strokes, standard deviation")] = 8.0

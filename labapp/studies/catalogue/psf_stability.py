@@ -9,12 +9,12 @@ from pydantic import Field, model_validator
 
 from labapp.files.phase_table import Iterations
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 Frames = Annotated[int, Field(ge=1, le=600)]
 
 
-class StabilitySettings(Settings):
+class StabilitySettings(StudySettings):
     """Videos of independent frames, and the longest one that they are compared with."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {
@@ -42,7 +42,7 @@ class StabilitySettings(Settings):
     ] = (4.0, 32.0)
 
     @model_validator(mode="after")
-    def _shorter(self) -> StabilitySettings:
+    def _require_counts_below_reference(self) -> StabilitySettings:
         if max(self.counts) >= self.reference:
             raise ValueError(
                 f"counts has {max(self.counts)} frames and the reference {self.reference}; "

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from labapp.files.phase_table import Iterations
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 
-class VideoSettings(Settings):
+class VideoSettings(StudySettings):
     """How the spiral shrinks, and how its patterns are looked for."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"moments": 3, "iterations": 10}

@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from labapp.files.quantities import Positive
-from labapp.studies.contract import Settings, Study
+from labapp.studies.contract import Study, StudySettings
 
 
-class RefocusSettings(Settings):
+class RefocusSettings(StudySettings):
     """What the lens on the SLM shall bring into focus, and where stars tell whether it does."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0]}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from drivers.interfaces import Frame
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
-from labapp.window.engine.benchtop import Benchtop
+from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
-from labapp.window.engine.effects import Effects
-from labapp.window.engine.pace import Pace
-from labapp.window.engine.person import Person
-from labapp.window.engine.run import Run
+from labapp.window.engine.effects_reporter import EffectsReporter
+from labapp.window.engine.frame_pacer import FramePacer
+from labapp.window.engine.person_prompter import PersonPrompter
+from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.messages import LiveFrame, RunEnded
 from optics.progress import Cancelled, Progress
 
@@ -19,48 +19,55 @@ class Acquisition:
     """Takes the frames of one run at a time; pause and cancel come from other threads."""
 
     def __init__(
-        self, channel: Channel, top: Benchtop, pace: Pace, person: Person, effects: Effects
+        self,
+        channel: Channel,
+        top: BenchController,
+        pace: FramePacer,
+        person: PersonPrompter,
+        effects: EffectsReporter,
     ) -> None:
-        self._channel, self._top, self._pace, self._person = channel, top, pace, person
+        self._channel, self._controller, self._pace, self._person = channel, top, pace, person
         self._effects = effects
 
-    def take(self, run: Run) -> RunEnded:
+    def take_run(self, run: QueuedRun) -> RunEnded:
         """How the run ended; UserError, DeviceError or OSError if it couldn't begin."""
-        run.rested, run.plugged = self._tell, self._tell_unasked
+        run.on_pause, run.on_plug_change = self._tell, self._send_last_state
 
         def on_frame(shot: Shot, frame: Frame) -> None:
-            run.stored(shot, frame)
+            run.count_stored_frame(shot, frame)
             self._show(shot, frame)
 
         def ask(text: str, progress: Progress) -> None:
-            run.rest(text)
+            run.mark_paused(text)
             self._person.ask(text, progress)
-            run.go_on()
+            run.mark_resumed()
 
-        self._top.devices.require_alive()
+        self._controller.devices.require_alive()
         try:
             outcome = run.take(progress=run.progress, on_frame=on_frame, ask=ask)
         except Cancelled:
             return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
-        if outcome.trouble is not None:
-            self._top.devices.blame(outcome.trouble)
+        if outcome.device_error is not None:
+            self._controller.devices.mark_failed(outcome.device_error)
         missing, why = len(outcome.missing), outcome.message
-        return RunEnded(outcome.path, outcome.state, missing, why, outcome.took)
+        return RunEnded(outcome.path, outcome.state, missing, why, outcome.elapsed_seconds)
 
     def _tell(self) -> None:
-        self._channel.send(self._top.state(live=False, running=True))
+        self._channel.send(self._controller.read_state(live=False, running=True))
 
-    def _tell_unasked(self) -> None:
+    def _send_last_state(self) -> None:
         """While the run waits for a device, none is asked anything: it may be that one."""
-        self._channel.send(self._top.state(live=False, running=True, anew=False))
+        self._channel.send(
+            self._controller.read_state(live=False, running=True, query_devices=False)
+        )
 
     def _show(self, shot: Shot, frame: Frame) -> None:
         """Let the window see a stored frame, if it has the time."""
-        self._top.saw(frame)
-        if not self._pace.due:
+        self._controller.note_run_frame(frame)
+        if not self._pace.is_due:
             return
         self._pace.begin()
-        state = self._top.state(live=False, running=True)
+        state = self._controller.read_state(live=False, running=True)
         self._channel.send(state)
         seen = LiveFrame(
             image=frame.image,
@@ -70,5 +77,5 @@ class Acquisition:
             exposure=frame.exposure,
             number=frame.number,
         )
-        self._effects.tell(seen)
+        self._effects.report_if_changed(seen)
         self._channel.send_frame(seen)

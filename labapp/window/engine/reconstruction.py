@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
-from labapp.files.photograph_file import coded, written
-from labapp.files.places import require_photograph
-from labapp.files.writing import write_whole
-from labapp.pictures.reconstructing.asked import AskedProblem
-from labapp.pictures.reconstructing.methods import Wish
-from labapp.pictures.reconstructing.problem import Problem
-from labapp.pictures.reconstructing.restoring import Outcome, restore_picture
-from labapp.window.messages import Reconstruct, Reconstructed
+from labapp.files.output_paths import require_photograph_ending
+from labapp.files.photograph_file import encode_photograph, encode_srgb
+from labapp.files.writing import write_atomically
+from labapp.pictures.reconstructing.method_choice import MethodChoice
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
+from labapp.pictures.reconstructing.restoration_request import RestorationRequest
+from labapp.window.messages import ReconstructionResult, ReconstructRun
 from optics.progress import Progress
 
 
@@ -26,11 +26,11 @@ class Restoration:
     """A restored photograph, kept until it is saved or another one comes."""
 
     path: Path
-    problem: Problem
-    outcome: Outcome
+    problem: RestorationProblem
+    outcome: RestoredPicture
 
     @property
-    def report(self) -> Reconstructed:
+    def result_message(self) -> ReconstructionResult:
         """As the window shows it."""
         problem, outcome = self.problem, self.outcome
         band, known = outcome.bands[0], problem.reference
@@ -38,12 +38,12 @@ class Restoration:
         if outcome.scores is not None:
             was, now = outcome.scores
             scores = (was.psnr, was.ssim), (now.psnr, now.ssim)
-        return Reconstructed(
+        return ReconstructionResult(
             path=self.path,
             source=problem.source.removeprefix(f"{self.path}, "),
-            before=_shown(problem.light, problem.white),
-            after=_shown(outcome.light, problem.white),
-            neutral=None if known is None else _shown(known.light, problem.white),
+            before=_display_grey(problem.light, problem.white),
+            after=_display_grey(outcome.light, problem.white),
+            neutral=None if known is None else _display_grey(known.light, problem.white),
             psf=problem.psf[0],
             scores=scores,
             method=outcome.method,
@@ -59,19 +59,21 @@ class Restoration:
 
     def save(self, path: Path) -> None:
         """By the file's ending; UserError for one that isn't known."""
-        require_photograph(path)
+        require_photograph_ending(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
         problem = self.problem
-        write_whole(path, written(path, self.outcome.light, problem.coded, problem.white))
+        write_atomically(
+            path, encode_photograph(path, self.outcome.light, problem.is_srgb, problem.white)
+        )
 
 
-def reconstruct(command: Reconstruct, progress: Progress) -> Restoration:
+def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restoration:
     """UserError for a record without photograph or star, or a time in which nothing fits."""
-    problem = AskedProblem(command.path).problem(progress.part(0, 0.4))
-    wish = Wish(command.method, command.budget)
+    problem = RestorationRequest(command.path).read_problem(progress.part(0, 0.4))
+    wish = MethodChoice(command.method, command.budget)
     if command.budget is not None:
-        wish = Wish(command.method, command.budget, speed=machine_speed(progress))
+        wish = MethodChoice(command.method, command.budget, speed=machine_speed(progress))
     try:
         outcome = restore_picture(problem, wish, progress.part(0.4, 1))
     except ValueError as error:
@@ -79,5 +81,5 @@ def reconstruct(command: Reconstruct, progress: Progress) -> Restoration:
     return Restoration(command.path, problem, outcome)
 
 
-def _shown(light: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
-    return coded(light[0] / white)
+def _display_grey(light: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
+    return encode_srgb(light[0] / white)

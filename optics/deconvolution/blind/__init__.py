@@ -2,5 +2,5 @@
 
 from optics.deconvolution.blind.estimate import blind_deconvolution as blind_deconvolution
 from optics.deconvolution.blind.estimate import find_kernel as find_kernel
-from optics.deconvolution.blind.found import Deblurred as Deblurred
-from optics.deconvolution.blind.found import Kernel as Kernel
+from optics.deconvolution.blind.kernel_estimate import BlindRestoration as BlindRestoration
+from optics.deconvolution.blind.kernel_estimate import KernelEstimate as KernelEstimate

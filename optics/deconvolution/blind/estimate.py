@@ -7,36 +7,41 @@ from functools import partial
 
 import torch
 
-from optics.deconvolution.blind.agreement import aligned, deviation_of
-from optics.deconvolution.blind.found import Deblurred, Kernel
-from optics.deconvolution.blind.judged import most_natural, strangeness
-from optics.deconvolution.blind.scales import middle_of, odd, window
-from optics.deconvolution.blind.search import TASTES, Photograph, by_edges, by_statistics
+from optics.deconvolution.blind.gradient_statistics import LIGHT_DEVIATION
+from optics.deconvolution.blind.kernel_estimate import BlindRestoration, KernelEstimate
+from optics.deconvolution.blind.kernel_search import (
+    EDGE_SETTINGS,
+    NormalisedPhotograph,
+    refine_kernel_by_statistics,
+    search_kernel_by_edges,
+)
+from optics.deconvolution.blind.kernel_uncertainty import align_kernel, kernel_deviation
+from optics.deconvolution.blind.naturalness import rank_by_naturalness, unnaturalness
+from optics.deconvolution.blind.scales import centred_window_start, cut_window, next_odd
 from optics.deconvolution.blind.specks import without_specks
-from optics.deconvolution.blind.statistics import SPREAD
-from optics.deconvolution.blurred import LEAST_NOISE
-from optics.deconvolution.measured import measured
+from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation import LEAST_NOISE
 from optics.deconvolution.total_variation import total_variation
-from optics.edge import floating, require_alike, require_finite, tensors_inside
 from optics.progress import Progress
 from optics.threads import single_threaded
+from optics.validation import accepts_numpy, as_floating_point, require_finite, require_same_shape
 
 _SLACK = 1.15
 """Of the size, in which a kernel is looked for, so that it may wander."""
 
-_FAINT, _SMALL = 0.02, 0.02
+_SPECK_PEAK_SHARE, _SPECK_LIGHT_SHARE = 0.02, 0.02
 """Of the peak, and of the light: what is taken for a speck of the kernel."""
 
 _LEAST_FRAME = 3
 """Sides of the photograph over the kernel's."""
 
-_CHAINS, _AGAIN = 2, 10
+_START_COUNT, _REFINEMENT_ROUNDS = 2, 10
 """Starts from which a kernel is found; rounds for a part of the photograph, from the kernel on."""
 
 _MEAN = 1.01
 """Of its strangeness: by less than this the mean of two kernels isn't better than the second."""
 
-_EVEN = 3.0
+_MIN_CONTRAST_TO_NOISE = 3.0
 """Standard deviations of the noise that a photograph's structure must have at least."""
 
 _MOST_CLIPPED = 0.5
@@ -50,13 +55,13 @@ def blind_deconvolution(
     noise: float | None = None,
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
-) -> Deblurred:
+) -> BlindRestoration:
     """A photograph's unknown blur and the photograph with it undone: find_kernel(), and then
     total_variation() with the weight by the evidence. Arguments and errors are theirs."""
     progress = progress or Progress()
     kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
-    seen = measured(image, kernel.psf, noise, clipped=clipped)
-    return Deblurred(kernel, total_variation(seen, progress=progress.part(0.95, 1)))
+    seen = build_observation(image, kernel.psf, noise, clipped=clipped)
+    return BlindRestoration(kernel, total_variation(seen, progress=progress.part(0.95, 1)))
 
 
 def find_kernel(
@@ -66,7 +71,7 @@ def find_kernel(
     noise: float | None = None,
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
-) -> Kernel:
+) -> KernelEstimate:
     """The blur, the same everywhere, that a photograph has (thesis Fig. 2.9 f, g).
 
     image: (rows, columns), light per pixel on any scale, an array of any kind. size: pixels that
@@ -79,17 +84,18 @@ def find_kernel(
     and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013). Then the kernel alone is
     estimated, over all the pictures that natural statistics allow (Fergus et al. 2006, doi
     10.1145/1141911.1141956; Levin et al. 2011, doi 10.1109/CVPR.2011.5995308), which are sampled:
-    see Latent. It is done from two starts, whose difference tells whether either can be trusted.
-    Raises ValueError for photographs without structure, smaller than three kernels, or not finite.
+    see LatentImageSampler. It is done from two starts, whose difference tells whether either can be
+    trusted. Raises ValueError for photographs without structure, smaller than three kernels, or not
+    finite.
     """
-    psf, deviation, level, score = _found(image, size, noise, clipped, progress or Progress())
-    return Kernel(psf, deviation, level, score)
+    psf, deviation, level, score = _find_kernel(image, size, noise, clipped, progress or Progress())
+    return KernelEstimate(psf, deviation, level, score)
 
 
-@tensors_inside
+@accepts_numpy
 @single_threaded
 @torch.no_grad()
-def _found(
+def _find_kernel(
     image: torch.Tensor,
     size: int,
     noise: float | None,
@@ -97,76 +103,82 @@ def _found(
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor, float, float]:
     _require(image, size, noise, clipped)
-    image = floating(image).to(torch.float64)
+    image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
-    level = noise_of(image, known) if noise is None else float(noise)
-    spread = _structure(image, known, level)
-    scale = SPREAD / spread
+    level = estimate_photograph_noise(image, known) if noise is None else float(noise)
+    spread = _require_contrast(image, known, level)
+    scale = LIGHT_DEVIATION / spread
     shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
-    photo = Photograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
-    wide = odd(_SLACK * size)
-    kernel, other = _likeliest(photo, wide, progress.part(0, 0.75))
-    again = partial(by_statistics, rounds=_AGAIN)
-    deviation = deviation_of(photo, kernel, other, again, progress.part(0.75, 1))
-    first = middle_of(kernel, size)
-    psf, unsure = window(kernel, first, size), window(deviation, first, size)
+    photo = NormalisedPhotograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
+    wide = next_odd(_SLACK * size)
+    kernel, other = _most_natural_kernel(photo, wide, progress.part(0, 0.75))
+    again = partial(refine_kernel_by_statistics, rounds=_REFINEMENT_ROUNDS)
+    deviation = kernel_deviation(photo, kernel, other, again, progress.part(0.75, 1))
+    first = centred_window_start(kernel, size)
+    psf, unsure = cut_window(kernel, first, size), cut_window(deviation, first, size)
     psf = psf / psf.sum()
     score = 1 - float(unsure.square().sum() / psf.square().sum())
     return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
 
 
-def _likeliest(
-    photo: Photograph, size: int, progress: Progress
+def _most_natural_kernel(
+    photo: NormalisedPhotograph, size: int, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The kernel with the more natural picture of two, found from different starts; and the other
     one."""
-    count = len(TASTES)
+    count = len(EDGE_SETTINGS)
     starts = [
-        _cleaned(
-            by_edges(photo, size, taste, progress.part(0.4 * n / count, 0.4 * (n + 1) / count))
+        _remove_specks(
+            search_kernel_by_edges(
+                photo, size, taste, progress.part(0.4 * n / count, 0.4 * (n + 1) / count)
+            )
         )
-        for n, taste in enumerate(TASTES)
+        for n, taste in enumerate(EDGE_SETTINGS)
     ]
-    best = most_natural(photo, starts, progress.part(0.4, 0.5))[:_CHAINS]
+    best = rank_by_naturalness(photo, starts, progress.part(0.4, 0.5))[:_START_COUNT]
     fine = [
-        _cleaned(
-            by_statistics(photo, starts[start], progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1)))
+        _remove_specks(
+            refine_kernel_by_statistics(
+                photo, starts[start], progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1))
+            )
         )
         for n, start in enumerate(best)
     ]
-    chosen, other = most_natural(photo, fine, progress.part(0.9, 0.95))
-    return _agreed(photo, starts[best[chosen]], fine[chosen], progress.part(0.95, 1)), fine[other]
+    chosen, other = rank_by_naturalness(photo, fine, progress.part(0.9, 0.95))
+    return _combine_kernels(
+        photo, starts[best[chosen]], fine[chosen], progress.part(0.95, 1)
+    ), fine[other]
 
 
-def _agreed(
-    photo: Photograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
+def _combine_kernels(
+    photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
 ) -> torch.Tensor:
     """Of the kernel by statistics and its mean with that by edges, which errs less than either
     where they err differently: the one with the more natural picture."""
-    both = aligned(edges, fine).clamp(min=0) + fine
+    both = align_kernel(edges, fine).clamp(min=0) + fine
     mean = both / both.sum()
     progress.report(0, "judging the mean kernel")
-    better = _MEAN * strangeness(photo, mean) < strangeness(photo, fine)
+    better = _MEAN * unnaturalness(photo, mean) < unnaturalness(photo, fine)
     return mean if better else fine
 
 
-def _cleaned(kernel: torch.Tensor) -> torch.Tensor:
-    return without_specks(kernel, _FAINT, _SMALL)
+def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
+    return without_specks(kernel, _SPECK_PEAK_SHARE, _SPECK_LIGHT_SHARE)
 
 
-def noise_of(image: torch.Tensor, known: torch.Tensor) -> float:
+def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
     """Standard deviation of the noise of a blurred photograph, by the median of what is left of it
     in the finest diagonal detail (Donoho and Johnstone 1994, doi 10.1093/biomet/81.3.425)."""
     detail = (image[:-1, :-1] - image[1:, :-1] - image[:-1, 1:] + image[1:, 1:]) / 2
-    sound = (known[:-1, :-1] * known[1:, :-1] * known[:-1, 1:] * known[1:, 1:]) > 0
+    sound = (valid[:-1, :-1] * valid[1:, :-1] * valid[:-1, 1:] * valid[1:, 1:]) > 0
     return float(detail[sound].abs().median()) / 0.6745 if bool(sound.any()) else 0.0
 
 
-def _structure(image: torch.Tensor, known: torch.Tensor, noise: float) -> float:
+def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
     """Standard deviation of the picture's light."""
-    light = image[known > 0]
+    light = image[valid > 0]
     spread = float(light.std(correction=0))
-    if spread <= max(_EVEN * noise, LEAST_NOISE * float(light.abs().mean())):
+    if spread <= max(_MIN_CONTRAST_TO_NOISE * noise, LEAST_NOISE * float(light.abs().mean())):
         raise ValueError(
             f"image has a standard deviation of {spread:.3g}, with noise of {noise:.3g}: it shows "
             "nothing that a blur could be told by; give a part with sharp edges, or more light"
@@ -179,7 +191,7 @@ def _require(
 ) -> None:
     if image.ndim != 2:
         raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
-    require_finite("image", floating(image))
+    require_finite("image", as_floating_point(image))
     if not (isinstance(size, int) and size >= 3):
         raise ValueError(f"size is {size!r}; give a whole number of pixels, 3 or more")
     if min(image.shape) < _LEAST_FRAME * size:
@@ -192,7 +204,7 @@ def _require(
         raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
     if clipped is None:
         return
-    require_alike("image", image, clipped=clipped)
+    require_same_shape("image", image, clipped=clipped)
     share = float(clipped.to(torch.float64).mean())
     if share > _MOST_CLIPPED:
         raise ValueError(

@@ -9,34 +9,36 @@ import torch
 
 from optics.fourier import irfft2, rfft2
 
-_ENOUGH = 1e-6
+_CHANGE_TOLERANCE = 1e-6
 """Of a kernel's sum: a change below which it is found."""
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
-    """k^T normal k / 2 - pull^T k, of a kernel's pixels in rows; over the noise's variance it is
+class QuadraticProblem:
+    """k^T N k / 2 - r^T k, of a kernel's pixels in rows; over the noise's variance it is
     the logarithm of their likelihood.
 
-    normal: (pixels, pixels), symmetric and never negative. pull: (rows, columns).
+    normal_matrix: N, (pixels, pixels), symmetric and never negative. right_hand_side: r, (rows,
+    columns).
     """
 
-    normal: torch.Tensor
-    pull: torch.Tensor
+    normal_matrix: torch.Tensor
+    right_hand_side: torch.Tensor
 
     def value(self, kernel: torch.Tensor) -> float:
         flat = kernel.ravel()
-        return float(0.5 * flat @ (self.normal @ flat) - self.pull.ravel() @ flat)
+        return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
-    def ridged(self, weight: float) -> Quadratic:
+    def with_ridge(self, weight: float) -> QuadraticProblem:
         """With weight * |k|² / 2 added."""
-        eye = torch.eye(self.normal.shape[0], dtype=self.normal.dtype)
-        return Quadratic(self.normal + weight * eye, self.pull)
+        eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
+        return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
-    def faded(self, kept: float, new: Quadratic) -> Quadratic:
-        """Mean with another one: kept is the weight of this one, 0 to 1."""
-        return Quadratic(
-            torch.lerp(new.normal, self.normal, kept), torch.lerp(new.pull, self.pull, kept)
+    def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
+        """Mean with another one: own_weight is the weight of this one, 0 to 1."""
+        return QuadraticProblem(
+            torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
+            torch.lerp(new.right_hand_side, self.right_hand_side, own_weight),
         )
 
 
@@ -53,56 +55,58 @@ def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Ten
     return rfft2(torch.nn.functional.pad(picture, margins))
 
 
-def quadratic_of(known: torch.Tensor, measured: torch.Tensor, shape: tuple[int, int]) -> Quadratic:
-    """Of |known * k - measured|² / 2, on a period that light doesn't pass the end of.
+def least_squares_problem(
+    sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
+) -> QuadraticProblem:
+    """Of |sharp * k - blurred|² / 2, on a period that light doesn't pass the end of.
 
-    known, measured: (channels, ...) spectra as of rfft2, of one period. shape: (rows, columns) of
+    sharp, blurred: (channels, ...) spectra as of rfft2, of one period. shape: (rows, columns) of
     the kernel, whose first pixel belongs to a lag of 0.
     """
-    period = (int(known.shape[-2]), 2 * (int(known.shape[-1]) - 1))
-    power = (known.real.square() + known.imag.square()).sum(0)
-    own = irfft2(power.to(known.dtype), period)
-    pull = irfft2((known.conj() * measured).sum(0), period)[: shape[0], : shape[1]]
-    return Quadratic(_toeplitz(own, shape), pull)
+    period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
+    power = (sharp.real.square() + sharp.imag.square()).sum(0)
+    own = irfft2(power.to(sharp.dtype), period)
+    pull = irfft2((sharp.conj() * blurred).sum(0), period)[: shape[0], : shape[1]]
+    return QuadraticProblem(_toeplitz(own, shape), pull)
 
 
-def _toeplitz(own: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """Autocorrelation at the lag from each pixel to each other."""
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
-    rows, columns = own.shape
-    return own[(y[:, None] - y) % rows, (x[:, None] - x) % columns]
+    rows, columns = autocorrelation.shape
+    return autocorrelation[(y[:, None] - y) % rows, (x[:, None] - x) % columns]
 
 
-def least(
-    problem: Quadratic, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
+def minimise_nonnegative(
+    problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
 ) -> torch.Tensor:
     """The kernel, nowhere negative, that makes the problem least; from a start on.
 
     By accelerated projected gradients with restarts (Beck and Teboulle 2009, doi 10.1137/080716542;
     O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3).
     """
-    size = _largest_eigenvalue(problem.normal)
+    size = _largest_eigenvalue(problem.normal_matrix)
     if size <= 0:
         return start
-    normal, pull = problem.normal / size, problem.pull.ravel() / size
+    normal, pull = problem.normal_matrix / size, problem.right_hand_side.ravel() / size
     now = ahead = start.ravel()
     pace = 1.0
     for _ in range(steps):
         stepped = ahead - (normal @ ahead - pull)
-        following = on_simplex(stepped) if sum_is_one else stepped.clamp(min=0)
+        following = project_onto_simplex(stepped) if sum_is_one else stepped.clamp(min=0)
         if float((ahead - following) @ (following - now)) > 0:
             pace, ahead = 1.0, following
         next_pace = (1 + (1 + 4 * pace * pace) ** 0.5) / 2
         change = following - now
         ahead = following + (pace - 1) / next_pace * change
         now, pace = following, next_pace
-        if float(change.abs().max()) < _ENOUGH:
+        if float(change.abs().max()) < _CHANGE_TOLERANCE:
             break
     return now.reshape(start.shape)
 
 
-def on_simplex(values: torch.Tensor) -> torch.Tensor:
+def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
     """The nearest point that is nowhere negative and sums to 1 (Duchi et al. 2008, doi
     10.1145/1390156.1390191)."""
     sorted_down = values.sort(descending=True).values

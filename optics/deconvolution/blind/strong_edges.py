@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.blind.quadratic import fast_period, least, padded_spectrum, quadratic_of
-from optics.deconvolution.blind.statistics import gradients
-from optics.deconvolution.border import continued
-from optics.deconvolution.noise import squared
-from optics.deconvolution.priors import laplacian
+from optics.deconvolution.blind.gradient_statistics import gradients
+from optics.deconvolution.blind.quadratic import (
+    fast_period,
+    least_squares_problem,
+    minimise_nonnegative,
+    padded_spectrum,
+)
+from optics.deconvolution.border import extend_periodically
+from optics.deconvolution.noise import squared_modulus
+from optics.deconvolution.priors import laplacian_spectrum
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.plane import centred_crop
@@ -21,32 +26,32 @@ class StrongEdges:
     """Of a photograph, (rows, columns) with a standard deviation of SPREAD or so, and kernels of no
     more than `size`."""
 
-    def __init__(self, image: torch.Tensor, known: torch.Tensor, size: tuple[int, int]) -> None:
+    def __init__(self, image: torch.Tensor, valid: torch.Tensor, size: tuple[int, int]) -> None:
         self._image, self._size = image, size
         rows, columns = image.shape
-        self._whole = fast_period(rows + 2 * size[0], columns + 2 * size[1])
-        self._spectrum = rfft2(continued(image, self._whole))
-        self._laplacian = laplacian(self._whole).to(image)
-        trusted = (known[1:, 1:] * known[:-1, :-1] * known[1:, :-1] * known[:-1, 1:])[None]
-        self._measured = gradients(image) * trusted
+        self._period_shape = fast_period(rows + 2 * size[0], columns + 2 * size[1])
+        self._spectrum = rfft2(extend_periodically(image, self._period_shape))
+        self._laplacian = laplacian_spectrum(self._period_shape).to(image)
+        trusted = (valid[1:, 1:] * valid[:-1, :-1] * valid[1:, :-1] * valid[:-1, 1:])[None]
+        self._valid_gradients = gradients(image) * trusted
         # Edges far enough inside that all of their light was measured.
         unseen = torch.nn.functional.max_pool2d(
             1 - trusted, (2 * size[0] + 1, 2 * size[1] + 1), 1, (size[0], size[1])
         )
         down, along = size[0] // 2, size[1] // 2
-        self._inside = torch.zeros_like(trusted)
+        self._interior = torch.zeros_like(trusted)
         frame = (..., slice(down, rows - 1 - down), slice(along, columns - 1 - along))
-        self._inside[frame] = 1 - unseen[frame]
+        self._interior[frame] = 1 - unseen[frame]
 
-    def picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
+    def estimate_picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
         """The least of |k * x - image|² + weight * (number of pixels where x has a gradient), by
         half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
 
         kernel: origin at n // 2. The photograph's border is blended into its opposite one.
         """
-        transfer = transfer_function(kernel, self._whole)
-        told, power = transfer.conj() * self._spectrum, squared(transfer)
-        x, coupling = irfft2(self._spectrum, self._whole), 2 * weight
+        transfer = transfer_function(kernel, self._period_shape)
+        told, power = transfer.conj() * self._spectrum, squared_modulus(transfer)
+        x, coupling = irfft2(self._spectrum, self._period_shape), 2 * weight
         while coupling < _STRONGEST:
             along, down = torch.roll(x, -1, 1) - x, torch.roll(x, -1, 0) - x
             weak = along.square() + down.square() < weight / coupling
@@ -54,21 +59,23 @@ class StrongEdges:
             down.masked_fill_(weak, 0)
             kept = torch.roll(along, 1, 1) - along + torch.roll(down, 1, 0) - down
             wanted = told + coupling * rfft2(kept)
-            x = irfft2(wanted / (power + coupling * self._laplacian), self._whole)
+            x = irfft2(wanted / (power + coupling * self._laplacian), self._period_shape)
             coupling *= 2
         return centred_crop(x, self._image.shape)
 
-    def kernel(self, picture: torch.Tensor, start: torch.Tensor, ridge: float) -> torch.Tensor:
+    def estimate_kernel(
+        self, picture: torch.Tensor, start: torch.Tensor, ridge: float
+    ) -> torch.Tensor:
         """From a picture of few edges to the photograph, with ridge * |k|² for what they don't
         tell; its sum is 1. Zeros where the picture has no edges."""
-        edges = gradients(picture) * self._inside
+        edges = gradients(picture) * self._interior
         rows, columns = self._size
         period = fast_period(edges.shape[-2] + rows, edges.shape[-1] + columns)
         # Lags of -n // 2 become 0.
-        shift = torch.nn.functional.pad(self._measured, (columns // 2, 0, rows // 2, 0))
-        problem = quadratic_of(
+        shift = torch.nn.functional.pad(self._valid_gradients, (columns // 2, 0, rows // 2, 0))
+        problem = least_squares_problem(
             padded_spectrum(edges, period), padded_spectrum(shift, period), self._size
         )
-        found = least(problem.ridged(ridge), start, sum_is_one=False, steps=100)
+        found = minimise_nonnegative(problem.with_ridge(ridge), start, sum_is_one=False, steps=100)
         total = float(found.sum())
         return found / total if total > 0 else start

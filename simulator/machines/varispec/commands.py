@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from simulator.machines.varispec.state import Fault, VariSpecState
+from simulator.machines.varispec.state import CommandError, VariSpecState
 
 _LINE = re.compile(r"\s*([A-Za-z])\s*(.*?)\s*")
 _SYNTAX = 1
@@ -31,36 +31,36 @@ _LEGAL = {
 }
 
 
-def parse(line: str) -> tuple[str, list[str]]:
-    """A command's letter and its arguments; Fault if it isn't one."""
+def parse_command(line: str) -> tuple[str, list[str]]:
+    """A command's letter and its arguments; CommandError if it isn't one."""
     found = _LINE.fullmatch(line)
     if not found or found[1].upper() not in "ABCDEGIJMPRSVWXY":
-        raise Fault(_SYNTAX)
+        raise CommandError(_SYNTAX)
     return found[1].upper(), [word for word in re.split(r"[,\s]+", found[2]) if word]
 
 
-def number(word: str) -> float:
+def parse_number(word: str) -> float:
     if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)", word):
-        raise Fault(_SYNTAX)
+        raise CommandError(_SYNTAX)
     return float(word)
 
 
-def whole(letter: str, words: list[str]) -> int:
+def parse_integer(letter: str, words: list[str]) -> int:
     """The one argument of a command that takes only some whole numbers."""
     if len(words) != 1:
-        raise Fault(_SYNTAX)
-    value = number(words[0])
+        raise CommandError(_SYNTAX)
+    value = parse_number(words[0])
     if value not in _LEGAL.get(letter, (value,)):
-        raise Fault(_ILLEGAL.get(letter, _SYNTAX))
+        raise CommandError(_ILLEGAL.get(letter, _SYNTAX))
     return int(value)
 
 
-def carry_out(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
+def execute(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
     """What a command changes, but for I and E, which take their time."""
     if letter in "VY":
-        raise Fault(_READ_ONLY)
+        raise CommandError(_READ_ONLY)
     if letter in "AS":
-        if whole(letter, words) == serial:
+        if parse_integer(letter, words) == serial:
             state.asleep = letter == "S"
     elif letter == "W":
         _tune(state, words)
@@ -68,35 +68,35 @@ def carry_out(state: VariSpecState, letter: str, words: list[str], serial: int) 
         _choose(state, words)
     elif letter == "D":
         if not 1 <= len(words) <= 2:
-            raise Fault(_SYNTAX)
-        element = int(number(words[1])) if len(words) == 2 else None
-        state.define(number(words[0]), element)
+            raise CommandError(_SYNTAX)
+        element = int(parse_number(words[1])) if len(words) == 2 else None
+        state.define(parse_number(words[0]), element)
     elif letter == "J":
-        jump = number(words[0]) if len(words) == 1 else float("nan")
+        jump = parse_number(words[0]) if len(words) == 1 else float("nan")
         if not abs(jump) <= state.longest - state.shortest:
-            raise Fault(14 if len(words) == 1 else _SYNTAX)
+            raise CommandError(14 if len(words) == 1 else _SYNTAX)
         state.jump = round(jump, 2)
     else:
-        _set_whole(state, letter, whole(letter, words))
+        _set_integer(state, letter, parse_integer(letter, words))
 
 
 def _tune(state: VariSpecState, words: list[str]) -> None:
     if len(words) != 1:
-        raise Fault(_SYNTAX)
+        raise CommandError(_SYNTAX)
     if words[0] in _STEPS:
         state.tune(state.wavelength + _STEPS[words[0]] * state.jump)
     else:
-        state.tune(number(words[0]))
+        state.tune(parse_number(words[0]))
 
 
 def _choose(state: VariSpecState, words: list[str]) -> None:
     if len(words) == 1 and words[0] in _STEPS:
         state.choose_next(_STEPS[words[0]])
     else:
-        state.choose(whole("P", words))
+        state.choose(parse_integer("P", words))
 
 
-def _set_whole(state: VariSpecState, letter: str, value: int) -> None:
+def _set_integer(state: VariSpecState, letter: str, value: int) -> None:
     if letter in _SETTINGS:
         setattr(state, _SETTINGS[letter], value)
     elif letter == "R" and value:
@@ -108,7 +108,9 @@ def _set_whole(state: VariSpecState, letter: str, value: int) -> None:
         state.pulse()
 
 
-def values(state: VariSpecState, letter: str, serial: int, firmware: str, heat: float) -> list[str]:
+def reply_lines(
+    state: VariSpecState, letter: str, serial: int, firmware: str, heat: float
+) -> list[str]:
     """What a query of this letter is answered with, a line each, as wide as the manual says."""
     if letter == "V":
         optics = f"{state.shortest:.2f}  {state.longest:.2f}"

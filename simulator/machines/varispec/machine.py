@@ -7,21 +7,21 @@ from collections import deque
 from collections.abc import Callable
 from typing import Literal
 
-from simulator.machines.machine import Reply, Suffering
-from simulator.machines.varispec.commands import carry_out, parse, values, whole
-from simulator.machines.varispec.state import Fault, VariSpecState
+from simulator.machines.machine import FaultyMachine, Reply
+from simulator.machines.varispec.commands import execute, parse_command, parse_integer, reply_lines
+from simulator.machines.varispec.state import CommandError, VariSpecState
 
-_INITIALISING = 30.0
-_CYCLE = 12.0
+_INITIALISATION_TIME = 30.0
+_EXERCISE_TIME = 12.0
 """Seconds of one exercise of the liquid crystals."""
 
-_QUICK = 0.0015
+_COMMAND_TIME = 0.0015
 """Seconds of anything else: "within a millisecond or two"."""
 
-_CALCULATING = {"usb": _QUICK, "rs232": 0.3}
+_CALCULATION_TIMES = {"usb": _COMMAND_TIME, "rs232": 0.3}
 """Seconds in which the electronics find the drive levels of a wavelength."""
 
-_ABORTING = 0.02
+_ABORT_TIME = 0.02
 _BUFFER = 256
 _ESCAPE, _BUSY, _STATUS = b"\x1b", b"!", b"@"
 
@@ -29,18 +29,18 @@ _LOWER = "VBPM"
 """Letters that some firmware answers in lower case."""
 
 
-def _warming(t: float) -> float:
+def _warm_up_temperature(t: float) -> float:
     """Degrees Celsius: it warms up by 4 in an hour or so."""
     return 25.0 - 4.0 * math.exp(-max(t, 0.0) / 1200.0)
 
 
-class VariSpecMachine(Suffering):
+class VariSpecMachine(FaultyMachine):
     """The command set of the VariSpec user manual 1.37, over USB or over RS-232.
 
     range_nm: shortest and longest wavelength. serial: five digits. electronics: "rs232" takes
     0.3 s for a new wavelength. powered_at: when it was switched on, in seconds of the bench's
-    clock; it initialises itself for 30 s then, unless `initialises` is False. heat: of the
-    optics in degrees Celsius, by the time. tuned: is told each new wavelength, in metres.
+    clock; it initialises itself for 30 s then, unless `initialises` is False. temperature: of the
+    optics in degrees Celsius, by the time. on_tuned: is told each new wavelength, in metres.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "error code", "uninitialised")
@@ -55,16 +55,16 @@ class VariSpecMachine(Suffering):
         terminator: bytes = b"\r",
         powered_at: float = -math.inf,
         initialises: bool = True,
-        heat: Callable[[float], float] = _warming,
-        tuned: Callable[[float], None] = lambda wavelength: None,
+        temperature: Callable[[float], float] = _warm_up_temperature,
+        on_tuned: Callable[[float], None] = lambda wavelength: None,
     ) -> None:
         super().__init__()
         self.serial, self.firmware = serial, firmware
         self.terminator = terminator
-        self._calculating = _CALCULATING[electronics]
-        self._heat = heat
+        self._calculating = _CALCULATION_TIMES[electronics]
+        self._heat = temperature
         self._initialises = initialises
-        self._tell = tuned
+        self._tell = on_tuned
         self._range = range_nm
         self.power_up(powered_at)
 
@@ -77,16 +77,16 @@ class VariSpecMachine(Suffering):
         self._finish: Callable[[float], list[str]] | None = None
         self._done_at = -math.inf
         if self._initialises:
-            self._begin(t, _INITIALISING, self._initialise)
+            self._begin(t, _INITIALISATION_TIME, self._initialise)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        replies = self._go_on(t)
+        replies = self._advance(t)
         for byte in data:
-            replies += self._hear(bytes([byte]), t)
-            replies += self._go_on(t)
+            replies += self._receive_byte(bytes([byte]), t)
+            replies += self._advance(t)
         return replies
 
-    def _hear(self, byte: bytes, t: float) -> list[Reply]:
+    def _receive_byte(self, byte: bytes, t: float) -> list[Reply]:
         echo = Reply(t, byte)
         awake = not self.state.asleep
         if byte == _ESCAPE:
@@ -108,7 +108,7 @@ class VariSpecMachine(Suffering):
         if self._finish is None:
             return []
         self.state.pending = 0
-        self._begin(t, _ABORTING, lambda t: [])
+        self._begin(t, _ABORT_TIME, lambda t: [])
         return [Reply(self._done_at, b"")]
 
     @property
@@ -119,7 +119,7 @@ class VariSpecMachine(Suffering):
     def _status(self) -> int:
         return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
-    def _go_on(self, t: float) -> list[Reply]:
+    def _advance(self, t: float) -> list[Reply]:
         """Finish what is due, and begin what waits."""
         replies: list[Reply] = []
         while "busy forever" not in self._faults:
@@ -143,7 +143,7 @@ class VariSpecMachine(Suffering):
             self.state.initialised = False
         try:
             return work(t)
-        except Fault as fault:
+        except CommandError as fault:
             self.state.error = fault.code
             return []
         finally:
@@ -159,33 +159,33 @@ class VariSpecMachine(Suffering):
         if not text.strip():
             return []
         try:
-            letter, words = parse(text)
-        except Fault:
+            letter, words = parse_command(text)
+        except CommandError:
             if self.state.asleep:
                 return []
             raise
         if self.state.asleep and (letter != "A" or words == ["?"]):
             return []
         if words == ["?"]:
-            self._begin(t, _QUICK, lambda t: self._answer(letter, t))
+            self._begin(t, _COMMAND_TIME, lambda t: self._query_reply(letter, t))
         elif letter == "I":
-            if whole(letter, words):
+            if parse_integer(letter, words):
                 self.state.initialised = False
-                self._begin(t, _INITIALISING, self._initialise)
+                self._begin(t, _INITIALISATION_TIME, self._initialise)
             else:
-                self._begin(t, _QUICK, self._confirm(letter))
+                self._begin(t, _COMMAND_TIME, self._confirm(letter))
         elif letter == "E":
-            self.state.pending = whole(letter, words)
-            self._begin(t, self.state.pending * _CYCLE, self._exercise)
+            self.state.pending = parse_integer(letter, words)
+            self._begin(t, self.state.pending * _EXERCISE_TIME, self._exercise)
         else:
-            seconds = self._calculating if letter in "WD" else _QUICK
-            self._begin(t, seconds, lambda t: self._carry_out(letter, words, t))
+            seconds = self._calculating if letter in "WD" else _COMMAND_TIME
+            self._begin(t, seconds, lambda t: self._execute(letter, words, t))
         return []
 
-    def _carry_out(self, letter: str, words: list[str], t: float) -> list[str]:
+    def _execute(self, letter: str, words: list[str], t: float) -> list[str]:
         if letter in "WP" and "error code" in self._faults:
-            raise Fault(8)
-        carry_out(self.state, letter, words, self.serial)
+            raise CommandError(8)
+        execute(self.state, letter, words, self.serial)
         return self._confirm(letter)(t)
 
     def _initialise(self, t: float) -> list[str]:
@@ -201,10 +201,10 @@ class VariSpecMachine(Suffering):
 
     def _confirm(self, letter: str) -> Callable[[float], list[str]]:
         """What a command that was carried out answers: nothing, unless it is to confirm."""
-        return lambda t: self._answer(letter, t) if self.state.brief == 2 else []
+        return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
 
-    def _answer(self, letter: str, t: float) -> list[str]:
-        told = values(self.state, letter, self.serial, self.firmware, self._heat(t))
+    def _query_reply(self, letter: str, t: float) -> list[str]:
+        told = reply_lines(self.state, letter, self.serial, self.firmware, self._heat(t))
         if self.state.brief == 1:
             return [value.lstrip() for value in told]
         spelled = letter.lower() if letter in _LOWER else letter

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-PALETTE = 128
+PALETTE_SIZE = 128
 """Elements at most."""
 
 NONE_CHOSEN = 255
 """The palette's element while none was chosen."""
 
 
-class Fault(Exception):
+class CommandError(Exception):
     """A command that can't be carried out. code: what R ? tells afterwards."""
 
     def __init__(self, code: int) -> None:
@@ -27,12 +27,12 @@ class Fault(Exception):
 class VariSpecState:
     """Everything that commands can set.
 
-    shortest, longest: of the optics. tuned: is told each wavelength that is set.
+    shortest, longest: of the optics. on_tuned: is told each wavelength that is set.
     """
 
     shortest: float
     longest: float
-    tuned: Callable[[float], None]
+    on_tuned: Callable[[float], None]
     wavelength: float = 0.0
     initialised: bool = False
     exercised: bool = False
@@ -48,43 +48,43 @@ class VariSpecState:
 
     def tune(self, wavelength: float) -> None:
         if not self.initialised:
-            raise Fault(4)
+            raise CommandError(4)
         if not self.shortest <= wavelength <= self.longest:
-            raise Fault(12)
+            raise CommandError(12)
         self.wavelength = round(wavelength, 2)
-        self.tuned(self.wavelength)
+        self.on_tuned(self.wavelength)
 
     def define(self, wavelength: float, element: int | None) -> None:
         """Add to the palette, or replace or (wavelength -1) delete an element of it."""
         if not self.initialised:
-            raise Fault(4)
+            raise CommandError(4)
         count = len(self.palette)
         element = count if element is None else element
         if wavelength == -1:
             if not 0 <= element < count:
-                raise Fault(11)
+                raise CommandError(11)
             del self.palette[element]
             return
         if not self.shortest <= wavelength <= self.longest:
-            raise Fault(12)
-        if not 0 <= element <= min(count, PALETTE - 1):
-            raise Fault(11)
+            raise CommandError(12)
+        if not 0 <= element <= min(count, PALETTE_SIZE - 1):
+            raise CommandError(11)
         self.palette[element : element + 1] = [round(wavelength, 2)]
 
     def choose(self, element: int) -> None:
         if not self.initialised:
-            raise Fault(4)
+            raise CommandError(4)
         if not self.palette:
-            raise Fault(9)
+            raise CommandError(9)
         if not 0 <= element < len(self.palette):
-            raise Fault(11)
+            raise CommandError(11)
         self.element = element
         self.tune(self.palette[element])
 
     def choose_next(self, step: int) -> None:
         """The next element of the palette, which has no end, or the one before."""
         if not self.palette:
-            raise Fault(9)
+            raise CommandError(9)
         first = 0 if step > 0 else len(self.palette) - 1
         chosen = self.element != NONE_CHOSEN
         self.choose((self.element + step) % len(self.palette) if chosen else first)

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optics.edge import require_positive
 from optics.light.spectrum import Spectrum
-from simulator.scene.colours import held
+from optics.validation import require_positive
+from simulator.scene.colours import extend_to_silicon_range
 from simulator.scene.polygons import Polygons, rectangle
-from simulator.scene.rank import factorised
-from simulator.scene.sheets import Painted
+from simulator.scene.sheets import PaintedPicture
+from simulator.scene.spectral_factorisation import factorise_spectra
 
 ROWS, COLUMNS = 4, 6
 
@@ -28,7 +28,7 @@ three decimals."""
 
 def checker(
     reflectances: Sequence[Spectrum], width: float, offset: tuple[float, float] = (0.0, 0.0)
-) -> tuple[Painted, ...]:
+) -> tuple[PaintedPicture, ...]:
     """Patches in four rows of six, from the upper left on, in a black frame.
 
     reflectances: 24, of the same wavelengths. width: of the chart, metres. Raises ValueError
@@ -44,7 +44,7 @@ def checker(
         raise ValueError("the patches' wavelengths differ; give all at the same ones")
     # The frame is grey; a patch's difference from it need not be positive.
     samples = np.array([(_FRAME,) * len(wavelengths), *(one.values for one in reflectances)])
-    weights, basis = factorised(samples, _TOL)
+    weights, basis = factorise_spectra(samples, _TOL)
     step = width / COLUMNS
     sheet = rectangle(offset, (ROWS * step, width))
     patches = [
@@ -57,7 +57,7 @@ def checker(
     ]
     return tuple(
         (
-            held(Spectrum(wavelengths, tuple(one))),
+            extend_to_silicon_range(Spectrum(wavelengths, tuple(one))),
             Polygons((sheet, *patches), (w[0], *(w[1:] - w[0]))),
         )
         for one, w in zip(basis, weights.T, strict=True)

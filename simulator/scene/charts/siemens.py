@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from optics.edge import require_positive
+from optics.validation import require_positive
 from simulator.scene.charts.tones import INK, PAPER, require_tones
 from simulator.scene.polygons import Corners, Polygons, rectangle
 

@@ -37,7 +37,7 @@ def usaf_1951(
     first, last = groups
     if not -4 <= first <= last <= 9:
         raise ValueError(f"groups are {first} to {last}; give -4 to 9, the coarser first")
-    placed, (height, width) = _placed(first, last)
+    placed, (height, width) = _element_layout(first, last)
     margin = _MARGIN * _bar(first, 1)
     sheet = rectangle(offset, (height + 2 * margin, width + 2 * margin))
     start = (offset[0] - height / 2, offset[1] - width / 2)
@@ -55,7 +55,7 @@ def _bar(group: int, element: int) -> float:
     return 0.5 / line_pairs(group, element)
 
 
-def _placed(
+def _element_layout(
     first: int, last: int
 ) -> tuple[list[tuple[tuple[float, float], float]], tuple[float, float]]:
     """Upper left corners of all elements with their bars' widths, and (height, width) of all."""

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from labapp.accuracy.blurs import Array, Taken
+from labapp.accuracy.blurs import Array, SimulatedPhotograph
 
 
-def restorations(case: Taken) -> Iterator[tuple[str, int, Callable[[], Array]]]:
+def restorations(case: SimulatedPhotograph) -> Iterator[tuple[str, int, Callable[[], Array]]]:
     """scikit-image as shipped, in double precision; the frame's opposite edges are neighbours to
     it, or dark to Richardson and Lucy."""
     try:
@@ -21,7 +21,7 @@ def restorations(case: Taken) -> Iterator[tuple[str, int, Callable[[], Array]]]:
         missing = ValueError(f"scikit-image can't be loaded: {error}; pip install scikit-image")
         yield "scikit-image", 0, partial(_refuse, missing)
         return
-    frame, psf = case.frame, case.psf
+    frame, psf = case.observation, case.psf
     for balance in (0.01, 0.1, 1.0):
 
         def filtered(balance: float = balance) -> Array:

@@ -20,7 +20,7 @@ import torch
 
 from labapp.accuracy.propagate import FieldCase
 from labapp.accuracy.references.free_space import Complex, Real, SmoothLight
-from labapp.accuracy.rows import Candidate, Row, refuse
+from labapp.accuracy.work_precision import Candidate, Row, raise_refusal
 from labapp_peers.library import (
     COMPLEX,
     MOST_BYTES,
@@ -67,7 +67,7 @@ def candidates(case: FieldCase, seen: Callable[[Any], Real]) -> Iterator[Candida
             library, label = _load(name)
         except ValueError as error:
             yield Candidate(
-                Row("propagate", case.name, name, "float64", None), partial(refuse, error)
+                Row("propagate", case.name, name, "float64", None), partial(raise_refusal, error)
             )
             continue
         for way in ways:

@@ -20,8 +20,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.accuracy.rows import Candidate, Row, refuse
-from labapp.light.asked import Case
+from labapp.accuracy.work_precision import Candidate, Row, raise_refusal
+from labapp.light.lens_options import LensCase
 from labapp_peers.library import (
     COMPLEX,
     MOST_BYTES,
@@ -43,26 +43,30 @@ class _Method:
     """A way through a library: in words, and `set_up(library, case, grid, precision)`."""
 
     words: str
-    set_up: Callable[[Any, Case, int, str], tuple[Call, int]]
+    set_up: Callable[[Any, LensCase, int, str], tuple[Call, int]]
     grids: tuple[int, ...] = _GRIDS
     precisions: tuple[str, ...] = tuple(COMPLEX)
 
 
-def candidates(case: Case) -> Iterator[Candidate]:
+def candidates(case: LensCase) -> Iterator[Candidate]:
     """prysm, poppy, hcipy and torchoptics at every pupil sampling and precision they offer.
 
     A library that can't be loaded is one candidate, whose plan says why. Whatever a library
     raises, or gives that isn't a picture, is a ValueError in words.
     """
     for name, methods in _methods(case).items():
-        if not case.plain:
+        if not case.is_clear_thin_on_axis:
             error = ValueError("peers are compared on a clear, thin lens and a window on its axis")
-            yield Candidate(Row("psf", case.name, name, "float64", None), partial(refuse, error))
+            yield Candidate(
+                Row("psf", case.name, name, "float64", None), partial(raise_refusal, error)
+            )
             continue
         try:
             library, label = load_library(name)
         except ValueError as error:
-            yield Candidate(Row("psf", case.name, name, "float64", None), partial(refuse, error))
+            yield Candidate(
+                Row("psf", case.name, name, "float64", None), partial(raise_refusal, error)
+            )
             continue
         for method in methods:
             for grid in method.grids:
@@ -75,7 +79,7 @@ def candidates(case: Case) -> Iterator[Candidate]:
                     )
 
 
-def _methods(case: Case) -> dict[str, list[_Method]]:
+def _methods(case: LensCase) -> dict[str, list[_Method]]:
     odd = tuple(grid - 1 for grid in _GRIDS)
     # prysm 0.21's chirp z is a pixel off where pupil and window aren't both even or both odd.
     alike = odd if case.size % 2 else _GRIDS
@@ -117,7 +121,7 @@ def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> tupl
     return picture, None, used
 
 
-def _prysm(method: str, prysm: Any, case: Case, grid: int, precision: str) -> tuple[Call, int]:
+def _prysm(method: str, prysm: Any, case: LensCase, grid: int, precision: str) -> tuple[Call, int]:
     """prysm's matrix DFT or chirp z: the transforms behind its `focus_fixed_sampling`.
 
     They sample the focal plane at the pixels, without padding; releases after 0.21 plan them
@@ -153,7 +157,7 @@ def _prysm(method: str, prysm: Any, case: Case, grid: int, precision: str) -> tu
     return lambda: _intensity(transform(pupil)), matrices(grid, case.size, precision)
 
 
-def _poppy(poppy: Any, case: Case, grid: int, precision: str) -> tuple[Call, int]:
+def _poppy(poppy: Any, case: LensCase, grid: int, precision: str) -> tuple[Call, int]:
     """poppy's matrix DFT, called by itself: what its Wavefront uses before a Detector.
 
     That spares drawing the lens and copying the wavefront for every PSF. Stop and defocus
@@ -179,7 +183,7 @@ def _poppy(poppy: Any, case: Case, grid: int, precision: str) -> tuple[Call, int
     )
 
 
-def _hcipy(method: str, hcipy: Any, case: Case, grid: int, precision: str) -> tuple[Call, int]:
+def _hcipy(method: str, hcipy: Any, case: LensCase, grid: int, precision: str) -> tuple[Call, int]:
     """hcipy's matrix or zoom Fourier transform: what its FraunhoferPropagator chooses from.
 
     Both sample the focal plane at the pixels; its planner takes the matrix, and the zoom is
@@ -204,7 +208,7 @@ def _hcipy(method: str, hcipy: Any, case: Case, grid: int, precision: str) -> tu
 
 
 def _torchoptics(
-    method: str, torchoptics: Any, case: Case, grid: int, precision: str
+    method: str, torchoptics: Any, case: LensCase, grid: int, precision: str
 ) -> tuple[Call, int]:
     """torchoptics' Lens and propagation to the sensor: it has no pupil-to-focus transform.
 
@@ -237,23 +241,23 @@ def _torchoptics(
     return call, used
 
 
-def _at_pixels(case: Case) -> int:
+def _at_pixels(case: LensCase) -> int:
     """Samples, an odd number, that cover the stop and its gray edge at the pixels' pitch."""
     return 2 * math.ceil(case.lens.stop_diameter / case.pitch / 2) + 3
 
 
-def _stop(case: Case, grid: int, step: float) -> tuple[_Real, _Real]:
+def _stop(case: LensCase, grid: int, step: float) -> tuple[_Real, _Real]:
     """The open share of each sample of a pupil, and its squared distance from the axis."""
     camera = Camera(Panel(shape=(grid, grid), pitch=step, fill_factor=1.0), case.lens)
     y, x = camera.panel.plane.mesh()
     return pupil_amplitude(camera).numpy(), (y**2 + x**2).numpy()
 
 
-def _defocus(case: Case) -> float:
+def _defocus(case: LensCase) -> float:
     return defocus_curvature(case.lens, case.distance, case.wavelength)
 
 
-def _root_area(case: Case) -> float:
+def _root_area(case: LensCase) -> float:
     return math.sqrt(math.pi) * case.lens.stop_diameter / 2
 
 

@@ -1,0 +1,280 @@
+"""Which frames of a camera are taken: those that really are of what was set, and no other."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.aravis.arrivals import BadFrame, FrameArrivals
+from drivers.aravis.camera_options import AravisOptions
+from drivers.aravis.library_process import AravisProcess
+from drivers.aravis.pixel_formats import PixelFormat, unpack
+from drivers.errors import DeviceError
+
+REPLY_TIMEOUT = 3.0
+"""Seconds in which the library must have answered anything but a wait for a frame."""
+
+_POLL_INTERVAL = 0.05
+"""Seconds between looks at whether a wait was cancelled."""
+
+_MAX_BAD_FRAMES = 3
+"""Bad frames after which one gives up; fewer where there is no time for more."""
+
+_MAX_OUTDATED_FRAMES = 8
+"""Frames after which a camera that tells their exposures must have obeyed."""
+
+_EXPOSURE_TOLERANCE_US = 1.0
+"""Microseconds by which what a frame tells of its exposure may differ from what was set..."""
+
+_EXPOSURE_TOLERANCE = 1e-3
+"""...and the part of it, whichever is more."""
+
+_REMEDY = "Take it again; if it goes on, look at the network, the packet size and the cable"
+
+
+class AcquiredFrame(NamedTuple):
+    """A frame's pixels, its number, and the time.monotonic() at which its exposure began."""
+
+    image: NDArray[np.uint16]
+    number: int
+    began: float
+
+
+class _OutdatedFrame(BadFrame):
+    """A frame that tells itself that it is of another exposure."""
+
+
+@dataclass
+class FrameAcquisition:
+    """Takes frames of an open camera, as it is set.
+
+    region: x, y, width, height. exposure: seconds, as the camera has read it back.
+    reports_exposure: it says of each frame how long that was exposed. timeout_margin: seconds
+    beyond a frame's own time in which a call must have ended. A frame is taken only if it is
+    complete, of the region and format that were set, next in number, begun after it was asked for,
+    told to be of the exposure that was set if the camera tells that, or else not one of the first
+    `latency` after a change, which some cameras still expose as before; and if the camera, asked
+    after it, still has that exposure.
+    """
+
+    link: AravisProcess
+    options: AravisOptions
+    pixel_format: PixelFormat
+    region: list[int]
+    exposure: float
+    reports_exposure: bool
+    timeout_margin: float
+    note_progress: Callable[[float], None]
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self._arrivals = FrameArrivals()
+        self._running = False
+        self._changed_at = 0.0
+        self._frames_to_discard = 0
+        self._buffer_to_return = -1
+        self.mark_settings_changed()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.region[3], self.region[2]
+
+    @property
+    def readout_time(self) -> float:
+        """Seconds from the end of an exposure to a picture in memory, through 1 Gbit/s."""
+        return 0.02 + self.pixel_format.byte_count(self.shape) / 100e6
+
+    @property
+    def frame_time(self) -> float:
+        """The same, and what frames take that are thrown away first."""
+        return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
+
+    def mark_settings_changed(self) -> None:
+        """Frames from before, and the first ones after, are of another exposure or gain."""
+        self._changed_at = time.monotonic()
+        # A free-running camera exposes the next frame already while it reads one.
+        ahead = self.options.trigger != "software"
+        self._frames_to_discard = (
+            0 if self.reports_exposure else self.options.latency_frames + ahead
+        )
+        if ahead:
+            # Nor can it be said of frames on their way when they left.
+            self._running = False
+
+    def start(self) -> None:
+        self._running = False
+        memory = self.link.ask("start", self.options.buffers, timeout=REPLY_TIMEOUT)
+        self._size, self._length = memory["size"], memory["length"]
+        self._running, self._arrivals, self._buffer_to_return = True, FrameArrivals(), -1
+        # Who knows what had been begun, or set by others, before this?
+        self._frames_to_discard = max(
+            self._frames_to_discard, 0 if self.reports_exposure else self.options.latency_frames
+        )
+        if not self._matches_exposure(float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))):
+            self._restore_exposure()
+
+    def stop(self) -> None:
+        self._running = False
+        self.link.ask("stop", timeout=REPLY_TIMEOUT)
+
+    def take(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
+        """A frame whose exposure begins after this is called; DeviceError if there is none."""
+        return self._take(cancelled, time.monotonic())
+
+    def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
+        """The next frame of a free-running camera whose exposure began after the last change."""
+        return self._take(cancelled, self._changed_at)
+
+    def _take(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
+        late = time.monotonic() + self.exposure + self.frame_time + self.timeout_margin
+        tries = 0
+        while True:
+            self.note_progress(self.exposure + self.readout_time)
+            try:
+                if not self._running:
+                    self.start()
+                taken = self._next_good_frame(cancelled, since)
+                if self._frames_to_discard:
+                    self._frames_to_discard -= 1
+                    self.counts["thrown away"] += 1
+                    continue
+                self._require_exposure()
+                self.counts["taken"] += 1
+                return taken
+            except _OutdatedFrame as old:
+                # It says itself that it hasn't obeyed yet: so it is going on.
+                self.counts[old.kind] += 1
+                most = _MAX_OUTDATED_FRAMES
+                bad: BadFrame = old
+            except BadFrame as found:
+                self.counts[found.kind] += 1
+                # A new stream: whatever is still on its way never arrives there.
+                self._running = False
+                nobody = self.options.trigger == "hardware" and found.kind == "missing"
+                most = 1 if nobody else _MAX_BAD_FRAMES
+                bad = found
+            tries += 1
+            again = self.exposure + self.frame_time + self._frame_timeout
+            if tries >= most or time.monotonic() + again > late:
+                words = f"{bad.kind} frame: {bad}"
+                raise DeviceError(self.link.model, "capture", words, _REMEDY) from bad
+
+    @property
+    def _frame_timeout(self) -> float:
+        """Seconds beyond its own time for which a frame is waited for."""
+        more = self.options.trigger_wait_s if self.options.trigger == "hardware" else 0.0
+        return more + self.options.frame_timeout_ms * 1e-3
+
+    def _next_good_frame(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
+        """The next good frame that was begun after `since`."""
+        triggered = self.options.trigger == "software"
+        if triggered:
+            self._return_buffer()
+            self.counts["stale"] += len(self.link.ask("drain", timeout=REPLY_TIMEOUT))
+            since = float(self.link.ask("trigger", timeout=REPLY_TIMEOUT))
+        late = time.monotonic() + self.exposure + self.readout_time + self._frame_timeout
+        if not triggered:
+            late += self.exposure + self.readout_time
+        bad = ""
+        while True:
+            note = self._pop(cancelled, late)
+            if note is None:
+                raise self._missing_frame_error(bad)
+            began = since
+            if not triggered:
+                began = self._arrivals.departure_time(note) - self.exposure
+                # Reported, not taken for anything.
+                self.counts["dropped"] += self._arrivals.frames_lost_before(note)
+            if began < since or (triggered and not self._arrivals.is_fresh(note, since)):
+                self.counts["stale"] += 1
+                continue
+            try:
+                return AcquiredFrame(self._image(note), note["number"], began)
+            except BadFrame as found:
+                if triggered:
+                    raise
+                self.counts[found.kind] += 1
+                bad = f"; the last was {found.kind}: {found}"
+
+    def _missing_frame_error(self, but: str) -> BadFrame:
+        what = "good frame" if but else "frame"
+        if self.options.trigger == "hardware" and not but:
+            what = f"trigger at {self.options.trigger_line}, or no frame,"
+        return BadFrame(
+            "missing", f"no {what} within {self._frame_timeout:g} s after its time{but}"
+        )
+
+    def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
+        while time.monotonic() < late:
+            if cancelled():
+                self.stop()
+                reply = "it was cancelled"
+                raise DeviceError(self.link.model, "capture", reply, "Take it again")
+            back, self._buffer_to_return = self._buffer_to_return, -1
+            wait = min(_POLL_INTERVAL, max(0.0, late - time.monotonic()))
+            note: dict[str, Any] | None = self.link.ask("pop", wait, back, timeout=REPLY_TIMEOUT)
+            if note is not None:
+                self._buffer_to_return = note["place"]
+                return note
+        return None
+
+    def _return_buffer(self) -> None:
+        if self._buffer_to_return >= 0:
+            self.link.ask("pop", 0.0, self._buffer_to_return, timeout=REPLY_TIMEOUT)
+            self._buffer_to_return = -1
+
+    def _image(self, note: dict[str, Any]) -> NDArray[np.uint16]:
+        if note["status"] != "success":
+            raise BadFrame("incomplete", f"number {note['number']}: {note['status']}")
+        needed = self.pixel_format.byte_count(self.shape)
+        region = note["region"][2:] == self.region[2:]
+        if note["code"] != self.pixel_format.code or not region or note["size"] < needed:
+            raise BadFrame(
+                "corrupt",
+                f"number {note['number']} is {note['region'][2:]} pixels of format "
+                f"{note['code']:#x} in {note['size']} bytes, not {self.region[2:]} of "
+                f"{self.pixel_format.code:#x} in {needed}",
+            )
+        if self.reports_exposure:
+            told = note.get("exposure_us")
+            if told is None or not self._matches_exposure(told):
+                raise _OutdatedFrame(
+                    "wrong exposure", f"number {note['number']} was exposed {told} us"
+                )
+        return unpack(
+            self.link.shared_bytes(note["place"], needed, self._length),
+            self.pixel_format,
+            self.shape,
+        )
+
+    def _restore_exposure(self) -> None:
+        self.exposure = set_exposure(self.link, to_microseconds(self.exposure))
+
+    def _matches_exposure(self, us: float) -> bool:
+        asked = self.exposure * 1e6
+        return abs(us - asked) <= max(_EXPOSURE_TOLERANCE_US, _EXPOSURE_TOLERANCE * asked)
+
+    def _require_exposure(self) -> None:
+        """Something else may have set it meanwhile: then it is set again, and taken again."""
+        us = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))
+        if self._matches_exposure(us):
+            return
+        self._restore_exposure()
+        self.mark_settings_changed()
+        raise BadFrame("wrong exposure", f"the camera exposes {us:g} us by itself")
+
+
+def to_microseconds(seconds: float) -> float:
+    """What a camera is told: some cut what is a rounding error below a whole number."""
+    return round(seconds * 1e6, 3)
+
+
+def set_exposure(link: AravisProcess, us: float) -> float:
+    """Set the exposure; in seconds, what the camera has made of it."""
+    return float(link.ask("set_exposure", us, timeout=REPLY_TIMEOUT)) * 1e-6

@@ -1,0 +1,103 @@
+"""The life of Aravis' process: it answers requests one by one."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from drivers.hosted.calls import CallRequest, CallResult, capture_result
+from drivers.hosted.message_socket import MessageSocket
+
+from .camera_control import CameraControl
+from .features import CameraFeatures
+from .frame_stream import FrameStream
+
+_CHECK_CONTROL_AFTER = ("set_exposure", "set_gain", "trigger", "exposure", "start")
+"""After these it is looked whether the camera still obeys us."""
+
+
+class _RequestServer:
+    """Takes requests one by one; says at once if the camera is lost, while one lasts or not.
+
+    A request is named as the method that answers it: of the camera, its settings or its frames.
+    """
+
+    def __init__(self, line: MessageSocket, camera: CameraControl, frames: FrameStream) -> None:
+        self._line, self._camera = line, camera
+        self._targets = (camera, CameraFeatures(camera), frames)
+        self._reply_pending = self._loss_reported = False
+        self._lock = threading.Lock()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def run(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                request: CallRequest = self._line.receive()
+                self._reply_pending = True
+                self._send(capture_result(self._execute, request.name, request.arguments))
+
+    def _execute(self, name: str, given: Sequence[Any]) -> Any:
+        """The answer. ConnectionError if the camera is lost, RuntimeError if it says no."""
+        self._require_camera()
+        try:
+            answer = self._method(name)(*given)
+            if name in _CHECK_CONTROL_AFTER:
+                # A camera that obeys somebody else may have been set anew by them.
+                self._camera.check_control()
+        except Exception as error:
+            self._require_camera()
+            words = getattr(error, "message", "") or str(error) or repr(error)
+            raise RuntimeError(words) from error
+        if self._camera.lost:
+            raise ConnectionError(self._camera.lost)
+        return answer
+
+    def _require_camera(self) -> None:
+        if self._camera.lost_reason():
+            raise ConnectionError(self._camera.lost)
+
+    def _method(self, name: str) -> Callable[..., Any]:
+        found: Callable[..., Any] = next(
+            getattr(one, name) for one in self._targets if hasattr(one, name)
+        )
+        return found
+
+    def _send(self, answer: CallResult) -> None:
+        with self._lock:
+            if self._reply_pending:
+                self._reply_pending = False
+                self._line.send(answer)
+
+    def _report_loss(self) -> None:
+        """Once, asked or not: whoever asks next takes it for the answer, which it is."""
+        with self._lock:
+            if not self._loss_reported:
+                self._loss_reported, self._reply_pending = True, False
+                self._line.send(capture_result(self._require_camera))
+
+    def _watch(self) -> None:
+        while not self._loss_reported:
+            time.sleep(0.05)
+            if self._camera.lost_reason():
+                with contextlib.suppress(OSError):
+                    self._report_loss()
+
+
+def main(line: MessageSocket) -> None:
+    """Serve until nobody asks any more. Frames lie in the line's memory."""
+    import gi
+
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis
+
+    camera = CameraControl(Aravis)
+    frames = FrameStream(camera, line.memory)
+    try:
+        _RequestServer(line, camera, frames).run()
+    finally:
+        with contextlib.suppress(Exception):
+            frames.stop()
+        camera.close()

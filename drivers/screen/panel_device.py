@@ -1,0 +1,247 @@
+"""The panel in the window's process: what `ScreenSLM` asks of it, in this process's time.
+
+Times are seconds of time.monotonic(). Qt runs between two calls: there it plays, and hears of
+screens that come and go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Identity, Surroundings
+from drivers.screen.panel_screen import PanelScreen, panel_name
+from drivers.screen.player import Presentations
+from drivers.screen.screen_choice import ScreenRequest
+from drivers.screen.session import ServerGone
+from drivers.x11 import XError, XServerGone
+
+if TYPE_CHECKING:
+    from PySide6.QtGui import QImage
+
+    from drivers.screen.video import VideoPlayback
+
+_NEUTRAL = "neutral"
+_CHECK_INTERVAL = 0.5
+"""Seconds between looks at a video: a quarter of a frame each time."""
+
+
+class PanelDevice:
+    """A device for `HostedDevice`; the options are those of `ScreenSLM`, checked there."""
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        model: str,
+        request: ScreenRequest,
+        display: str | None,
+        allow_ramp: bool,
+    ) -> None:
+        self._model, self._wanted = model, request
+        self._display, self._allow_ramp = display, allow_ramp
+        self._stage: PanelScreen | None = None
+        self._video: VideoPlayback | None = None
+        self._frames: list[NDArray[np.uint8]] = []
+        self._images: list[QImage] = []
+        self._shown = _NEUTRAL
+        self._pending_error: DeviceError | None = None
+        self._lost = self._played = self._missed = self._looks = 0
+
+    def __enter__(self) -> Self:
+        with self._translate_x_errors("open"):
+            self._stage = PanelScreen(self._model, self._wanted, self._display, self._allow_ramp)
+            self._frames = [self._stage.neutral]
+            self._model = panel_name(self._stage.output)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._stage is not None:
+            with contextlib.suppress(DeviceError):
+                self.make_safe()
+            self._stage.close()
+            self._stage = None
+
+    @property
+    def identity(self) -> Identity:
+        return Identity(self._model, self._open_stage.output.monitor.serial, simulated=False)
+
+    @property
+    def frame_time(self) -> float:
+        return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
+
+    def displayed_pattern(self) -> str:
+        """The identifier of what is shown; DeviceError if the screen is gone or wrong."""
+        self._require_screen("shown")
+        self._raise_pending_error()
+        if self._video is None and self._shown:
+            with self._translate_x_errors("shown"):
+                self._open_stage.check(f"show {self._shown}", self._frames[0])
+        return self._shown
+
+    def prepare_to_show(self, command: str) -> None:
+        """Something else is to be shown: a video that plays ends here."""
+        self._require_screen(command)
+        self._raise_pending_error()
+        self._stop()
+
+    def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
+        """Show a still and read it back. When it is on the screen at the latest."""
+        command = f"show {identifier}"
+        self.prepare_to_show(command)
+        return self._display_frames(command, identifier, [grey])
+
+    def play(self, identifier: str, video: NDArray[np.uint8]) -> float:
+        """Begin a video; the first frame is read back. When it is there at the latest."""
+        command = f"play {identifier}"
+        self.prepare_to_show(command)
+        seen = self._display_frames(command, identifier, list(video))
+        from drivers.screen.video import VideoPlayback
+
+        with self._translate_x_errors(command):
+            place = self._open_stage.x.display, self._open_stage.window
+            self._looked = time.monotonic()
+            self._drawn = 0
+            self._video = VideoPlayback(len(video), self.frame_time, self._draw, *place)
+        return seen + self.frame_time
+
+    def presentations(self) -> Presentations | None:
+        """Of the video that plays; None if none does."""
+        self._require_screen("presentations")
+        self._raise_pending_error()
+        return None if self._video is None else self._video.player.presentations()
+
+    def make_safe(self) -> None:
+        self._stop()
+        self._pending_error = None
+        self._require_screen("make safe")
+        self._display_frames("make safe", _NEUTRAL, [self._open_stage.neutral])
+
+    def health(self) -> dict[str, str]:
+        self._require_screen("health")
+        stage = self._open_stage
+        played, missed = self._counts()
+        paced = "nothing plays" if self._video is None else self._video.paced_by
+        return {
+            "screen": str(stage.output),
+            "monitor": " ".join(filter(None, vars(stage.output.monitor).values())) or "no EDID",
+            "X server": f"{stage.x.display}, {stage.x.setup.vendor}",
+            "window's process": str(os.getpid()),
+            "gamma ramp": "plain" if stage.has_linear_ramp else "not plain, as allowed",
+            "shown": self._shown,
+            "video paced by": paced,
+            "video frames presented": str(played),
+            "video presentations missed": str(missed),
+            "video looked at": f"{self._looks} times",
+            "screen lost": f"{self._lost} times",
+        }
+
+    def _attend_until_readable(self, end: int) -> None:
+        """Let Qt play and listen until the owner calls, or is gone."""
+        if self._stage is None:
+            return
+        from PySide6.QtCore import QEventLoop, QSocketNotifier
+
+        loop = QEventLoop()
+        calls = QSocketNotifier(end, QSocketNotifier.Type.Read)
+        calls.activated.connect(loop.quit)
+        changes = QSocketNotifier(self._stage.changes.fileno(), QSocketNotifier.Type.Read)
+        changes.activated.connect(self._screens_changed)
+        if self._video is not None:
+            self._video.process_refreshes()
+        loop.exec()
+        calls.setEnabled(False)
+        changes.setEnabled(False)
+
+    @property
+    def _open_stage(self) -> PanelScreen:
+        if self._stage is None:
+            raise DeviceError(self._model, "use the screen", "it isn't open", "Open it")
+        return self._stage
+
+    def _screens_changed(self, *_: object) -> None:
+        with contextlib.suppress(DeviceError):
+            self._require_screen("follow the screen")
+
+    def _require_screen(self, command: str) -> None:
+        """DeviceError while the screen is gone; when it is back, it is covered with neutral."""
+        with self._translate_x_errors(command):
+            try:
+                stayed = self._open_stage.ensure_covered()
+            except DeviceError:
+                self._reset_after_loss()
+                raise
+            if not stayed:
+                self._reset_after_loss()
+
+    def _reset_after_loss(self) -> None:
+        """The screen was taken away: what it showed is no more, and isn't shown again."""
+        if self._shown != _NEUTRAL or self._video is not None:
+            self._stop()
+            self._shown = _NEUTRAL
+            self._images, self._frames = [], [self._open_stage.neutral]
+            self._lost += 1
+
+    def _display_frames(
+        self, command: str, identifier: str, frames: list[NDArray[np.uint8]]
+    ) -> float:
+        from drivers.screen.canvas import grey_image
+
+        with self._translate_x_errors(command):
+            # What stands there until it is read back goes by no name.
+            self._shown = ""
+            self._frames = frames
+            self._images = [grey_image(frame) for frame in frames]
+            self._open_stage.draw(self._images[0])
+            seen = time.monotonic() + self.frame_time
+            self._open_stage.verify(command, frames[0])
+            self._shown = identifier
+            return seen
+
+    def _draw(self, index: int) -> None:
+        """Draw a video's frame; now and then, see whether the last one is there."""
+        now = time.monotonic()
+        if now - self._looked > _CHECK_INTERVAL:
+            self._looked, self._looks = now, self._looks + 1
+            try:
+                with self._translate_x_errors(f"play {self._shown}"):
+                    self._open_stage.check_band(f"play {self._shown}", self._frames[self._drawn])
+            except DeviceError as error:
+                self._pending_error = self._pending_error or error
+        self._open_stage.draw(self._images[index])
+        self._drawn = index
+
+    def _stop(self) -> None:
+        if self._video is not None:
+            self._played, self._missed = self._counts()
+            self._video.stop()
+            self._video = None
+            # One of its frames still stands.
+            self._shown = ""
+
+    def _counts(self) -> tuple[int, int]:
+        """Frames presented and missed, of all videos."""
+        if self._video is None:
+            return self._played, self._missed
+        told = self._video.player.presentations()
+        return self._played + told.count, self._missed + told.missed
+
+    def _raise_pending_error(self) -> None:
+        trouble, self._pending_error = self._pending_error, None
+        if trouble is not None:
+            raise trouble
+
+    @contextlib.contextmanager
+    def _translate_x_errors(self, command: str) -> Iterator[None]:
+        try:
+            yield
+        except XError as error:
+            kind = ServerGone if isinstance(error, XServerGone) else DeviceError
+            remedy = "Look whether the X server is up"
+            raise kind(self._model, command, str(error), remedy) from error

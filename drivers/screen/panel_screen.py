@@ -1,0 +1,185 @@
+"""The panel's place on the X screen: found, covered, watched, and left when it is gone."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.screen.display_checks import gamma_ramp_error, readback_error
+from drivers.screen.screen_choice import ScreenRequest, choose_screen
+from drivers.screen.session import connect_display
+from drivers.x11 import ScreenReader, XConnection
+from drivers.x11.outputs import Output, has_been_lost, list_outputs, read_gamma_ramp, watch_changes
+
+if TYPE_CHECKING:
+    from PySide6.QtGui import QImage
+
+    from drivers.screen.canvas import Canvas
+
+_APPEAR_TIMEOUT = 0.5
+"""Seconds in which a picture must be on the screen: compositors take their time."""
+
+_RECHECK_DELAY = 0.05
+"""Seconds until a picture that came late is looked at once more."""
+
+_CHECKED_BANDS = 4
+"""Parts of a video's frame that are looked at one after the other."""
+
+
+class PanelScreen:
+    """Where pictures are shown, and read back.
+
+    model: in errors. display: as in DISPLAY, that of the environment if None.
+    """
+
+    def __init__(
+        self, model: str, request: ScreenRequest, display: str | None, allow_ramp: bool
+    ) -> None:
+        self._model, self._wanted, self._allow_ramp = model, request, allow_ramp
+        self._canvas: Canvas | None = None
+        self._reader: ScreenReader | None = None
+        self._band = 0
+        self.x = connect_display(model, display)
+        self.output = choose_screen(request, list_outputs(self.x))
+        self.has_linear_ramp = self._check_ramp()
+        self.changes = XConnection(self.x.display)
+        watch_changes(self.changes)
+        # No screen saver while we are connected; without the extension nobody blanks either.
+        if self.x.has("MIT-SCREEN-SAVER"):
+            self.x.send_extension_request("MIT-SCREEN-SAVER", 5, "I", 1)
+        from drivers.screen.canvas import qt_application
+
+        qt_application(self.x.display)
+        self.neutral = np.zeros((request.height, request.width), np.uint8)
+        self._cover()
+
+    @property
+    def window(self) -> int:
+        """The X server's number of the window."""
+        return int(self._canvas.winId()) if self._canvas else 0
+
+    def ensure_covered(self) -> bool:
+        """Be on the screen; false if it had to be covered anew, and is neutral now.
+
+        DeviceError if the screen isn't there, or isn't the same.
+        """
+        try:
+            there = choose_screen(self._wanted, list_outputs(self.x))
+            if there.monitor != self.output.monitor:
+                reply = f"another monitor is plugged in at {there}"
+                raise DeviceError(
+                    self._model, "find the screen", reply, f"Plug in {self.output} again"
+                )
+        except DeviceError:
+            self.uncover()
+            raise
+        lost = has_been_lost(self.changes, self.output)
+        if self._canvas is not None and there.region == self.output.region and not lost:
+            self.output = there
+            return True
+        self.output = there
+        self._cover()
+        return False
+
+    def draw(self, image: QImage) -> None:
+        if self._canvas is not None:
+            self._canvas.draw(image)
+
+    def verify(self, command: str, grey: NDArray[np.uint8]) -> None:
+        """DeviceError if the screen doesn't show this, pixel for pixel, or changes its levels."""
+        self.has_linear_ramp = self._check_ramp()
+        late = time.monotonic() + _APPEAR_TIMEOUT
+        # Once it was wrong, right twice: another window may fight for its place.
+        right, enough = 0, 1
+        while right < enough:
+            wrong = readback_error(self._read_pixels(), grey)
+            if wrong and time.monotonic() > late:
+                raise self._display_error(command, wrong)
+            if wrong:
+                right, enough = 0, 2
+                self._raise_window()
+            else:
+                right += 1
+                if right < enough:
+                    time.sleep(_RECHECK_DELAY)
+
+    def check(self, command: str, grey: NDArray[np.uint8]) -> None:
+        """DeviceError if something else stands there now, which then is covered again."""
+        if wrong := readback_error(self._read_pixels(), grey):
+            self._raise_window()
+            raise self._display_error(command, wrong)
+
+    def check_band(self, command: str, grey: NDArray[np.uint8]) -> None:
+        """The same for a part of a picture that is shown now, in little time."""
+        rows = -(-grey.shape[0] // _CHECKED_BANDS)
+        top = self._band * rows
+        self._band = (self._band + 1) % _CHECKED_BANDS
+        part = grey[top : top + rows]
+        if not readback_error(self._read_pixels(top, len(part)), part):
+            return
+        self._raise_window()
+        if wrong := readback_error(self._read_pixels(), grey):
+            raise self._display_error(command, wrong)
+
+    def uncover(self) -> None:
+        """Take the window away: what was its place may now be another screen's."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+        if self._canvas is not None:
+            self._canvas.destroy()
+            self._canvas = None
+
+    def close(self) -> None:
+        self.uncover()
+        self.changes.close()
+        self.x.close()
+
+    def _cover(self) -> None:
+        from drivers.screen.canvas import Canvas
+
+        self.uncover()
+        self._canvas = Canvas(self.output.region)
+        self._canvas.appear(self.neutral)
+        self._reader = ScreenReader(self.x.display, self.output.region)
+        self.verify("show neutral", self.neutral)
+
+    def _raise_window(self) -> None:
+        from PySide6.QtGui import QGuiApplication
+
+        if self._canvas is not None:
+            self._canvas.raise_()
+        QGuiApplication.processEvents()
+        time.sleep(0.02)
+        QGuiApplication.processEvents()
+
+    def _read_pixels(self, top: int = 0, rows: int | None = None) -> NDArray[np.uint8]:
+        if self._reader is None:
+            raise DeviceError(self._model, "read the screen", "it is gone", "Plug it in again")
+        return self._reader.pixels(top, rows)
+
+    def _check_ramp(self) -> bool:
+        found = read_gamma_ramp(self.x, self.output.crtc)
+        if not self.output.refresh and not found.any():
+            return True  # nothing is scanned out of a virtual screen, which leaves its ramp empty
+        changed = gamma_ramp_error(found)
+        if changed and not self._allow_ramp:
+            remedy = (
+                f"Switch night light and colour profiles off, then xrandr --output "
+                f"{self.output.name} --gamma 1 --brightness 1; or write allow_ramp = true"
+            )
+            raise DeviceError(self._model, "read the gamma ramp", changed, remedy)
+        return not changed
+
+    def _display_error(self, command: str, wrong: str) -> DeviceError:
+        remedy = "Take away what lies on that screen, and switch scaling and night light off"
+        return DeviceError(self._model, command, wrong, remedy)
+
+
+def panel_name(output: Output) -> str:
+    """The panel's name: its monitor's, or its connector's."""
+    return output.monitor.model or f"screen {output.name}"

@@ -1,0 +1,60 @@
+"""What comes from a UVC camera as numbers of its pixels: uint16, one a pixel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FULL_SCALES = {
+    "YUYV": 255,
+    "MJPG": 255,
+    "GREY": 255,
+    "Y10 ": 1023,
+    "Y12 ": 4095,
+    "Y16 ": 65535,
+    "BA81": 255,
+    "GBRG": 255,
+    "GRBG": 255,
+    "RGGB": 255,
+}
+"""Pixel formats by V4L2's four letters, and the number at which a pixel is full. The last four
+are raw mosaics of colour filters; YUYV and MJPG give the luminance."""
+
+_BYTES = {"YUYV": 2, "Y10 ": 2, "Y12 ": 2, "Y16 ": 2}
+
+
+def is_decoded(pixel_format: str) -> bool:
+    """Whether OpenCV is to decode it; else its bytes come as they are."""
+    return pixel_format == "MJPG"
+
+
+def decode_pixels(image: Any, pixel_format: str, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    """A picture's numbers, (rows, columns); ValueError if its bytes don't make up one."""
+    if is_decoded(pixel_format):
+        return _luminance(image, shape)
+    data = np.ascontiguousarray(image).view(np.uint8).reshape(-1)
+    rows, columns = shape
+    size = _BYTES.get(pixel_format, 1)
+    if data.size != rows * columns * size:
+        raise ValueError(
+            f"a frame of {data.size} bytes came, {columns} x {rows} pixels of "
+            f"{pixel_format.strip()} have {rows * columns * size}"
+        )
+    if pixel_format == "YUYV":
+        return data[0::2].reshape(shape).astype(np.uint16)
+    if size == 2:
+        return data.view("<u2").reshape(shape).astype(np.uint16)
+    return data.reshape(shape).astype(np.uint16)
+
+
+def _luminance(image: Any, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    picture = np.asarray(image)
+    if picture.shape[:2] != shape:
+        raise ValueError(f"a frame of {picture.shape} came instead of {shape}")
+    if picture.ndim == 3:
+        import cv2
+
+        picture = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    return picture.astype(np.uint16)

@@ -1,0 +1,232 @@
+"""How a VariSpec is found, brought to rest and initialised."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from drivers.errors import DeviceError
+from drivers.varispec.echo_client import FilterRefusal, VariSpecClient
+from drivers.varispec.options import VariSpecOptions
+from drivers.varispec.protocol import TEMPERATURE_REPLY, VERSION_REPLY, Status, Version
+
+_OPEN_TIMEOUT = 57.0
+"""Seconds in which it is open or has failed; whoever opens a device waits for a minute."""
+
+_INITIALISATION_TIME = 30.0
+_EXERCISE_TIME = 12.0
+"""Seconds that initialising and one exercise take about, says the manual."""
+
+_TIME_FACTOR = 1.5
+"""By how much that may be exceeded."""
+
+_POWER_UP_TIME = _INITIALISATION_TIME * _TIME_FACTOR
+"""Seconds since it was plugged in, within which it may still be initialising itself."""
+
+_CALCULATION_TIME = 0.5
+"""Seconds that electronics with RS-232 may be busy with a wavelength."""
+
+_POLL_INTERVAL = 0.5
+"""Seconds between two questions whether it is done."""
+
+_ASLEEP = (
+    "Check power, cable, port and baud rate. If it was sent to sleep, give its serial number in "
+    "the option serial"
+)
+
+
+class VariSpecStartup:
+    """report: is told what is done and the share that is done."""
+
+    def __init__(
+        self, talk: VariSpecClient, options: VariSpecOptions, report: Callable[[str, float], None]
+    ) -> None:
+        self._talk, self._line, self._options = talk, talk.line, options
+        self._report = report
+        self.temperature = 0.0
+        """Degrees Celsius when it was initialised, or first seen."""
+        self._plugged_at = -math.inf
+        self.initialised_at = 0.0
+        self.initialisation = ""
+
+    def begin(self) -> Version:
+        """Find the filter and make it ready; DeviceError within a minute."""
+        options = self._options
+        with self._line.within(_OPEN_TIMEOUT):
+            self._line.reopen("open")
+            self._plugged_at = -math.inf
+            self._wait_for_power_up()
+            told = self._talk.call_with_retry(self._find, self._identify)
+            if options.serial and int(told.serial) != int(options.serial):
+                raise FilterRefusal(
+                    self._line.model,
+                    "open",
+                    f"it is number {told.serial}, not {options.serial}",
+                    "Check the option port",
+                )
+            if options.recalibrate == "always" or not self._ask_status().initialised:
+                self.initialise(completely=True)
+            elif options.recalibrate == "correct":
+                self.initialise(completely=False)
+            else:
+                self._record_initialisation("found initialised")
+            if options.exercise and not self._ask_status().exercised:
+                self.exercise(1)
+        return told
+
+    def wait_if_plugged_in_again(self, command: str) -> None:
+        """For calls that may last: let it finish what it does since its plug was out."""
+        if not self._line.is_open:
+            self._line.open(command)
+        elif self._line.clock.now() - self._plugged_at > _POWER_UP_TIME:
+            return
+        self._wait_for_power_up()
+        self._plugged_at = -math.inf
+
+    def resynchronise(self, command: str, known: Version | None) -> Status:
+        """Abort, forget what is on its way, and look whether it is still the same filter.
+
+        Whatever a power failure resets is set again; it may be uninitialised then.
+        """
+        talk = self._talk
+        self._wait_out_power_up(command)
+        talk.abort(command)
+        status = self._wake_and_read_status(command, known)
+        if talk.is_busy(command):
+            raise self._line.error(command, "it is busy", "Wait; if it stays so, switch it off")
+        for text in ("B 0", "G 0", "R 1"):
+            talk.send(text, command)
+        if talk.query_integer("R", command):
+            raise self._line.error(command, "its error can't be cleared")
+        if known is not None:
+            found = self._ask_version(command)
+            if found != known:
+                raise self._line.error(
+                    command, f"another filter answers: {found}", "Plug the right one in"
+                )
+        self._line.in_sync = True
+        return status
+
+    def initialise(self, completely: bool) -> None:
+        """Initialise, or only correct for the temperature."""
+        talk, command = self._talk, "initialise" if completely else "correct for the temperature"
+        talk.call_with_retry(self._find, lambda: talk.send(f"I {completely:d}", command))
+        self._wait_until_idle("initialising", command, _INITIALISATION_TIME)
+        talk.call_with_retry(self._find, lambda: self._require_initialised(command))
+        self._record_initialisation(
+            "initialised" if completely else "corrected for the temperature"
+        )
+
+    def exercise(self, cycles: int) -> None:
+        talk = self._talk
+        talk.call_with_retry(self._find, lambda: talk.send(f"E {cycles}", "exercise"))
+        self._wait_until_idle("exercising", "exercise", cycles * _EXERCISE_TIME)
+        talk.call_with_retry(self._find, lambda: talk.require_no_error("exercise"))
+
+    def read_temperature(self, command: str) -> float:
+        def ask() -> float:
+            return float(self._talk.ask("Y ?", TEMPERATURE_REPLY, command)[1])
+
+        told = self._talk.confirmed_reply(ask, command, lambda one, other: abs(one - other) <= 0.25)
+        if not -40.0 <= told <= 100.0:
+            raise self._line.error(command, f"its temperature is {told:g} °C")
+        return told
+
+    def _find(self) -> None:
+        self.resynchronise("open", None)
+
+    def _identify(self) -> Version:
+        return self._talk.confirmed_reply(lambda: self._ask_version("open"), "open")
+
+    def _ask_status(self) -> Status:
+        return self._talk.call_with_retry(self._find, lambda: self._talk.read_status("open"))
+
+    def _ask_version(self, command: str) -> Version:
+        answer = self._talk.ask("V ?", VERSION_REPLY, command)
+        version = Version(answer[1], float(answer[2]), float(answer[3]), answer[4])
+        if not 100.0 <= version.shortest < version.longest:
+            raise self._line.error(command, f"it says that it is {version}")
+        return version
+
+    def _wake_and_read_status(self, command: str, known: Version | None) -> Status:
+        try:
+            return self._talk.read_status(command)
+        except DeviceError as error:
+            serial = known.serial if known else self._options.serial
+            if not self._line.is_open:
+                raise
+            if not serial:
+                raise self._line.error(command, error.reply, _ASLEEP) from error
+        self._talk.abort(command)
+        self._talk.send(f"A {int(serial)}", command)
+        return self._talk.read_status(command)
+
+    def _wait_for_power_up(self) -> None:
+        """A filter that was just switched on initialises itself; to abort that costs time."""
+        self._line.drain(0.07, 1.0, "open")
+        try:
+            busy = self._talk.is_busy("open")
+        except DeviceError:
+            return
+        if busy:
+            self._wait_until_idle("waiting for its power-up", "open", _INITIALISATION_TIME)
+
+    def _wait_out_power_up(self, command: str) -> None:
+        """A plug that was out was its power, too: what it then does must not be aborted."""
+        now = self._line.clock.now
+        if not self._line.is_open:
+            self._line.open(command)
+            self._plugged_at = now()
+            self._line.drain(0.07, 0.5, command)
+        if now() - self._plugged_at > _POWER_UP_TIME:
+            return
+        clock = self._line.clock
+        late = now() + _CALCULATION_TIME
+        try:
+            while (busy := self._talk.is_busy(command)) and now() < late:
+                clock.wait_until(now() + 0.05, lambda: self._line.is_cancelled)
+        except DeviceError:
+            return
+        if busy:
+            raise self._line.error(
+                command, "it is busy, initialising itself perhaps", "Wait for half a minute"
+            )
+        self._plugged_at = -math.inf
+
+    def _require_initialised(self, command: str) -> None:
+        self._talk.require_no_error(command)
+        if not self._talk.read_status(command).initialised:
+            raise FilterRefusal(
+                self._line.model,
+                command,
+                "it doesn't get initialised",
+                "Check the cable between optics and electronics; switch it off and on",
+            )
+
+    def _wait_until_idle(self, what: str, command: str, seconds: float) -> None:
+        """Ask whether it is done, until it is; an answer that noise spoils is asked for again."""
+        clock = self._line.clock
+        began = clock.now()
+        late = began + min(seconds * _TIME_FACTOR + 5.0, self._line.time_left - 1.0)
+        while clock.now() < late:
+            self._report(what, min((clock.now() - began) / max(seconds, 1e-3), 0.99))
+            try:
+                if not self._talk.is_busy(command):
+                    self._report(what, 1.0)
+                    return
+            except DeviceError:
+                if not self._line.is_open or self._line.is_cancelled:
+                    raise
+                self._line.drain(0.07, 1.0, command)
+            clock.wait_until(clock.now() + _POLL_INTERVAL, lambda: self._line.is_cancelled)
+        raise self._line.error(
+            command,
+            f"it is still busy after {clock.now() - began:.0f} s",
+            "Switch the filter off and on",
+        )
+
+    def _record_initialisation(self, how: str) -> None:
+        self.temperature = self._talk.call_with_retry(
+            self._find, lambda: self.read_temperature("open")
+        )
+        self.initialised_at, self.initialisation = self._line.clock.now(), how

@@ -1,0 +1,76 @@
+"""Measured rows as a table or JSON, and their diagram as a picture."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+from matplotlib.figure import Figure
+
+from labapp.common.console import out, print_json, print_message, print_table
+from labapp.files.writing import write_atomically
+
+R = TypeVar("R")
+
+Columns = Mapping[str, Callable[[R], str]]
+"""What stands in a row under each heading; numbers under those that end in a blank."""
+
+
+def print_rows(
+    title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
+) -> None:
+    """Print a table, with why rows failed below it; or JSON, with what else there is."""
+    if as_json:
+        print_data(rows, **more)
+        return
+    print_table(title, list(columns), [[cell(row) for cell in columns.values()] for row in rows])
+    failures = (getattr(row, "failure", "") for row in rows)
+    for failure in dict.fromkeys(filter(None, failures)):
+        out.print(f"failed: {failure}", markup=False)
+    out.print(remark)
+    out.print(describe_machine(), style="dim")
+
+
+def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
+    """Formatted, or nothing for what isn't known."""
+    return "" if value is None else format(scale * value, form)
+
+
+def print_data(rows: Sequence[Any], **more: float) -> None:
+    """Dataclasses as JSON, with the machine's name and what else there is.
+
+    JSON has no infinity: a number that isn't finite is null.
+    """
+    told = [{name: _finite(value) for name, value in asdict(row).items()} for row in rows]
+    print_json({"machine": describe_machine(), **more, "rows": told})
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
+    """The diagram in the format that the path's ending says, if there is one."""
+    if plot is None:
+        return
+    buffer = io.BytesIO()
+    draw().savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+    write_atomically(plot, buffer.getvalue())
+    print_message(f"wrote {plot}")
+
+
+def describe_machine() -> str:
+    """The machine in a line, for the caption of figures."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
+    except (OSError, StopIteration):
+        pass
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"

@@ -1,0 +1,116 @@
+"""`labapp devices`: what there is to work with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
+from labapp.bench.opening import BenchFiles, BenchSetup, installed_drivers, open_device
+from labapp.bench.selftest.checks import describe_error
+from labapp.common.console import out, print_json, print_table, terminal_progress
+
+
+def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
+    """Print the bench's devices with their ranges, the drivers, and the ports."""
+    setup = BenchFiles.with_defaults(bench, scene).read()
+    roles = list(setup.bench.devices.tables)
+    described = []
+    with terminal_progress() as progress:
+        for number, role in enumerate(roles):
+            progress.report(number / len(roles), role)
+            described.append(describe_device(setup, role))
+    installed = {entry.name: _load_error(entry) for entry in installed_drivers().values()}
+    ports, trouble = _ports()
+    if as_json:
+        plugged = [vars(port) for port in ports]
+        print_json(
+            {
+                "bench": setup.bench.name,
+                "devices": described,
+                "drivers": installed,
+                "ports": plugged,
+                "unlisted": trouble,
+            }
+        )
+        return
+    columns = ["device", "model", "", "can do"]
+    rows = [[escape(told) for told in one.values()] for one in described]
+    print_table(f"Bench: {setup.bench.name}", columns, rows)
+    rows = [[driver, escape(bad or "installed")] for driver, bad in installed.items()]
+    print_table("Drivers", ["name", "state"], rows)
+    print_table(
+        "Plugged in",
+        ["kind", "address", "description"],
+        [[escape(told) for told in (port.kind, port.address, port.description)] for port in ports],
+    )
+    for line in trouble:
+        out.print(line, markup=False)
+
+
+def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
+    """A device of a bench: name, model, real or simulated, and its limits.
+
+    Opened by itself: one that isn't there hides no other, and says why it isn't.
+    """
+    try:
+        with open_device(setup, role) as alone:
+            who = alone.device.identity
+            kind, limits = "SIMULATED" if who.simulated else "real", _LIMITS[role](alone.device)
+            return {"device": role, "model": who.model, "kind": kind, "limits": limits}
+    except Exception as error:
+        driver, why = setup.bench.devices.tables[role].driver, describe_error(error, role)
+        return {"device": role, "model": driver, "kind": "FAILED", "limits": why}
+
+
+def _slm_limits(device: Any) -> str:
+    rows, columns = device.shape
+    return f"{columns} x {rows} pixels"
+
+
+def _filter_limits(device: Any) -> str:
+    low, high = device.wavelength_range
+    return f"{low * 1e9:.0f} to {high * 1e9:.0f} nm, {device.bandwidth * 1e9:g} nm wide"
+
+
+def _camera_limits(device: Any) -> str:
+    (rows, columns), (shortest, longest) = device.shape, device.exposure_range
+    return f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms"
+
+
+def _spectroradiometer_limits(device: Any) -> str:
+    wavelengths = device.wavelengths * 1e9
+    return f"{wavelengths[0]:.0f} to {wavelengths[-1]:.0f} nm, {wavelengths.size} values"
+
+
+_LIMITS: dict[str, Callable[[Any], str]] = {
+    "slm": _slm_limits,
+    "filter": _filter_limits,
+    "camera": _camera_limits,
+    "targets": lambda device: ", ".join(device.names),
+    "spectroradiometer": _spectroradiometer_limits,
+}
+
+
+def _load_error(entry: Any) -> str:
+    """Empty if a driver loads, else why it doesn't; a broken one harms nobody else."""
+    try:
+        entry.load()
+    except Exception as error:
+        return f"doesn't load: {error}"
+    return ""
+
+
+def _ports() -> tuple[list[Port], list[str]]:
+    """The ports that can be listed, and why others can't."""
+    ports: list[Port] = []
+    trouble = []
+    for find in (serial_ports, usb_devices, cameras, screens):
+        try:
+            ports += find()
+        except Exception as error:
+            trouble.append(f"{find.__name__.replace('_', ' ')} can't be listed: {error}")
+    return ports, trouble

@@ -1,0 +1,86 @@
+"""What a person types to a virtual bench that is served, or a script pipes into it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from labapp.bench.virtual_bench.instruments import ServedInstrument
+from labapp.bench.virtual_bench.shared_world import SharedWorld
+
+HELP = """\
+target NAME               put a target before the camera
+fault NAME KIND [SECONDS] have something go wrong, for good if no seconds are given
+mend NAME                 end all faults of an instrument
+unplug NAME, plug NAME    pull the plug; put it in again, which ends all faults, too
+state                     how the bench stands
+help                      this, with the names that there are
+quit                      end all instruments"""
+
+
+class CommandInterpreter:
+    """Obeys lines; `is_over` once somebody has said quit."""
+
+    def __init__(
+        self, shared: SharedWorld, targets: list[str], instruments: Mapping[str, ServedInstrument]
+    ) -> None:
+        self._shared, self._targets = shared, targets
+        # Whatever can't fail here is nobody's who types.
+        self._instruments = {name: one for name, one in instruments.items() if one.fault_kinds}
+        self.is_over = False
+
+    def execute(self, line: str) -> str:
+        """Do what a line says; what to answer, empty for nothing. ValueError in words."""
+        words = line.split()
+        if not words:
+            return ""
+        match words[0], words[1:]:
+            case "quit", []:
+                self.is_over = True
+                return "ending"
+            case "help", []:
+                return self._help()
+            case "state", []:
+                return self._shared.describe_state()
+            case "target", [_, *_] as rest:
+                self._shared.place(name := " ".join(rest))
+                return f"target {name}"
+            case "fault", [name, *rest] if rest:
+                return self._fail(name, rest)
+            case "mend" | "plug" as verb, [name]:
+                self._find_instrument(name).clear_faults()
+                return f"{name} is {'mended' if verb == 'mend' else 'plugged in'}"
+            case "unplug", [name]:
+                self._find_instrument(name).inject_fault("disconnect", math.inf)
+                return f"{name} is unplugged"
+        raise ValueError(f"{line.strip()!r} isn't understood; type help")
+
+    def _fail(self, name: str, rest: list[str]) -> str:
+        seconds = math.inf
+        if len(rest) > 1 and (given := _number(rest[-1])) is not None:
+            seconds, rest = given, rest[:-1]
+        kind = " ".join(rest)
+        if not seconds > 0:
+            raise ValueError(f"{seconds:g} seconds; they must be more than 0")
+        self._find_instrument(name).inject_fault(kind, seconds)
+        return f"{name}: {kind}" + (f" for {seconds:g} s" if seconds < math.inf else "")
+
+    def _find_instrument(self, name: str) -> ServedInstrument:
+        if name not in self._instruments:
+            known = ", ".join(self._instruments) or "none is served"
+            raise ValueError(f"there is no instrument {name!r} that can fail; choose {known}")
+        return self._instruments[name]
+
+    def _help(self) -> str:
+        lines = [HELP, f"targets: {', '.join(self._targets)}"]
+        lines += [
+            f"faults of {n}: {', '.join(one.fault_kinds)}" for n, one in self._instruments.items()
+        ]
+        return "\n".join(lines)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None

@@ -1,0 +1,172 @@
+"""What a calibration shows: gratings that steer, stripes of two levels, known defocus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.calibration import request as names
+from labapp.calibration.request import CalibrationDesign, CalibrationExposures, CalibrationRequest
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from optics.calibration.gratings import (
+    blazed_grating_phase,
+    max_grating_frequency,
+    region_vectors,
+    registration_vectors,
+    stripe_pattern,
+)
+from optics.camera import Camera
+from optics.pupil import open_pupil_radius
+from optics.slm import max_phase, phase_to_grey
+
+Patterns = dict[str, NDArray[np.uint8]]
+
+_BLUR = 5.0
+"""Sensor pixels by which star, lens and filter widen a spot, at the most."""
+
+_DEFOCUS = (-1.5, 1.5)
+"""Waves, edge to centre of the open pupil."""
+
+_STRIDE = 0.382
+"""Of a sweep, from one level to the next that is shown: a lamp that drifts is seen as scatter,
+not as phase."""
+
+_END_DENSITY = 0.35
+"""By how much a sweep's levels are denser at the ends."""
+
+_NEUTRALS, _DARKS = 2, 2
+
+
+def design_calibration(
+    camera: Camera, request: CalibrationRequest, exposures: tuple[CalibrationExposures, ...]
+) -> CalibrationDesign:
+    """The gratings and levels that a camera's panel and sensor allow.
+
+    UserError if the regions' spots can't be told apart on the sensor.
+    """
+    panel, sensor, z = camera.panel, camera.sensor, camera.ray_matrix_b
+    # The longest wavelength reaches farthest, and the shortest has the widest sweep.
+    longest_nm, shortest_nm = max(request.wavelengths_nm), min(request.wavelengths_nm)
+    scale = longest_nm * 1e-9 * z
+    longest = max_grating_frequency(sensor.shape, sensor.pitch, panel.pitch, scale)
+    made = CalibrationDesign(
+        request=request,
+        exposures=exposures,
+        compass=_pairs(registration_vectors(longest)),
+        defocus_waves=_DEFOCUS if request.includes("wavefront") else (),
+    )
+    if not request.includes("response"):
+        return made
+    blur = _BLUR * sensor.pitch * panel.pitch / (shortest_nm * 1e-9 * z)
+    try:
+        vectors = region_vectors(panel.shape, request.regions, longest, blur)
+    except ValueError as error:
+        raise UserError(f"--regions {request.regions[0]}x{request.regions[1]}: {error}.") from error
+    low, high = sweep_levels(panel.levels, request.levels, max_phase(panel, shortest_nm * 1e-9))
+    return made.model_copy(update={"vectors": _pairs(vectors), "low": low, "high": high})
+
+
+def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Levels of a sweep's two stripes, frame by frame in the order in which they are shown.
+
+    The upper ones are spread over all levels, more densely towards the ends, where a curve is
+    held on one side only; the last one comes twice. The lower ones are the first level, and in
+    every other frame about a quarter of a wave above it, by the expected reach in radians.
+    """
+    top = levels - 1
+    x = np.linspace(0, 1, frames - 1)
+    spread = top * (x - _END_DENSITY * np.sin(2 * math.pi * x) / (2 * math.pi))
+    high = np.append(spread.round().astype(int), top)
+    quarter = max(1, round(top * (math.pi / 2) / reach))
+    low = np.where(np.arange(frames) % 2 == 1, quarter, 0)
+    stride = round(_STRIDE * frames)
+    while math.gcd(stride, frames) > 1:
+        stride += 1
+    order = (np.arange(frames) * stride) % frames
+    return tuple(low[order].tolist()), tuple(high[order].tolist())
+
+
+def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
+    """Grey levels of every pattern of a design, by name, (rows, columns)."""
+    panel = camera.panel
+    shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
+    for nm in design.request.wavelengths_nm:
+        for number, vector in enumerate(design.compass):
+            phase = torch.from_numpy(blazed_grating_phase(panel.shape, vector))
+            shown[names.steering_pattern_name(nm, number)] = phase_to_grey(
+                panel, phase, nm * 1e-9
+            ).numpy()
+    nm = design.reference_nm
+    for number, waves in enumerate(design.defocus_waves):
+        shown[names.defocus_pattern_name(nm, number)] = _defocus_pattern(camera, waves, nm * 1e-9)
+    vectors = np.array(design.vectors)
+    for low, high in zip(design.low, design.high, strict=True):
+        grey = stripe_pattern(panel.shape, design.request.regions, vectors, low, high)
+        shown[names.stripes_pattern_name(low, high)] = grey
+    return shown
+
+
+def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
+    """In as many whole waves as the panel has, so that it jumps as rarely as can be."""
+    y, x = camera.panel.plane.mesh()
+    phase = 2 * math.pi * waves * (y**2 + x**2) / open_pupil_radius(camera) ** 2
+    orders = max(1, int(max_phase(camera.panel, wavelength) / (2 * math.pi)))
+    # Without need to wrap where the range is enough.
+    shown = phase - phase.min()
+    return phase_to_grey(camera.panel, shown, wavelength, orders).numpy()
+
+
+def build_plan(
+    design: CalibrationDesign, patterns: Mapping[str, NDArray[np.uint8]], folder: str
+) -> PlanFile:
+    """The plan that takes a design's frames. folder: of the pictures, beside the plan."""
+    request = design.request
+    blocks = []
+    for nm in request.wavelengths_nm:
+        exposures = design.exposures_at(nm)
+        full = [names.steering_pattern_name(nm, k) for k in range(len(design.compass))]
+        if nm == design.reference_nm:
+            full += [names.defocus_pattern_name(nm, k) for k in range(len(design.defocus_waves))]
+        sweep = [
+            names.stripes_pattern_name(low, high)
+            for low, high in zip(design.low, design.high, strict=True)
+        ]
+        neutral, full_ms = [names.NEUTRAL_NAME], exposures.full_ms
+        if request.dark:
+            both = (full_ms, exposures.sweep_ms) if sweep else (full_ms,)
+            darks = _block(request.dark, neutral, nm, *both, repeats=_DARKS)
+            blocks.append(darks | {"role": "dark"})
+        blocks.append(_block(request.star, neutral, nm, full_ms, repeats=_NEUTRALS))
+        blocks.append(_block(request.star, full, nm, full_ms))
+        if sweep:
+            blocks.append(_block(request.star, sweep, nm, exposures.sweep_ms))
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": "Calibration: " + ", ".join(request.parts),
+            "metadata": {names.DESIGN_KEY: design.model_dump_json()},
+            "patterns": {n: {"kind": "image", "file": f"{folder}/{n}.png"} for n in patterns},
+            "acquire": blocks,
+        }
+    )
+
+
+def _block(
+    target: str, shown: list[str], nm: float, *exposures_ms: float, repeats: int = 1
+) -> dict[str, object]:
+    return {
+        "targets": [target],
+        "patterns": shown,
+        "wavelengths_nm": [nm],
+        "exposures_ms": sorted(set(exposures_ms)),
+        "repeats": repeats,
+    }
+
+
+def _pairs(vectors: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    return tuple((float(y), float(x)) for y, x in vectors)

@@ -1,0 +1,46 @@
+"""The command that draws the light along the axis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.shared_options import CameraOption, FieldOption, ForceOption, readable_path
+
+
+@app.command()
+def beam(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Picture to write (.png).")],
+    camera: CameraOption = None,
+    pattern: Annotated[
+        Path | None,
+        typer.Option(callback=readable_path, help="8-bit picture on the panel; none: neutral."),
+    ] = None,
+    distance: Annotated[
+        float, typer.Option(help="Of the object from the panel, in metres; inf is allowed.")
+    ] = 2.0,
+    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
+    field: FieldOption = "0,0",
+    slices: Annotated[int, typer.Option(help="Depths in each of the two pictures.")] = 120,
+    force: ForceOption = False,
+) -> None:
+    """Draw the light of a point along the axis, from the panel through the lens to the sensor.
+
+    Two pictures over four decades: the whole way, and the light around the sensor. What the
+    stop cuts off, where a pattern's orders go, and how deep the focus is can be seen at a
+    glance.
+    """
+    from labapp.files.output_paths import beam_output_path
+    from labapp.light.lens_options import read_field
+
+    off_axis, place = read_field(field), beam_output_path(out, force=force)
+    from labapp.files.bench_file import read_camera
+    from labapp.light.beam_picture import BeamRequest, draw_beam
+
+    asked = BeamRequest(
+        read_camera(camera), pattern, distance, wavelength_nm * 1e-9, off_axis, slices
+    )
+    draw_beam(asked, place)

@@ -1,0 +1,97 @@
+"""A lens and a window on its image, as options of a command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+import typer
+
+from labapp.cli.option_groups import get_option_group
+from labapp.cli.shared_options import CameraOption
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Of a command that a file may describe the lens to."""
+
+    camera: CameraOption = None
+
+
+@dataclass(frozen=True)
+class LensOptions:
+    """A lens, its object, and a window on the image."""
+
+    focal_length: Annotated[float, typer.Option(help="Of the lens, in metres.")] = 0.125
+    f_number: Annotated[float, typer.Option(help="Focal length over the stop's diameter.")] = 5.0
+    focus: Annotated[float, typer.Option(help="Plane in focus, in metres; inf is allowed.")] = 2.0
+    distance: Annotated[float, typer.Option(help="Of the object, in metres; inf is allowed.")] = 2.0
+    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0
+    pitch_um: Annotated[float, typer.Option(help="Of the sensor's pixels, in micrometres.")] = 3.45
+    size: Annotated[int, typer.Option(help="Side of the square window, in pixels.")] = 256
+    centre: Annotated[
+        str, typer.Option(metavar="Y,X", help="Of the window, in micrometres from the axis.")
+    ] = "0,0"
+    blades: Annotated[int, typer.Option(help="Straight blades of the stop; 0: a round one.")] = 0
+    rectangle: Annotated[
+        str | None,
+        typer.Option(metavar="HxW", help="A rectangular stop, in stop diameters: 0.5x0.7."),
+    ] = None
+    obscuration: Annotated[
+        float, typer.Option(help="Radius of a central disc that hides the stop, in stop radii.")
+    ] = 0.0
+    zernike: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="N,M,NM",
+            help="An aberration by its Zernike polynomial and its root mean square in nanometres; "
+            "repeat for more.",
+        ),
+    ] = None
+    lens: Annotated[
+        str,
+        typer.Option(
+            help="thin: quadratic phase. stigmatic: corrected for its plane in focus, sine "
+            "condition."
+        ),
+    ] = "thin"
+
+    def build_case(self) -> Any:
+        """The lens and the window as the engine knows them; UserError names what is wrong."""
+        from labapp.light.lens_options import LensCase, read_aberrations, read_stop, read_window
+
+        aberrations = read_aberrations(self.zernike or [])
+        stop = read_stop(self.blades, self.obscuration, self.rectangle)
+        window = read_window(self.size, self.pitch_um * 1e-6, self.centre)
+        from optics.camera import Lens
+
+        kind: Any = self.lens
+        lens = Lens(self.focal_length, self.f_number, self.focus, stop, aberrations, kind)
+        return LensCase(lens, self.distance, self.wavelength_nm * 1e-9, window)
+
+
+def build_lens_case(context: typer.Context) -> Any:
+    """The case of a command's lens, behind the panel of a camera's file if there is one; options
+    that are given count more than the file."""
+    options, camera = (
+        get_option_group(context, LensOptions),
+        get_option_group(context, CameraOptions).camera,
+    )
+    if camera is None:
+        return options.build_case()
+    from labapp.files.bench_file import read_camera_file
+    from labapp.light.lens_options import lens_option_defaults, with_panel_in_front
+
+    chosen = _options_on_command_line(context)
+    file = read_camera_file(camera)
+    described = file.build_camera()
+    words: dict[str, Any] = lens_option_defaults(described)
+    said = {name: word for name, word in words.items() if name not in chosen}
+    case = with_panel_in_front(replace(options, **said).build_case(), described, chosen)
+    return replace(case, interference=file.interference)
+
+
+def _options_on_command_line(context: typer.Context) -> set[str]:
+    """The names of the lens' options that the command line really gives."""
+    sources = {one.name: context.get_parameter_source(one.name) for one in fields(LensOptions)}
+    return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}

@@ -1,0 +1,63 @@
+"""Options that several commands take together, as groups: dataclasses, each entry an option.
+
+A command names its groups by `cls=command_with_options(...)`, with the defaults that hold
+for it, and reads them by `get_option_group(context, ...)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from functools import cache
+from typing import Any, TypeVar
+
+import typer
+from typer.core import TyperCommand
+from typer.main import get_command
+
+G = TypeVar("G")
+
+
+@cache
+def _group_parser(group: Callable[..., Any]) -> Any:
+    """A command whose options are the entries of a group, and whose answer is the group."""
+    app = typer.Typer(add_completion=False)
+    app.command()(group)
+    return get_command(app)
+
+
+def command_with_options(*groups: Any, options_first: bool = False) -> type[TyperCommand]:
+    """What a command is that takes the options of groups, too. options_first: before its own."""
+
+    class Command(TyperCommand):
+        def __init__(self, *positional: Any, params: list[Any], **named: Any) -> None:
+            shared = [one for group in groups for one in _options(group)]
+            both = [*shared, *params] if options_first else [*params, *shared]
+            super().__init__(*positional, params=both, **named)
+
+        def invoke(self, ctx: Any) -> Any:
+            ctx.obj = {type(group): _build_group(type(group), ctx.params) for group in groups}
+            return super().invoke(ctx)
+
+    return Command
+
+
+def get_option_group(context: typer.Context, group: type[G]) -> G:
+    """A group as the command line gives it."""
+    found: G = context.obj[group]
+    return found
+
+
+def _options(group: Any) -> list[Any]:
+    """Its options, whose defaults are the values of this one."""
+    kind: Callable[..., Any] = type(group)
+    options = [copy(one) for one in _group_parser(kind).params]
+    for option in options:
+        option.default = getattr(group, option.name)
+    return options
+
+
+def _build_group(group: Callable[..., Any], values: dict[str, Any]) -> Any:
+    """The group; its values are taken out of the command's own."""
+    reader = _group_parser(group)
+    return reader.callback(**{one.name: values.pop(one.name) for one in reader.params})

@@ -1,0 +1,67 @@
+"""`list`: every list of a command line is printed alike, or is JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from labapp.common.console import out, print_json
+
+
+@dataclass(frozen=True)
+class ListEntry:
+    """One of a list: its name, and what it is in a sentence.
+
+    keys: what can be set of it, each with `key`, `default` and `what`. lines: what else a person
+    is told. facts: what else a program is told.
+    """
+
+    name: str
+    what: str
+    keys: Sequence[Mapping[str, str]] = ()
+    lines: Sequence[str] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def print_list(
+    entries: Sequence[ListEntry],
+    *,
+    as_json: bool,
+    common_keys: Sequence[Mapping[str, str]] = (),
+    example: str,
+) -> None:
+    """Print a list: for programs with all there is, for a person without keys that are shared.
+
+    common_keys: keys that most have, told once. example: a command that uses what is listed.
+    """
+    if as_json:
+        print_json([_data(one) for one in entries])
+        return
+    known = {key["key"] for key in common_keys}
+    keys = [key for one in entries for key in one.keys]
+    widest = max((len(key["key"]) for key in keys), default=0)
+    if keys:
+        _print("Below each: KEY, what it is if left out, and its unit and meaning.\n")
+    for one in entries:
+        out.print(f"{one.name}: {one.what}", style="bold", markup=False, soft_wrap=True)
+        for line in one.lines:
+            _print(f"    {line}")
+        _print_keys([key for key in one.keys if key["key"] not in known], widest)
+    if common_keys:
+        _print("\nMost of them also have:")
+        _print_keys(common_keys, widest)
+    _print(f"\nFor instance: {example}")
+
+
+def _data(one: ListEntry) -> dict[str, Any]:
+    return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
+
+
+def _print_keys(keys: Sequence[Mapping[str, str]], widest: int) -> None:
+    for key in keys:
+        _print(f"    {key['key']:<{widest}}  {key['default']:<10}  {key['what']}")
+
+
+def _print(line: str) -> None:
+    out.print(line, markup=False, soft_wrap=True)

@@ -1,0 +1,81 @@
+"""KEY=VALUE on a command line: a table's keys, and what a person is told of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, get_type_hints
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from labapp.common.errors import UserError
+from labapp.files.table import Key, unit_of
+
+
+def parse_key_values(
+    arguments: Sequence[str], model: type[Any], exclude: Collection[str] = ()
+) -> dict[str, Any]:
+    """Values by key, read as TOML unless the key is for text; they aren't validated yet.
+
+    exclude: keys that nobody gives. UserError for what is no KEY=VALUE.
+    """
+    fields, values = _fields(model), dict[str, Any]()
+    for one in arguments:
+        key, equals, text = one.partition("=")
+        if not equals:
+            known = ", ".join(key for key in fields if key not in exclude)
+            raise UserError(f"{one!r} is no KEY=VALUE. The keys are {known}.")
+        is_text = key in fields and fields[key].annotation is str
+        values[key] = text if is_text else _as_toml(text)
+    return values
+
+
+def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[str, Any]]:
+    """Each key with its default, and its unit and meaning, as words."""
+    return [
+        {"key": key, "default": _default(field), "what": _describe_key(key, field)}
+        for key, field in _fields(model).items()
+        if key not in exclude
+    ]
+
+
+def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
+    """The entries of a model, or of a dataclass."""
+    if issubclass(model, BaseModel):
+        return model.model_fields
+    hints = get_type_hints(model, include_extras=True)
+    return {
+        one.name: FieldInfo.from_annotation(hints[one.name])
+        if one.default is dataclasses.MISSING
+        else FieldInfo.from_annotated_attribute(hints[one.name], one.default)
+        for one in dataclasses.fields(model)
+    }
+
+
+def _as_toml(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "needed"
+    value = field.default
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple) and value:
+        return json.dumps(value)
+    return "none" if value is None or value == () else str(value)
+
+
+def _describe_key(key: str, field: FieldInfo) -> str:
+    told = [one.description for one in field.metadata if isinstance(one, Key)]
+    described, unit = field.description or "".join(told[-1:]), unit_of(key)
+    return f"{unit}, {described}" if unit else described

@@ -1,0 +1,127 @@
+"""Where answers go: endings that are known, what lies beside, and whether all may be written.
+
+A command asks it before it loads what computes the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from labapp.common.errors import UserError
+from labapp.files.writing import require_all_writable, require_free_names
+
+RECORD = "run.h5"
+REPORT_FILES = ("report.png", "report.html")
+STUDY_FILES = ("study.png", "study.html", "study.json")
+
+_DESIGN_ENDINGS = (".h5", ".hdf5")
+_PATTERN_ENDINGS = (".png", ".h5")
+_PSF_ENDINGS = (".npy", ".tiff", ".png")
+_TIFF = (".tif", ".tiff")
+
+
+def is_design(path: Path) -> bool:
+    """Whether a file's name says that it is a design file."""
+    return path.suffix.lower() in _DESIGN_ENDINGS
+
+
+def require_photograph_ending(path: Path) -> None:
+    """UserError for the name of a file that no photograph is written to."""
+    if path.suffix.lower() not in (".npy", ".png", *_TIFF):
+        raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
+
+
+def weights_output_path(path: Path, *, force: bool) -> Path:
+    """The file of a network's weights."""
+    if path.suffix != ".npz":
+        raise UserError(f"--out {path}: weights are written as .npz. Name such a file.")
+    require_all_writable((path,), force=force)
+    return path
+
+
+def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> list[Path]:
+    """The records of plans: of one a file, of several or in a folder one named after each."""
+    if len(plans) == 1 and not record.is_dir():
+        require_all_writable((record,), force=force)
+        return [record]
+    names = [f"{plan.stem}.h5" for plan in plans]
+    require_free_names(record, names, force=force)
+    return [record / name for name in names]
+
+
+def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
+    """The file of a PSF, and of the picture beside it: the same, where it is a picture."""
+    _require_one_of(path, _PSF_ENDINGS)
+    picture = path.with_suffix(".png")
+    require_all_writable(dict.fromkeys((path, picture)), force=force)
+    return path, picture
+
+
+def beam_output_path(path: Path, *, force: bool) -> Path:
+    """The file of a picture along the axis."""
+    if path.suffix.lower() != ".png":
+        raise UserError(f"{path}: the ending must be .png.")
+    require_all_writable((path,), force=force)
+    return path
+
+
+def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[Path], Path]:
+    """The files of a pattern's frames, numbered pictures or one design file, and of its PSF."""
+    _require_one_of(path, _PATTERN_ENDINGS)
+    files = [path]
+    if frames > 1 and not is_design(path):
+        digits = max(3, len(str(frames - 1)))
+        files = [path.with_name(f"{path.stem}_{k:0{digits}}{path.suffix}") for k in range(frames)]
+    drawn = path.with_name(f"{path.stem}_psf.png")
+    require_all_writable((*files, drawn), force=force)
+    return files, drawn
+
+
+def frames_output_path(path: Path, frames: int, *, force: bool) -> tuple[Path, str]:
+    """The file of simulated frames, and its kind: png, tiff or h5."""
+    if frames < 1:
+        raise UserError(f"--frames {frames}: ask for one at least.")
+    ending = path.suffix.lower()
+    if ending == ".png" and frames > 1:
+        raise UserError(f"--out {path}: a .png holds one frame; take .h5 or .tiff for more.")
+    kinds = {".png": "png", **dict.fromkeys(_TIFF, "tiff"), **dict.fromkeys(_DESIGN_ENDINGS, "h5")}
+    if ending not in kinds:
+        raise UserError(f"--out {path}: the ending says the kind; choose .h5, .tiff or .png.")
+    require_all_writable((path,), force=force)
+    return path, kinds[ending]
+
+
+def restoration_output_paths(
+    source: Path,
+    data: Path | None,
+    picture: Path | None,
+    inputs: Sequence[Path | None],
+    *,
+    blind: bool,
+    force: bool,
+) -> tuple[Path, Path, Path | None]:
+    """The files of a restored photograph, of before and after, and of a PSF that nobody knew.
+
+    source: the photograph, beside which they are unless they are named. inputs: other files that
+    are read, and mustn't be replaced.
+    """
+    data = data or source.with_name(f"{source.stem}_restored.tiff")
+    picture = picture or data.with_name(f"{data.stem}_before_after.png")
+    require_photograph_ending(data)
+    if picture.suffix.lower() != ".png":
+        raise UserError(f"--picture {picture}: must end in .png.")
+    if data.resolve() == picture.resolve():
+        raise UserError(f"--out and --picture are both {data}. Give each its own file.")
+    kept = {one.resolve() for one in (source, *inputs) if one is not None}
+    for option, file in (("--out", data), ("--picture", picture)):
+        if file.resolve() in kept:
+            raise UserError(f"{option} {file}: is a file that is read. Choose another name.")
+    found = data.with_name(f"{data.stem}_psf.npy") if blind else None
+    require_all_writable((data, picture, found), force=force)
+    return data, picture, found
+
+
+def _require_one_of(path: Path, endings: Sequence[str]) -> None:
+    if path.suffix.lower() not in endings:
+        raise UserError(f"{path}: the ending must be one of {', '.join(endings)}.")

@@ -1,0 +1,162 @@
+"""A scene's table [truth]: what a virtual bench really is, where its bench file is wrong.
+
+The application knows the bench file alone, as it does of a real bench: what is here has to be
+found out by calibrating.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, Field, model_validator
+
+from labapp.files.quantities import Amount, Finite, Positive, Share
+from labapp.files.reading import FileModel
+from optics.camera import Camera, Lens, Panel
+from optics.slm import PhaseResponse
+from optics.zernike import require_zernike_indices
+from simulator.mount import Mount
+from simulator.panel_imperfections import flatness_map, illumination_map, nonlinear_response
+
+T = TypeVar("T")
+
+
+def _require_zernike_term(term: tuple[int, int, float]) -> tuple[int, int, float]:
+    require_zernike_indices(term[0], term[1])
+    return term
+
+
+Zernike = Annotated[tuple[int, int, Finite], AfterValidator(_require_zernike_term)]
+"""[n, m, nm of optical path, root mean square]."""
+
+
+class TrueResponseTable(FileModel):
+    """range (x^gamma + wiggle sin 2 pi x), at x from 0 to 1 over the grey levels; or a table.
+
+    shares: of the highest phase, of every grey level.
+    """
+
+    gamma: Positive = 1.0
+    wiggle: Finite = 0.0
+    range: Positive = 1.0
+    shares: list[Finite] | None = None
+
+    @model_validator(mode="after")
+    def _validate_response(self) -> TrueResponseTable:
+        if self.shares is not None and self.model_fields_set != {"shares"}:
+            raise ValueError("give either shares, or gamma, wiggle and range")
+        # It must rise, and says so now.
+        self.build(256)
+        return self
+
+    def build(self, levels: int) -> PhaseResponse:
+        if self.shares is not None:
+            return PhaseResponse.from_curve(550e-9, self.shares)
+        return nonlinear_response(levels, self.gamma, self.wiggle, self.range)
+
+
+class IlluminationTable(FileModel):
+    """A Gaussian beam: its radius to 1/e², and [y, x] of its centre on the panel."""
+
+    radius_mm: Positive
+    centre_mm: tuple[Finite, Finite] = (0.0, 0.0)
+
+
+class TruePanelTable(FileModel):
+    """What the modulator really is; what isn't given is as described.
+
+    flatness: Zernike polynomials over the circle around the panel.
+    """
+
+    fill_factor: Annotated[float, Field(gt=0, le=1)] | None = None
+    unmodulated: Share | None = None
+    reflectivity: Share | None = None
+    coupling_um: Amount | None = None
+    response_time_ms: Amount | None = None
+    flicker: Share | None = None
+    jitter_rad: Amount | None = None
+    gap_reflection: Share | None = None
+    front_reflection: Share | None = None
+    response: TrueResponseTable | None = None
+    flatness: list[Zernike] | None = None
+    illumination: IlluminationTable | None = None
+
+    def apply(self, panel: Panel) -> Panel:
+        same = ("fill_factor", "unmodulated", "reflectivity", "flicker")
+        changes: dict[str, Any] = {
+            name: getattr(self, name) for name in (*same, "gap_reflection", "front_reflection")
+        }
+        changes["jitter"] = self.jitter_rad
+        changes["coupling"] = _times(self.coupling_um, 1e-6)
+        changes["response_time"] = _times(self.response_time_ms, 1e-3)
+        if self.response is not None:
+            changes["response"] = self.response.build(panel.levels)
+        if self.flatness is not None:
+            changes["flatness"] = flatness_map(panel, _metres(self.flatness))
+        if self.illumination is not None:
+            y, x = self.illumination.centre_mm
+            radius = self.illumination.radius_mm * 1e-3
+            changes["illumination"] = illumination_map(panel, radius, (y * 1e-3, x * 1e-3))
+        return replace(panel, **{k: v for k, v in changes.items() if v is not None})
+
+
+class TrueLensTable(FileModel):
+    """What the lens really is; what isn't given is as described."""
+
+    focal_length_mm: Positive | None = None
+    f_number: Positive | None = None
+    focus_distance_m: Annotated[float, Field(gt=0)] | None = None
+    aberrations: list[Zernike] | None = None
+
+    def apply(self, lens: Lens) -> Lens:
+        changes: dict[str, Any] = {
+            "focal_length": _times(self.focal_length_mm, 1e-3),
+            "f_number": self.f_number,
+            "focus_distance": self.focus_distance_m,
+        }
+        if self.aberrations is not None:
+            changes["aberrations"] = _metres(self.aberrations)
+        return replace(lens, **{k: v for k, v in changes.items() if v is not None})
+
+
+class MountTable(FileModel):
+    """How the panel sits before the sensor: mirrored first, then turned from x towards y."""
+
+    rotation_deg: Finite = 0.0
+    flip_x: bool = False
+    flip_y: bool = False
+
+    def build(self) -> Mount:
+        return Mount(math.radians(self.rotation_deg % 360), self.flip_x, self.flip_y)
+
+
+class TrueBenchTable(FileModel):
+    """Differences of a virtual bench from its description, part by part."""
+
+    panel: TruePanelTable = TruePanelTable()
+    lens: TrueLensTable = TrueLensTable()
+    mount: MountTable = MountTable()
+
+    def true_camera(self, nominal: Camera) -> Camera:
+        """The camera that there really is; ValueError names the table that doesn't fit it."""
+        panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
+        lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))
+        return replace(nominal, panel=panel, lens=lens)
+
+
+def _times(value: float | None, unit: float) -> float | None:
+    return None if value is None else value * unit
+
+
+def _metres(terms: list[tuple[int, int, float]]) -> tuple[tuple[int, int, float], ...]:
+    return tuple((n, m, nanometres * 1e-9) for n, m, nanometres in terms)
+
+
+def _with_table_in_errors(table: str, make: Callable[[], T]) -> T:
+    try:
+        return make()
+    except ValueError as error:
+        raise ValueError(f"table 'truth.{table}': {error}") from error

@@ -1,0 +1,232 @@
+"""`labapp beam`: a picture of the light along the axis, from the panel to the sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labapp.common.console import out, terminal_progress
+from labapp.common.errors import UserError
+from labapp.common.figure_png import figure_to_png
+from labapp.files.grey_table import read_grey_pattern
+from labapp.files.writing import write_atomically
+from optics.beam import beam_irradiance
+from optics.camera import Camera
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.slm import grey_to_phase
+from optics.threads import single_threaded
+
+_ACROSS = 481
+"""Samples of a line; odd, so that one of them is in the middle."""
+
+_LOWEST_RATIO = 1e-4
+"""Of the light around the sensor, over the brightest."""
+
+_DIMMEST = 1e-2
+"""Of the light on its whole way, over that on the panel: the focus is so much brighter that
+decades below it would show nothing else."""
+
+_ROOM = 1.15
+"""Of the picture's height over the widest thing in it."""
+
+_FOCAL_DEPTHS = 12.0
+"""Of the picture of the focus to either side, in depths of focus λ N²."""
+
+_DEFOCUS_MARGIN = 3.0
+"""Of the same, over the way between the sensor and where the object is in focus."""
+
+_BEYOND = 0.12
+"""Share of the way that is shown behind the sensor."""
+
+
+@dataclass(frozen=True)
+class BeamRequest:
+    """What the command line asks for; SI units.
+
+    pattern: grey levels for the panel; None leaves it neutral. slices: depths in each of the
+    two pictures. field: (y, x) on the sensor.
+    """
+
+    camera: Camera
+    pattern: Path | None
+    distance: float
+    wavelength: float
+    field: tuple[float, float]
+    slices: int
+
+
+@dataclass(frozen=True)
+class AxialSection:
+    """Light over some way along the axis: depths and places in metres, (depths, places)."""
+
+    title: str
+    depths: NDArray[np.float64]
+    places: NDArray[np.float64]
+    light: NDArray[np.float64]
+
+
+@single_threaded
+def draw_beam(request: BeamRequest, path: Path) -> None:
+    """Compute the light along the axis, and write its picture."""
+    if not 2 <= request.slices <= 5000:
+        raise UserError(f"--slices {request.slices}: give 2 to 5000.")
+    phase = _phase(request)
+    with terminal_progress() as progress:
+        whole = _compute_section(
+            request,
+            phase,
+            _panel_to_sensor_bounds(request.camera, request.field),
+            progress.part(0.0, 0.5),
+        )
+        focus = _compute_section(
+            request, phase, _near_sensor_bounds(request), progress.part(0.5, 1.0)
+        )
+    write_atomically(path, figure_to_png(_picture(request, whole, focus)))
+    out.print(f"wrote {path}", markup=False)
+
+
+def _phase(request: BeamRequest) -> torch.Tensor | None:
+    if request.pattern is None:
+        return None
+    panel = request.camera.panel
+    grey = torch.from_numpy(read_grey_pattern(request.pattern, panel))
+    phase: torch.Tensor = grey_to_phase(panel, grey, request.wavelength)
+    return phase
+
+
+@dataclass(frozen=True)
+class _SectionBounds:
+    """What a picture shows: depths from the panel, places across; metres."""
+
+    title: str
+    depths: tuple[float, float]
+    middle: float
+    half: float
+
+
+def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _SectionBounds:
+    panel, lens = camera.panel, camera.lens
+    wide = max(panel.shape[1] * panel.pitch, lens.stop_diameter) / 2
+    way = camera.separation + lens.image_distance
+    end = way * (1 + _BEYOND)
+    return _SectionBounds(
+        "From the panel to the sensor", (end * 1e-4, end), 0.0, _ROOM * wide + abs(field[1])
+    )
+
+
+def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
+    """Around the sensor: some depths of focus, or as far as the object is out of it."""
+    camera, lens = request.camera, request.camera.lens
+    sensor = camera.separation + lens.image_distance
+    vergence = 1 / lens.focal_length - 1 / (request.distance + camera.separation)
+    image = camera.separation + 1 / vergence if vergence > 0 else math.inf
+    number = lens.image_distance / lens.stop_diameter
+    half = _FOCAL_DEPTHS * request.wavelength * number**2
+    if math.isfinite(image):
+        half = max(half, _DEFOCUS_MARGIN * abs(image - sensor))
+    half = min(half, 0.5 * lens.image_distance)
+    wide = max(half / number / 2, 30 * request.wavelength * number)
+    return _SectionBounds(
+        "Around the sensor", (sensor - half, sensor + half), request.field[1], _ROOM * wide
+    )
+
+
+def _compute_section(
+    request: BeamRequest, phase: torch.Tensor | None, box: _SectionBounds, progress: Progress
+) -> AxialSection:
+    depths = np.linspace(*box.depths, request.slices)
+    across = Plane((1, _ACROSS), (box.half, 2 * box.half / (_ACROSS - 1)), (0.0, box.middle))
+    light = beam_irradiance(
+        request.camera,
+        phase,
+        request.distance,
+        request.wavelength,
+        depths.tolist(),
+        across,
+        field=request.field,
+        progress=progress,
+    )
+    places = across.coordinates(1).numpy()
+    return AxialSection(box.title, depths, places, np.asarray(light, dtype=np.float64))
+
+
+def _picture(request: BeamRequest, whole: AxialSection, focus: AxialSection) -> Figure:
+    figure = Figure(figsize=(14, 8.5), dpi=110, layout="constrained")
+    figure.suptitle(_heading(request), fontsize=12)
+    top, bottom = figure.subplots(2, 1)
+    _draw(top, whole, 1e3, "mm", _DIMMEST)
+    _draw(bottom, focus, 1e6, "µm", _LOWEST_RATIO * float(focus.light.max()))
+    _label(top, request, whole)
+    sensor = request.camera.separation + request.camera.lens.image_distance
+    _mark(bottom, sensor, "sensor")
+    return figure
+
+
+def _heading(request: BeamRequest) -> str:
+    camera, lens = request.camera, request.camera.lens
+    where = "at infinity" if math.isinf(request.distance) else f"{request.distance:g} m away"
+    shown = request.pattern.name if request.pattern else "neutral"
+    field = ""
+    if any(request.field):
+        field = ", image at {:g}, {:g} mm".format(*(1e3 * place for place in request.field))
+    return (
+        f"Light of a point {where}{field}, {request.wavelength * 1e9:g} nm; pattern: {shown}\n"
+        f"{lens.focal_length * 1e3:g} mm f/{lens.f_number:g} focused at {lens.focus_distance:g} m, "
+        f"panel {camera.separation * 1e3:g} mm before it"
+    )
+
+
+def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: float) -> None:
+    dimmest = dimmest or _DIMMEST
+    brightest = max(float(stretch.light.max()), 10 * dimmest)
+    shown = np.maximum(stretch.light.T, dimmest)
+    image = axes.pcolormesh(
+        1e3 * stretch.depths,
+        unit * stretch.places,
+        shown,
+        norm=LogNorm(dimmest, brightest),
+        cmap="magma",
+        shading="nearest",
+        rasterized=True,
+    )
+    axes.set_title(stretch.title)
+    axes.set_xlabel("mm behind the panel")
+    axes.set_ylabel(f"x, {name}")
+    assert axes.figure is not None
+    axes.figure.colorbar(image, ax=axes, label="light per area, over that on the panel", pad=0.01)
+
+
+def _label(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
+    """Panel, stop and sensor as they stand."""
+    camera = request.camera
+    panel, lens = camera.panel, camera.lens
+    line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")
+    half = 1e3 * panel.shape[1] * panel.pitch / 2
+    line([1e3 * stretch.depths[0]] * 2, [-half, half])
+    radius, edge = 1e3 * lens.stop_diameter / 2, 1e3 * float(np.abs(stretch.places).max())
+    at = 1e3 * camera.separation
+    for sign in (-1, 1):
+        line([at, at], [sign * radius, sign * max(edge, radius)], color="white")
+    _mark(axes, camera.separation + lens.image_distance, "sensor")
+    style: dict[str, Any] = {"color": "white", "fontsize": 9, "va": "bottom"}
+    axes.text(1e3 * stretch.depths[0], -edge, " panel", **style)
+    if camera.separation:
+        axes.text(at, -edge, " lens and stop", **style)
+    axes.set_ylim(-edge, edge)
+
+
+def _mark(axes: Axes, depth: float, name: str) -> None:
+    axes.axvline(1e3 * depth, color="white", linewidth=0.8, linestyle="--")
+    low = axes.get_ylim()[0]
+    axes.text(1e3 * depth, low, f" {name}", color="white", fontsize=9, va="bottom")

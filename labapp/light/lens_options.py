@@ -1,0 +1,191 @@
+"""What a command line asks of a lens, turned from an option's words into SI units.
+
+Words are read before anything is loaded that computes: a typing error is answered at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from labapp.common.errors import UserError
+
+if TYPE_CHECKING:
+    from optics.camera import Camera, Lens
+    from optics.plane import Plane
+    from optics.stop.aperture import Shape, Stop
+
+
+@dataclass(frozen=True)
+class LensCase:
+    """A point behind a lens, and the samples its light is wanted on; SI units.
+
+    camera: that the lens is a part of; None where it stands alone. interference: strength of
+    what a sum in intensity of its modulated and unmodulated light leaves out, see PathEffect;
+    None where nothing is known of their polarisation.
+    """
+
+    lens: Lens
+    distance: float
+    wavelength: float
+    pixels: Plane
+    camera: Camera | None = None
+    interference: float | None = None
+
+    @property
+    def pitch(self) -> float:
+        """Of the columns; of both axes, where `is_clear_thin_on_axis`."""
+        return self.pixels.pitch[1]
+
+    @property
+    def size(self) -> int:
+        return self.pixels.shape[1]
+
+    @property
+    def is_clear_thin_on_axis(self) -> bool:
+        """Whether it is a clear, thin lens, and a square window of square pixels on its axis."""
+        (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
+        square = rows == columns and py == px and not any(self.pixels.centre)
+        return self.lens.has_clear_stop and self.lens.has_quadratic_phase and square
+
+    @property
+    def name(self) -> str:
+        lens, pixels = self.lens, self.pixels
+        object_, focus = (
+            "at infinity" if d == float("inf") else f"at {d:g} m"
+            for d in (self.distance, lens.focus_distance)
+        )
+        rows, columns = pixels.shape
+        window = f"{rows}²" if rows == columns else f"{columns}x{rows}"
+        words = [
+            f"{lens.focal_length * 1e3:g} mm f/{lens.f_number:g}",
+            f"{self.wavelength * 1e9:g} nm",
+            f"object {object_}",
+            f"focus {focus}",
+            f"{window} of {pixels.pitch[1] * 1e6:g} µm",
+            *_unusual_features(lens),
+        ]
+        if any(pixels.centre):
+            words.append("centre {:g}, {:g} µm".format(*(1e6 * c for c in pixels.centre)))
+        return ", ".join(words)
+
+
+def _unusual_features(lens: Lens) -> list[str]:
+    from optics.stop.aperture import Circle
+
+    words: list[str] = []
+    if lens.kind != "thin":
+        words.append(lens.kind)
+    if not isinstance(lens.stop.opening, Circle):
+        words.append(f"{len(lens.stop.opening.corners)} blades")
+    if lens.stop.obscurations:
+        words.append("obscured")
+    words += [f"Z({n}, {m}) {path * 1e9:g} nm" for n, m, path in lens.aberrations]
+    return words
+
+
+def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
+    """What a camera says for the options of a lens, by their names and in their units."""
+    lens = camera.lens
+    return {
+        "focal_length": lens.focal_length,
+        "f_number": lens.f_number,
+        "focus": lens.focus_distance,
+        "pitch_um": camera.sensor.pitch * 1e6,
+        "lens": lens.kind,
+    }
+
+
+def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
+    """A case whose lens stands behind a camera's panel.
+
+    Stop and aberrations are the camera's where no option of those that were chosen says
+    otherwise; an obscuration is kept when only the opening changes, and the other way round.
+    """
+    stop, lens = camera.lens.stop, case.lens
+    if {"blades", "rectangle"} & set(given_options):
+        stop = replace(stop, opening=lens.stop.opening)
+    if "obscuration" in given_options:
+        stop = replace(stop, obscurations=lens.stop.obscurations)
+    bent = lens.aberrations if "zernike" in given_options else camera.lens.aberrations
+    lens = replace(lens, stop=stop, aberrations=bent)
+    return replace(case, lens=lens, camera=replace(camera, lens=lens))
+
+
+def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
+    """A stop of straight blades (0 for a round one), or a rectangle "HEIGHTxWIDTH" in stop
+    diameters, with a central disc that hides a share of the stop's radius."""
+    if blades and rectangular:
+        raise UserError("--blades and --rectangle: a stop is one or the other.")
+    sides = _numbers("--rectangle", rectangular, "x", 2) if rectangular else []
+    if not 0 <= obscuration < 1:
+        raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
+    from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
+
+    opening: Shape = Circle()
+    if blades:
+        opening = regular_polygon(blades)
+    if sides:
+        height, width = sides
+        opening = rectangle(2 * height, 2 * width)
+    return Stop(opening, (Circle(obscuration),) if obscuration else ())
+
+
+def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
+    """Each "N,M,NANOMETRES": a Zernike polynomial and its root mean square."""
+    found = []
+    for text in texts:
+        n, m, nanometres = _numbers("--zernike", text, ",", 3)
+        if n != int(n) or m != int(m):
+            raise UserError(f"--zernike {text}: N and M are whole numbers, as in 4,0,25.")
+        found.append((int(n), int(m), nanometres * 1e-9))
+    return tuple(found)
+
+
+def read_centre(text: str) -> tuple[float, float]:
+    """ "Y,X" in micrometres, to metres."""
+    y, x = _numbers("--centre", text, ",", 2)
+    return y * 1e-6, x * 1e-6
+
+
+def read_field(text: str) -> tuple[float, float]:
+    """ "Y,X" in millimetres, to metres."""
+    y, x = _numbers("--field", text, ",", 2)
+    if not (math.isfinite(y) and math.isfinite(x)):
+        raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
+    return y * 1e-3, x * 1e-3
+
+
+def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise UserError(f"{option} {text}: give {count} numbers with '{separator}' between them.")
+    return numbers
+
+
+def read_window(size: int, pitch: float, centre: str) -> Plane:
+    """A square of pixels around a point of the sensor."""
+    if size < 1:
+        raise UserError(f"--size {size}: a window has at least 1 pixel.")
+    place = read_centre(centre)
+    from optics.plane import Plane
+
+    return Plane((size, size), (pitch, pitch), place)
+
+
+def read_panel(text: str) -> tuple[tuple[int, int], float]:
+    """ "ROWSxCOLUMNSxMICROMETRES": a panel's pixels, and their pitch in metres."""
+    try:
+        rows, columns, pitch = (float(word) for word in text.split("x"))
+        if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):
+            raise ValueError
+        return (int(rows), int(columns)), pitch * 1e-6
+    except (ValueError, OverflowError) as error:
+        raise UserError(
+            f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."
+        ) from error

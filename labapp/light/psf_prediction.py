@@ -1,0 +1,203 @@
+"""`labapp psf`: the PSF of a lens, or of a camera with a pattern on the SLM before its lens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
+from labapp.files.bench_file import read_camera
+from labapp.files.grey_table import read_grey_pattern
+from labapp.files.writing import encode_image, write_atomically
+from labapp.light.lens_options import LensCase
+from optics.accuracy import Account, Budget, MachineSpeed, account_as_dict
+from optics.camera import Camera
+from optics.psf import PSFOperator
+from optics.psf.behind_modulator import modulated_psf
+from optics.slm import Modulator, Panel
+from optics.stop_shadow import share_through_stop
+from optics.threads import single_threaded
+
+_NEGLIGIBLE_INTERFERENCE = 1e-9
+"""Strength of an interference below which it is rounding."""
+
+
+@dataclass(frozen=True)
+class PSFRequest:
+    """What the command line asks for.
+
+    points: density at pixel centres, not light on whole pixels. pattern: a picture on the
+    camera's panel. memory: bytes that may be used. field: metres (y, x) on the sensor from the
+    axis to the point's image. sphere: whether the object's wave is an exact sphere.
+    """
+
+    case: LensCase
+    tol: float
+    points: bool
+    method: str | None
+    memory: int
+    pattern: Path | None
+    field: tuple[float, float] = (0.0, 0.0)
+    sphere: bool = False
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The asked lens behind its panel, or that of the virtual bench for a pattern."""
+        if self.case.camera is not None or self.pattern is None:
+            return self.case.camera
+        return replace(read_camera(None), lens=self.case.lens)
+
+    @property
+    def point_options(self) -> dict[str, Any]:
+        """What is asked of the point besides its distance."""
+        asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
+        return {name: value for name, value in asked.items() if value is not None}
+
+
+@single_threaded
+def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
+    """Compute a PSF, print its account, and write it, and a picture of it beside."""
+    if request.camera is None:
+        _require_lens_alone(request)
+    grey = None if request.camera is None else _grey(request.pattern, request.camera.panel)
+    with terminal_progress() as progress:
+        speed = machine_speed(progress)
+    started = time.process_time()
+    operator, call = _plan(request, grey, speed)
+    psf = call()
+    planned = time.process_time() - started
+    # The first call also loads and allocates; every further one costs this.
+    started = time.process_time()
+    call()
+    account = operator.account.with_cpu_spent(time.process_time() - started)
+    _write(path, psf)
+    if picture != path:
+        _write(picture, psf)
+    data = (
+        account_as_dict(account)
+        | _light_budget(request)
+        | {
+            "cpu_plan_s": planned,
+            "sum": float(psf.sum()),
+            "peak": float(psf.max()),
+            "file": str(path),
+            "picture": str(picture),
+        }
+    )
+    if as_json:
+        print_json(data)
+        return
+    print_table("PSF", ["", "value"], _rows(account, data))
+    out.print("\n".join(f"wrote {one}" for one in dict.fromkeys((path, picture))))
+
+
+def _plan(
+    request: PSFRequest, grey: NDArray[np.uint8] | None, speed: MachineSpeed
+) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
+    """The operator for the question, planned, and the call that answers it."""
+    case, camera = request.case, request.camera
+    plan = partial(
+        PSFOperator,
+        distance=case.distance,
+        wavelength=case.wavelength,
+        pixels=case.pixels,
+        integrate=not request.points,
+        tol=request.tol,
+        method=request.method,
+        budget=Budget(request.memory, speed),
+    )
+    if camera is None or grey is None:
+        alone = plan(case.lens)
+        return alone, lambda: alone().numpy()
+    operator = plan(camera, unmodulated=0.0, **request.point_options)
+    modulator = Modulator(camera.panel, case.wavelength)
+    exposures = modulator.still_fields(torch.from_numpy(grey))
+    return operator, lambda: modulated_psf(operator, modulator, exposures).numpy()
+
+
+def _require_lens_alone(request: PSFRequest) -> None:
+    """A lens by itself looks the same to every point; what depends on it needs a panel."""
+    for name in request.point_options:
+        raise UserError(
+            f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
+            "a wave to fall on. Give the panel before it as well: --camera FILE."
+        )
+
+
+def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
+    """A picture for the panel; a neutral one, if there is none."""
+    if pattern is None:
+        return np.zeros(panel.shape, dtype=np.uint8)
+    return read_grey_pattern(pattern, panel)
+
+
+def _light_budget(request: PSFRequest) -> dict[str, Any]:
+    """What becomes of the light between panel and lens, and what of it isn't computed."""
+    camera = request.camera
+    if camera is None:
+        return {}
+    return {
+        "through_stop": share_through_stop(camera, request.case.distance, request.field),
+        "unmodulated": Modulator(camera.panel, request.case.wavelength).unmodulated_share,
+        "interference": request.case.interference,
+    }
+
+
+def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
+    spent = 1e3 * (account.cpu_spent or 0)
+    return [
+        ["method", account.method],
+        ["sampling", account.sampling],
+        ["precision", account.precision],
+        ["error asked for", f"{account.tol:.1g} relative L2, of sampling and arithmetic"],
+        ["error of sampling", f"{account.sampling_error.value:.1g}, {account.sampling_error.how}"],
+        ["error of arithmetic", f"{account.arithmetic.value:.1g}, {account.arithmetic.how}"],
+        ["error of the model", f"{account.model.value:.1g}, {account.model.how}; beside the above"],
+        ["planning, first call", f"{data['cpu_plan_s']:.2f} s of processor time"],
+        ["every further call", f"{spent:.1f} ms (predicted {1e3 * account.cpu_predicted:.1f})"],
+        ["memory", f"{account.bytes / 1e6:.1f} MB"],
+        *_light_rows(data),
+        ["light in the window", f"{data['sum']:.4%}".replace("%", " %")],
+        ["brightest pixel", f"{data['peak']:.4%}".replace("%", " %")],
+    ]
+
+
+def _light_rows(data: dict[str, Any]) -> list[list[str]]:
+    if "through_stop" not in data:
+        return []
+    rows = [
+        ["light through the stop", f"{data['through_stop']:.2%}, by rays".replace("%", " %")],
+        ["unmodulated light", f"{data['unmodulated']:.2%}".replace("%", " %")],
+    ]
+    strength = data["interference"]
+    if strength is None:
+        return rows
+    left_out = (
+        f"{strength:.2g} √(modulated × unmodulated PSF) at most"
+        if strength > _NEGLIGIBLE_INTERFERENCE
+        else "none: the two are polarised across each other"
+    )
+    return [*rows, ["interference left out", left_out]]
+
+
+def _write(path: Path, psf: NDArray[Any]) -> None:
+    """A PSF by the file's ending; a picture shows five decades, brightest pixel white."""
+    ending = path.suffix.lower()
+    if ending == ".png":
+        psf = _log_picture(psf)
+    write_atomically(path, encode_image(path, psf.astype(np.float32) if ending == ".tiff" else psf))
+
+
+def _log_picture(psf: NDArray[Any]) -> NDArray[np.uint8]:
+    share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), 1e-5, 1)
+    return (255 * (1 + np.log10(share) / 5)).round().astype(np.uint8)

@@ -1,0 +1,93 @@
+"""Pictures by plans against the one with everything on: what each costs, and how near it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import torch
+
+from simulator.effects.electron_bounds import without_clipping
+from simulator.effects.registry import EFFECTS
+from simulator.imaging import Imaging, PictureMoments
+from simulator.planning import EffectPlan
+from simulator.planning.effect_plan import EFFECTS_SHARE, build_recipe
+from simulator.situation import Situation
+
+REFERENCE_TOL = 1e-5
+"""Relative error of arithmetic and sampling in the picture that the others are compared with."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Relative L2 errors of mean picture, variance map and map of standard deviations."""
+
+    mean: float
+    variance: float
+    sigma: float
+
+    @staticmethod
+    def of(picture: PictureMoments, reference: PictureMoments) -> Deviation:
+        return Deviation(
+            _relative_error(picture.mean, reference.mean),
+            _relative_error(picture.variance, reference.variance),
+            _relative_error(picture.variance.sqrt(), reference.variance.sqrt()),
+        )
+
+    @property
+    def worst(self) -> float:
+        return max(self.mean, self.variance, self.sigma)
+
+
+@dataclass(frozen=True)
+class RenderedPicture:
+    """A picture, and what it took: operations that were counted, seconds of processor time, and
+    of that what went into deciding."""
+
+    picture: PictureMoments
+    operations: float
+    cpu: float
+    planning_cpu: float
+    plan: EffectPlan | None = None
+
+
+def render_by_plan(
+    s: Situation, tol: float, check: Callable[[], None] = lambda: None
+) -> RenderedPicture:
+    """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
+    imaging = Imaging(tol)
+    own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, REFERENCE_TOL))
+    began = time.process_time()
+    plan = imaging.plan(own)
+    decided = time.process_time()
+    picture = imaging.picture_moments(own, without_clipping(own, plan.recipe), check)
+    ended = time.process_time()
+    operations = imaging.ledger.operations
+    return RenderedPicture(picture, operations, ended - began, decided - began, plan)
+
+
+def render_all_effects(
+    s: Situation, check: Callable[[], None] = lambda: None,
+    finer: Mapping[str, int] | None = None,
+) -> RenderedPicture:  # fmt: skip
+    """With every effect at its finest, and nothing decided; of full wells, before they clip.
+
+    finer: levels of some effects that are finer than this situation asks for.
+    """
+    imaging, own = Imaging(0.0), replace(s, numerics=REFERENCE_TOL)
+    recipe = without_clipping(own, build_recipe(EFFECTS, own, finest_levels(own, finer)))
+    began = time.process_time()
+    picture = imaging.picture_moments(own, recipe, check)
+    return RenderedPicture(picture, imaging.ledger.operations, time.process_time() - began, 0.0)
+
+
+def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
+    """Of all effects that a situation causes, and of those that are asked for besides."""
+    levels = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
+    return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}
+
+
+def _relative_error(value: torch.Tensor, truth: torch.Tensor) -> float:
+    change, whole = (float(torch.linalg.vector_norm(one)) for one in (value - truth, truth))
+    return change / whole if whole else float(change > 0)

@@ -1,0 +1,140 @@
+"""`labapp explain`: which effects a picture calls for, and why."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.light.simulating.picture_request import PictureRequest, prepare_scene
+from simulator.effects.electron_bounds import without_clipping
+from simulator.effects.registry import EFFECTS
+from simulator.planning import EffectPlan
+from simulator.planning.auditing import AuditResult, audit
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+from simulator.world import World
+
+
+def explain_effects(
+    request: PictureRequest, *, with_audit: bool, pairs: int, as_json: bool
+) -> bool:
+    """Print the plan, and whether its bounds hold if asked; False if one is broken.
+
+    pairs: how many are put back together. UserError for a negative number.
+    """
+    if pairs < 0:
+        raise UserError(f"--pairs {pairs}: give 0 or more.")
+    with terminal_progress() as progress, prepare_scene(request, progress.part(0.0, 0.5)) as staged:
+        world, situation = staged.world, staged.situation
+        progress.report(0.5, "deciding")
+        plan = world.imaging.plan(situation)
+        progress.report(0.6, "putting back what was left out" if with_audit else "deciding")
+        found = _audit_effects(world, situation, plan, pairs) if with_audit else ()
+        data = {**describe_plan(situation, plan), "audit": [_as_data(one) for one in found]}
+    if as_json:
+        print_json(data)
+    else:
+        print_plan(data)
+        if with_audit:
+            _print_audit(found)
+    return not any(one.is_broken for one in found)
+
+
+def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
+    """A plan, and what it is for, as plain data."""
+    return {
+        "target": s.target.name,
+        "wavelength_nm": s.wavelength * 1e9,
+        "exposure_ms": s.exposure * 1e3,
+        **plan.as_data(),
+        "without": changes_if_left_out(s, plan),
+    }
+
+
+def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
+    """About what the picture would change by, relative, if an effect were left out."""
+    taken = {one.effect for one in plan.decisions}
+    return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
+
+
+def print_plan(data: dict[str, Any]) -> None:
+    """The table that a person reads, and the sum in a sentence."""
+    rows = [
+        [
+            one["effect"],
+            _level(one),
+            _share(one["relative"]),
+            _share(data["without"][one["effect"]]),
+            one["why"],
+        ]
+        for one in data["decisions"]
+    ]
+    heading = (
+        f"{data['target'] or 'The picture'} at {data['wavelength_nm']:g} nm, "
+        f"{data['exposure_ms']:.3g} ms, tolerance {data['tol']:g}"
+    )
+    print_table(heading, ["effect", "level", "left ", "if off ", "why"], rows)
+    share = data["work"] / data["most_work"] if data["most_work"] else 1.0
+    out.print(
+        "left: relative error of picture or noise that a level leaves, at most. if off: what the "
+        "effect is worth, about.",
+        style="dim",
+    )
+    out.print(
+        f"The picture is within {_share(data['error'])} of everything on, for "
+        f"{share:.1%} of its work."
+    )
+
+
+def _level(one: dict[str, Any]) -> str:
+    level = one["level"]
+    if one["kind"] == "axis" and one["on"] and len(one["levels"]) > 1:
+        level = f"{level} of {one['levels'][-1]}"
+    colour = "yellow" if one["forced"] else "green" if one["on"] else "dim"
+    return f"[{colour}]{level}{', forced' if one['forced'] else ''}[/{colour}]"
+
+
+def _share(value: float | None) -> str:
+    if value is None or math.isinf(value):
+        return "∞"
+    return f"{value:.1e}" if value else "0"
+
+
+def _audit_effects(
+    world: World, s: Situation, plan: EffectPlan, pairs: int
+) -> tuple[AuditResult, ...]:
+    """Every single effect that is left out, and so many pairs of them, the largest first."""
+
+    def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
+        picture = world.imaging.picture_moments(s, without_clipping(s, recipe))
+        return picture.mean, picture.variance
+
+    left_out = [one for one in plan.decisions if one.level != one.levels[-1]]
+    largest = sorted(left_out, key=lambda one: -one.relative)
+    every = itertools.combinations([one.effect for one in largest], 2)
+    return audit(EFFECTS, s, plan, render, pairs=itertools.islice(every, pairs))
+
+
+def _as_data(one: AuditResult) -> dict[str, Any]:
+    share = one.measured_over_bound if math.isfinite(one.measured_over_bound) else None
+    names = ("effects", "others", "mean", "variance", "sigma")
+    return {**{name: getattr(one, name) for name in names}, "share": share, "broken": one.is_broken}
+
+
+def _print_audit(found: Sequence[AuditResult]) -> None:
+    rows = [
+        [
+            " + ".join(one.effects),
+            one.others,
+            f"{one.measured_over_bound:.1%}",
+            "[red]broken[/red]" if one.is_broken else "held",
+        ]
+        for one in found
+    ]
+    print_table("What was left out, put back", ["effects", "others", "of the bound ", ""], rows)

@@ -1,0 +1,104 @@
+"""`labapp simulate`: pictures of a scene, as files."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from labapp.common.console import out, print_message, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.writing import encode_image, write_atomically
+from labapp.light.simulating.effect_explanation import describe_plan
+from labapp.light.simulating.picture_request import PictureRequest, prepare_scene
+from optics.progress import Progress
+from simulator.imaging import PictureMoments
+from simulator.planning import EffectPlan
+from simulator.situation import Situation
+from simulator.world import World
+
+Frames = NDArray[np.uint16]
+
+
+def simulate_frames(
+    request: PictureRequest, path: Path, kind: str, *, frames: int, seed: int
+) -> None:
+    """Write frames of a scene: raw digital numbers, 16 bits. kind: of the file, as in _WRITERS."""
+    if seed < 0:
+        raise UserError(f"--seed {seed}: give 0 or more.")
+    with terminal_progress() as progress, prepare_scene(request, progress.part(0.0, 0.3)) as staged:
+        world, situation = staged.world, staged.situation
+        progress.report(0.3, "deciding")
+        plan = world.imaging.plan(situation)
+        progress.report(0.35, "forming the picture")
+        picture = world.imaging.picture_moments(situation, plan.recipe, progress.raise_if_cancelled)
+        drawn = _sample_frames(world, situation, plan, frames, seed, progress.part(0.8, 1.0))
+    write = _WRITERS[kind]
+    write(
+        path,
+        drawn,
+        picture,
+        {"effect_plan": json.dumps(describe_plan(situation, plan)), **staged.files},
+    )
+    brightest = int(drawn.max())
+    out.print(
+        f"{frames} frame{'s' if frames > 1 else ''} of {drawn.shape[2]} x {drawn.shape[1]} pixels, "
+        f"{situation.exposure * 1e3:.3g} ms, brightest number {brightest}; within "
+        f"{plan.relative_error_bound:.1e} of everything on"
+    )
+    print_message(f"wrote {path}")
+
+
+def _sample_frames(
+    world: World, s: Situation, plan: EffectPlan, frames: int, seed: int, progress: Progress
+) -> Frames:
+    stream = world.imaging.stream(s, plan, progress.raise_if_cancelled)
+    drawn = np.empty((frames, *s.camera.sensor.shape), dtype=np.uint16)
+    for number in range(frames):
+        progress.report(number / frames, f"frame {number + 1} of {frames}")
+        world.begin_frame(seed, 0, number)
+        drawn[number] = stream.frame(world.random_generator())
+    return drawn
+
+
+def _write_png(
+    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
+) -> None:
+    write_atomically(path, encode_image(path, frames[0]))
+
+
+def _write_tiff(
+    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
+) -> None:
+    page = io.BytesIO()
+    plan = {"effect_plan": json.loads(metadata["effect_plan"])}
+    tifffile.imwrite(page, frames, photometric="minisblack", metadata=plan)
+    write_atomically(path, page.getvalue())
+
+
+def _write_hdf5(
+    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
+) -> None:
+    """With the mean picture and the variance that the frames are drawn from, in electrons and
+    electrons², and JSON of what was decided, of the bench and of the scene."""
+    held = io.BytesIO()
+    with h5py.File(held, "w") as file:
+        file["frames"] = frames
+        for name in ("electrons", "mean", "variance"):
+            file[name] = getattr(picture, name).numpy()
+        for name, text in metadata.items():
+            file[name] = text
+    write_atomically(path, held.getvalue())
+
+
+_WRITERS: dict[str, Callable[[Path, Frames, PictureMoments, dict[str, str]], None]] = {
+    "png": _write_png,
+    "tiff": _write_tiff,
+    "h5": _write_hdf5,
+}

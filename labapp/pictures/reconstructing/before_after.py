@@ -1,0 +1,76 @@
+"""Before and after, with the PSF and what the restoration leaves unexplained, as one picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labapp.common.figure_png import figure_to_png
+from labapp.files.photograph_file import Light, encode_srgb
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.restoration import RestoredPicture
+
+_LOWEST_RATIO = 1e-4
+
+_LARGEST = 1200
+"""Pixels of a drawn photograph's longer side; more are averaged."""
+
+_SIGMAS = 4.0
+
+
+def draw_before_after(
+    problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
+) -> bytes:
+    """A PNG file. captions: below the photograph before and after."""
+    rows, columns = problem.light.shape[1:]
+    tall = 5.4 * min(max(rows / columns, 0.5), 1.6)
+    figure = Figure(figsize=(14.5, tall + 0.9), dpi=110, layout="constrained")
+    figure.suptitle(f"{problem.source}: {outcome.method}, {outcome.verdict}", fontsize=11)
+    grid = figure.add_gridspec(2, 3, width_ratios=[1, 1, 0.46])
+    before, after = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[:, 1])
+    for axes, light, title in zip(
+        (before, after), (problem.light, outcome.light), captions, strict=True
+    ):
+        axes.imshow(screen_levels(light, problem.white), cmap="gray", vmin=0, vmax=255)
+        _strip_ticks(axes, title)
+    _draw_psf(figure.add_subplot(grid[0, 2]), problem.psf)
+    _draw_residual(figure.add_subplot(grid[1, 2]), outcome.residual_map)
+    return figure_to_png(figure)
+
+
+def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
+    """Light as a screen shows it, (rows, columns) or (rows, columns, 3), no larger than needed."""
+    picture = np.moveaxis(np.nan_to_num(light) / white, 0, -1)
+    scale = _LARGEST / max(picture.shape[:2])
+    if scale < 1:
+        size = [max(round(n * scale), 1) for n in picture.shape[1::-1]]
+        small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        return encode_srgb(small)
+    return encode_srgb(picture[..., 0] if picture.shape[-1] == 1 else picture)
+
+
+def _draw_psf(axes: Axes, psf: Light) -> None:
+    mean = psf.mean(0)
+    peak = float(mean.max())
+    norm = LogNorm(peak * _LOWEST_RATIO, peak)
+    drawn = axes.imshow(np.maximum(mean, peak * _LOWEST_RATIO), cmap="magma", norm=norm)
+    _strip_ticks(axes, f"PSF, {psf.shape[2]} x {psf.shape[1]} pixels, 4 decades")
+    axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
+
+
+def _draw_residual(axes: Axes, residual: Light) -> None:
+    """Bands together, on the scale of one band's noise."""
+    mean = residual.mean(0) * np.sqrt(len(residual))
+    axes.set_facecolor("0.25")
+    drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-_SIGMAS, vmax=_SIGMAS)
+    _strip_ticks(axes, "Unexplained, in units of the noise")
+    axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
+
+
+def _strip_ticks(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set(xticks=[], yticks=[])

@@ -1,0 +1,66 @@
+"""The methods that a person can name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from labapp.common.errors import UserError
+from labapp.pictures.networks import bundled_denoiser
+from optics.accuracy import MachineSpeed
+from optics.deconvolution import restoration_choice
+from optics.deconvolution.method_names import ALIASES, AUTO, METHOD_CHOICES
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.restored_image import RestoredImage
+from optics.progress import Progress
+
+
+@dataclass(frozen=True)
+class MethodChoice:
+    """How a picture shall be restored.
+
+    method: one of METHOD_CHOICES. budget: seconds of processor time for the whole picture.
+    weight: of what is known of pictures beforehand, in the method's own unit; chosen from the
+    picture if None. speed: of the machine, by which times are predicted. UserError for what
+    doesn't go together.
+    """
+
+    method: str = AUTO
+    budget: float | None = None
+    weight: float | None = None
+    speed: MachineSpeed = field(default_factory=MachineSpeed)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHOD_CHOICES:
+            raise UserError(
+                f"--method {self.method}: is unknown. Take one of {', '.join(METHOD_CHOICES)}."
+            )
+        if self.budget is not None and not 0 < self.budget < float("inf"):
+            raise UserError(f"--budget {self.budget:g}: give seconds, more than 0.")
+        if self.weight is not None and not 0 < self.weight < float("inf"):
+            raise UserError(f"--weight {self.weight:g}: give a number above 0.")
+        if self.method == AUTO and self.weight is not None:
+            raise UserError(
+                f"--weight {self.weight:g}: means something else to each method. Name one as "
+                "well: --method tv, for example."
+            )
+
+    def restore(
+        self, observation: Observation, share: float, progress: Progress, counts: Mapping[str, int]
+    ) -> RestoredImage:
+        """One band; share: of the budget, that it may take; counts: planned iterations of methods,
+        where there is no budget. ValueError where nothing fits."""
+        name = None if self.method == AUTO else ALIASES.get(self.method, self.method)
+        learned = (
+            restoration_choice.METHODS[name].needs_denoiser if name else self.budget is not None
+        )
+        return restoration_choice.restore(
+            observation,
+            None if self.budget is None else self.budget * share,
+            name,
+            progress,
+            weight=self.weight,
+            count=counts.get(name) if name and self.budget is None else None,
+            denoise=bundled_denoiser() if learned else None,
+            speed=self.speed,
+        )

@@ -1,0 +1,280 @@
+"""What of a record is restored: a photograph, and the star that was seen in the same run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Reconstruction
+from labapp.pictures.analysis.brackets import (
+    Bracket,
+    Picture,
+    dark_target,
+    find_bracket,
+    merge_all,
+    merge_frame,
+)
+from labapp.pictures.analysis.score import CENTRAL_SHARE, ReferencePicture
+from labapp.pictures.analysis.star_psf import crop_star
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.runs.record.reader import Record
+from optics.operators.blur import Border
+from optics.progress import Progress
+
+_RATE = "electrons per second"
+
+_WHITE = 99.9
+"""Percentile of the neutral photograph that counts as white."""
+
+_WAVELENGTH_TOLERANCE = 1e-11
+"""Metres between wavelengths that count as one."""
+
+
+@dataclass(frozen=True)
+class RecordSelection:
+    """What of a record is meant, None where its plan or its frames shall tell.
+
+    wavelength: metres. frame: one frame, and not the merged exposures. star: the target that is
+    the PSF's.
+    """
+
+    target: str | None = None
+    pattern: str | None = None
+    wavelength: float | None = None
+    frame: int | None = None
+    star: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPhotograph:
+    """A photograph in a record.
+
+    psf: of its star, (rows, columns), None where there is none. neutral: the same target with the
+    neutral pattern, by which restorations are judged, where it was taken. frame: None for all.
+    """
+
+    path: Path
+    photograph: Bracket
+    psf: Picture | None
+    neutral: Bracket | None
+    roles: Reconstruction
+    frame: int | None = None
+
+    @property
+    def source(self) -> str:
+        """In words."""
+        frame = "" if self.frame is None else f", frame {self.frame}"
+        return f"{self.path}, {self.photograph.name}{frame}"
+
+    @cached_property
+    def clipped_pixels(self) -> NDArray[np.bool_]:
+        """(1, rows, columns): where the light is at least what was measured."""
+        return ~np.isfinite(self.photograph.variance)[None]
+
+    @property
+    def light(self) -> Picture:
+        """(1, rows, columns)."""
+        return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
+
+    def build_problem(
+        self,
+        psf: NDArray[np.floating] | None = None,
+        psf_source: str = "",
+        noise: float | None = None,
+        border: Border = "unknown",
+        notes: tuple[str, ...] = (),
+    ) -> RestorationProblem:
+        """To restore it; the PSF is the star's if none is given. The one way from a record to what
+        is restored: reports, commands and the window all take it."""
+        if psf is None:
+            if self.psf is None:
+                raise UserError(
+                    f"{self.path}: has no star {self.roles.star!r} with pattern "
+                    f"{self.photograph.pattern!r}. Give the PSF: --psf FILE, or name the target "
+                    "that is a star: --star NAME."
+                )
+            psf, psf_source = self.psf[None], f"star {self.roles.star!r} of the same run"
+        return RestorationProblem(
+            self.light.astype(np.float32),
+            psf.astype(np.float32),
+            self.clipped_pixels,
+            self.source,
+            psf_source,
+            _RATE,
+            noise=noise,
+            border=border,
+            notes=notes,
+            noise_floor=self._least_noise,
+            reference=self._reference,
+            planned_iterations={"richardson-lucy": self.roles.iterations},
+        )
+
+    @property
+    def _least_noise(self) -> float:
+        """That photons and read noise leave in a pixel, rms; 0 where every one is clipped."""
+        known = self.photograph.variance[~self.clipped_pixels[0]]
+        return float(np.sqrt(known.mean())) if known.size else 0.0
+
+    @property
+    def _reference(self) -> ReferencePicture | None:
+        if self.neutral is None:
+            return None
+        white = float(np.percentile(self.neutral.rate, _WHITE))
+        source = f"the neutral photograph of the same run, {self.neutral.name}"
+        return (
+            ReferencePicture(self.neutral.rate[None], white, CENTRAL_SHARE, source)
+            if white > 0
+            else None
+        )
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file is one of ours, by its ending."""
+    return path.suffix.lower() in (".h5", ".hdf5")
+
+
+def read_recorded_photograph(
+    path: Path, choice: RecordSelection, progress: Progress, *, star: bool
+) -> RecordedPhotograph:
+    """The photograph of a record that is meant, and its PSF if `star` asks for it.
+
+    By default the photograph that its plan's [reconstruct] table names, or else the last target
+    that is neither dark nor star; its exposures merged. UserError for what the record lacks.
+    """
+    with Record(path) as record:
+        roles = _choose_roles(record, choice)
+        names = {roles.photograph, roles.star} if star else {roles.photograph}
+        merged = merge_all(record, progress.part(0, 0.9), names)
+        found = find_photograph(record, merged, roles, star=star, frame=choice.frame)
+    progress.report(1, "merged")
+    return found
+
+
+def find_photograph(
+    record: Record,
+    brackets: list[Bracket],
+    roles: Reconstruction,
+    *,
+    star: bool = True,
+    frame: int | None = None,
+) -> RecordedPhotograph:
+    """The photograph that has a part, among merged brackets. UserError if it isn't there."""
+    path = record.path
+    photograph = find_bracket(brackets, roles.photograph, roles.coded, roles.wavelength, path)
+    sharp = [
+        one
+        for one in brackets
+        if (one.target, one.pattern) == (roles.photograph, roles.neutral)
+        and one.pattern != roles.coded
+        and abs(one.wavelength - photograph.wavelength) < _WAVELENGTH_TOLERANCE
+    ]
+    if frame is not None:
+        photograph = merge_frame(record, frame)
+    psf = _star_psf(record, brackets, roles) if star else None
+    return RecordedPhotograph(path, photograph, psf, sharp[0] if sharp else None, roles, frame)
+
+
+def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
+    """The PSF of a record's star, (rows, columns); UserError where there is none."""
+    with Record(path) as record:
+        plan = record.plan.reconstruct
+        star = choice.star or (plan.star if plan else "star")
+        pattern = choice.pattern or (plan.coded if plan else _last_stored_frame(record, (star,))[1])
+        wavelength = choice.wavelength or (plan.wavelength if plan else None)
+        roles = _build_roles(record, star, pattern, star, wavelength)
+        psf = _star_psf(record, merge_all(record, Progress(), {star}), roles)
+        if psf is None:
+            raise UserError(
+                f"{path}: has no star named {star!r} with pattern {pattern!r}; its targets are "
+                f"{', '.join(record.target_names)}. Name the one that is a star: --star."
+            )
+    return psf
+
+
+def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
+    """Which target and pattern are meant, at which wavelength."""
+    plan, path = record.plan.reconstruct, record.path
+    star = choice.star or (plan.star if plan else "star")
+    wavelength: float | None
+    if choice.frame is not None:
+        target, pattern, wavelength = _frame_settings(record, choice.frame)
+    else:
+        told = choice.target or (plan.photograph if plan else None)
+        others = [n for n in record.target_names if n not in (dark_target(record.plan), star)]
+        names = (told,) if told else tuple(others)
+        target, last = _last_stored_frame(record, names)
+        coded = plan.coded if plan and record.select(target=target, pattern=plan.coded) else last
+        pattern, wavelength = choice.pattern or coded, choice.wavelength
+    seen = _wavelengths(record, target, pattern)
+    if not seen:
+        raise UserError(
+            f"{path}: has no frames of {target!r} with pattern {pattern!r}. Its patterns are "
+            f"{', '.join(record.pattern_names)}."
+        )
+    wavelength = wavelength or (plan.wavelength if plan else None)
+    wrong = wavelength is not None and all(
+        abs(one - wavelength) >= _WAVELENGTH_TOLERANCE for one in seen
+    )
+    if wrong or (wavelength is None and len(seen) > 1):
+        listed = ", ".join(f"{one * 1e9:g}" for one in seen)
+        but = f", and not at {wavelength * 1e9:g}" if wavelength is not None else ""
+        raise UserError(f"{path}: has {target!r} at {listed} nm{but}. Choose one: --wavelength-nm.")
+    return _build_roles(record, target, pattern, star, wavelength)
+
+
+def _build_roles(
+    record: Record, target: str, pattern: str, star: str, wavelength: float | None
+) -> Reconstruction:
+    plan = record.plan.reconstruct or Reconstruction(coded=pattern)
+    # A star that was never seen with the neutral pattern is its own measure.
+    seen = bool(record.select(target=star, pattern=plan.neutral))
+    return plan.model_copy(
+        update={
+            "photograph": target,
+            "coded": pattern,
+            "star": star,
+            "neutral": plan.neutral if seen else pattern,
+            "wavelength_nm": None if wavelength is None else wavelength * 1e9,
+        }
+    )
+
+
+def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> Picture | None:
+    if not record.select(target=roles.star, pattern=roles.coded):
+        return None
+    return crop_star(record, brackets, roles).measured
+
+
+def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
+    """Target and pattern of the last stored frame of these targets."""
+    frames = [index for name in names for index in record.select(target=name)]
+    if not frames:
+        has = ", ".join(record.target_names)
+        raise UserError(
+            f"{record.path}: has no frames of {' or '.join(map(repr, names)) or 'a photograph'}; "
+            f"its targets are {has}. Choose one: --target."
+        )
+    target, pattern, _ = _frame_settings(record, max(frames))
+    return target, pattern
+
+
+def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
+    if not 0 <= frame < record.frame_count or not record.column("stored")[frame]:
+        raise UserError(
+            f"--frame {frame}: {record.path} has no such frame; it has 0 to "
+            f"{record.frame_count - 1}, of which {len(record.frames_not_stored())} are missing."
+        )
+    target, pattern = (int(record.column(name)[frame]) for name in ("target", "pattern"))
+    wavelength = float(record.column("wavelength")[frame])
+    return record.target_names[target], record.pattern_names[pattern], wavelength
+
+
+def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
+    frames = record.select(target=target, pattern=pattern)
+    found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
+    return found

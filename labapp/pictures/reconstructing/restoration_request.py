@@ -1,0 +1,186 @@
+"""What a person asks to be restored, read from files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.photograph_file import InputPhotograph, Light, read_photograph
+from labapp.pictures.analysis.score import ReferencePicture
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.psf_files import read_psf_file
+from labapp.pictures.reconstructing.recorded_photograph import (
+    RecordSelection,
+    is_record,
+    read_recorded_photograph,
+)
+from optics.operators.blur import BORDERS, Border
+from optics.progress import Progress
+
+
+@dataclass(frozen=True)
+class RestorationRequest:
+    """What the command line asks for.
+
+    psf: its file; None for the star of the record that `source` is. blind: pixels at most of a PSF
+    that nobody knows, and that is looked for in the picture. linear: whether levels are
+    proportional to light; None: all but those of 8-bit pictures. noise: standard deviation of a
+    pixel's light. clip: level of a full well, None for what the picture shows. dark: level that is
+    subtracted. truth: a picture of what the light was before it was blurred.
+    """
+
+    source: Path
+    psf: Path | None = None
+    choice: RecordSelection = field(default_factory=RecordSelection)
+    linear: bool | None = None
+    noise: float | None = None
+    border: Border = "unknown"
+    clip: float | None = None
+    dark: float | None = None
+    blind: int | None = None
+    truth: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.border not in BORDERS:
+            raise UserError(f"--border {self.border}: take one of {', '.join(BORDERS)}.")
+        if self.noise is not None and not (self.noise > 0 and math.isfinite(self.noise)):
+            raise UserError(f"--noise {self.noise:g}: give a number above 0.")
+        if self.blind is not None and self.psf is not None:
+            raise UserError("--blind and --psf are both given. A PSF in a file isn't unknown.")
+        for name in ("clip", "dark"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise UserError(f"--{name} {value:g}: give a finite level.")
+
+    def read_problem(self, progress: Progress) -> RestorationProblem:
+        """Read everything; UserError that names file, value and remedy."""
+        if is_record(self.source):
+            return self._problem_from_record(progress)
+        return self._problem_from_picture(progress)
+
+    @cached_property
+    def reference(self) -> ReferencePicture | None:
+        """The true picture; its white is 1 where it has that, else its brightest."""
+        path = self.truth
+        if path is None:
+            return None
+        if is_record(path):
+            raise UserError(
+                f"--truth {path}: is a record. Give a picture or .npy of the same light."
+            )
+        light = read_photograph(path, linear=self.linear).light
+        brightest = float(np.nanmax(light))
+        if not brightest > 0:
+            raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
+        return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
+
+    def _require_reference_shape(self, light: NDArray[np.floating]) -> None:
+        """UserError, before a blur is looked for, where the true picture has another shape."""
+        if self.reference is None or self.reference.light.shape == light.shape:
+            return
+        is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.reference.light, light))
+        raise UserError(
+            f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
+        )
+
+    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
+        choice = self.choice
+        if choice.target is not None:
+            raise UserError(f"--target {choice.target}: {self.source} is no record. Leave it out.")
+        if self.psf is None and self.blind is None:
+            raise UserError(
+                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
+                "looked for: --blind SIZE."
+            )
+        progress.report(0, f"reading {self.source.name}")
+        read = read_photograph(self.source, linear=self.linear, frame=choice.frame)
+        light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
+        self._require_reference_shape(light)
+        if self.psf is None:
+            psf, told, notes = self._estimate_psf(light, clipped, progress)
+        else:
+            (psf, notes), told = read_psf_file(self.psf, len(read.levels), choice), str(self.psf)
+        unit = "of white" if read.is_srgb else "levels"
+        return RestorationProblem(
+            np.where(np.isfinite(light), light, np.nan).astype(np.float32),
+            psf,
+            clipped,
+            str(self.source),
+            told,
+            unit,
+            _full_scale(read),
+            read.is_srgb or read.levels.dtype.kind == "f",
+            self.noise,
+            self.border,
+            tuple(notes),
+            reference=self.reference,
+        )
+
+    def _problem_from_record(self, progress: Progress) -> RestorationProblem:
+        for name in ("clip", "dark", "linear"):
+            if getattr(self, name) is not None:
+                raise UserError(
+                    f"--{name}: {self.source} is a record, which knows its own. Leave it out."
+                )
+        unknown = self.psf is None and self.blind is None
+        found = read_recorded_photograph(self.source, self.choice, progress, star=unknown)
+        self._require_reference_shape(found.light)
+        psf, told, notes = None, "", list[str]()
+        if self.blind is not None:
+            psf, told, notes = self._estimate_psf(found.light, found.clipped_pixels, progress)
+        elif self.psf is not None:
+            told, seen = str(self.psf), found.photograph
+            choice = RecordSelection(None, seen.pattern, seen.wavelength, None, self.choice.star)
+            psf, notes = read_psf_file(self.psf, 1, choice)
+        posed = found.build_problem(psf, told, self.noise, self.border, tuple(notes))
+        return posed if self.reference is None else replace(posed, reference=self.reference)
+
+    def _estimate_psf(
+        self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
+    ) -> tuple[Light, str, list[str]]:
+        """The PSF that the picture itself tells, of all bands; where it is from, and how surely."""
+        from optics.deconvolution.blind import find_kernel
+
+        assert self.blind is not None
+        unseen = clipped | ~np.isfinite(light)
+        grey = np.where(unseen, 0, light).mean(0)
+        kernel = find_kernel(
+            grey, self.blind, noise=self.noise, clipped=unseen.any(0), progress=progress
+        )
+        surely = f"score {kernel.score:.2f}, {kernel.verdict}"
+        psf = np.asarray(kernel.psf, dtype=np.float32)[None]
+        return psf, "looked for in the picture itself", [f"the blur that was found: {surely}"]
+
+    def _dark_level(self, photograph: InputPhotograph) -> float:
+        if self.dark is not None and photograph.is_srgb:
+            raise UserError(
+                f"--dark {self.dark:g}: {photograph.path} holds sRGB's 8 bits, whose levels aren't "
+                "proportional to light. Add --linear if they are."
+            )
+        return self.dark or 0.0
+
+    def _clipped_pixels(self, photograph: InputPhotograph) -> NDArray[np.bool_]:
+        level = photograph.saturation_level() if self.clip is None else self.clip
+        if level is None:
+            return np.zeros(photograph.levels.shape, dtype=bool)
+        clipped = np.asarray(photograph.levels >= level)
+        if clipped.all():
+            raise UserError(
+                f"--clip {level:g}: every pixel of {photograph.path} is at least that. Give the "
+                f"level of a full well; the picture's highest is {photograph.levels.max():g}."
+            )
+        return clipped
+
+
+def _full_scale(photograph: InputPhotograph) -> float | None:
+    """The light of a file's highest level; None where it has none."""
+    if photograph.is_srgb:
+        return 1.0
+    kind = photograph.levels.dtype
+    return float(np.iinfo(kind).max) if kind.kind in "iu" else None

@@ -1,0 +1,222 @@
+"""The pictures of a report, drawn without a window."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure, FigureBase
+from numpy.typing import NDArray
+
+from labapp.pictures.analysis.brackets import Bracket, Picture
+from labapp.pictures.report.record_analysis import RecordAnalysis
+from labapp.pictures.report.tables import PICTURE_NAMES
+
+_LOWEST_RATIO = 1e-4
+"""PSFs are drawn over four decades: enough for the ring beside the central peak."""
+
+_GAMMA = 1 / 2.2
+
+_DETAIL = "detail"
+
+_MOST_PICTURES = 12
+
+_MOST_CURVES = 10
+"""Whose names still fit into a legend."""
+
+
+def overview(analysis: RecordAnalysis) -> Figure:
+    """The whole run on one page: PSF, photographs, exposures."""
+    if analysis.psf is None:
+        return gallery(analysis)
+    figure = Figure(figsize=(16, 14.6), dpi=110, layout="constrained")
+    figure.suptitle(_heading(analysis), fontsize=15, fontweight="bold")
+    top, middle, bottom = np.asarray(figure.subfigures(3, 1, height_ratios=[1.0, 1.95, 0.85]))
+    _psf_row(top, analysis)
+    _photographs(middle, analysis)
+    left, right = bottom.subplots(1, 2)
+    draw_profile(left, analysis)
+    draw_histogram(right, [b for b in analysis.brackets if _is_coded(analysis, b)])
+    return figure
+
+
+def gallery(analysis: RecordAnalysis) -> Figure:
+    """Every merged picture, from its dark to its bright percentile."""
+    shown = analysis.brackets[:_MOST_PICTURES]
+    columns = min(max(len(shown), 1), 3)
+    rows = max(1, -(-len(shown) // columns))
+    figure = Figure(figsize=(5.2 * columns, 3.9 * rows + 0.5), dpi=110, layout="constrained")
+    left_out = len(analysis.brackets) - len(shown)
+    more = f" (and {left_out} more)" if left_out else ""
+    figure.suptitle(_heading(analysis) + more, fontsize=13, fontweight="bold")
+    axes = np.asarray(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for one in axes:
+        one.axis("off")
+    for one, bracket in zip(axes, shown, strict=False):
+        low, high = np.percentile(bracket.rate, [1, 99.99])
+        span = max(high - low, np.finfo(float).tiny)
+        one.imshow(gamma_encode((bracket.rate - low) / span), cmap="gray", vmin=0, vmax=255)
+        one.set_title(bracket.name)
+    return figure
+
+
+def psf_figure(analysis: RecordAnalysis) -> Figure:
+    figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
+    _psf_row(figure, analysis)
+    return figure
+
+
+def profile_figure(analysis: RecordAnalysis) -> Figure:
+    figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
+    draw_profile(figure.subplots(), analysis)
+    return figure
+
+
+def histogram_figure(analysis: RecordAnalysis) -> Figure:
+    figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
+    brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
+    draw_histogram(figure.subplots(), brackets)
+    return figure
+
+
+def gamma_encode(picture: Picture) -> NDArray[np.uint8]:
+    """A linear picture as 8-bit values for a screen."""
+    return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
+
+
+def _heading(analysis: RecordAnalysis) -> str:
+    heading = analysis.title
+    if analysis.simulated:
+        heading += "  (SIMULATED)"
+    if analysis.best_method:
+        gain = analysis.scores[analysis.best_method].psnr - analysis.scores["coded"].psnr
+        heading += (
+            f": {PICTURE_NAMES[analysis.best_method]} {gain:+.1f} dB over the coded photograph"
+        )
+    return heading
+
+
+def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
+    psf, pattern = analysis.psf, analysis.pattern
+    assert psf is not None
+    assert pattern is not None
+    axes = figure.subplots(1, 4, width_ratios=[1, 1.78, 1, 1])
+    peak = float(psf.measured.max())
+    _draw_psf(axes[0], psf.target, "Target PSF", None)
+    axes[1].imshow(pattern, cmap="gray", interpolation="nearest")
+    axes[1].set_title(f"Pattern on the SLM (grey {pattern.min()} to {pattern.max()})")
+    axes[1].set(xticks=[], yticks=[])
+    _draw_psf(axes[2], psf.measured, "Measured PSF", peak)
+    predicted = "Predicted PSF"
+    if psf.prediction_error is not None:
+        predicted += f" (differs by {psf.prediction_error:.1%})"
+    _draw_psf(axes[3], psf.predicted, predicted, peak)
+
+
+def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
+    """A PSF on a logarithmic scale; several share theirs if they are given one peak."""
+    axes.set_title(title)
+    axes.set(xticks=[], yticks=[])
+    if psf is None:
+        axes.text(0.5, 0.5, "not described", ha="center", va="center", transform=axes.transAxes)
+        return
+    peak = peak or float(psf.max())
+    shown = np.maximum(psf, peak * _LOWEST_RATIO)
+    norm = LogNorm(peak * _LOWEST_RATIO, peak)
+    image = axes.imshow(shown, cmap="magma", norm=norm, interpolation="nearest")
+    axes.figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
+
+
+def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
+    columns = len(analysis.images) // 2 + 1
+    cells = [*analysis.images, *[_DETAIL] * (2 * columns - len(analysis.images))]
+    axes = figure.subplot_mosaic([[*cells[:columns]], [*cells[columns:]]])
+    _detail(axes.pop(_DETAIL), analysis)
+    for name, one in axes.items():
+        one.imshow(gamma_encode(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
+        one.set_title(caption(analysis, name))
+        one.set_xticks([])
+        if name == "neutral":
+            one.set_xlabel(analysis.credit, fontsize=8, color="gray")
+        one.set_yticks([])
+
+
+def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
+    """The middle of the neutral photograph, and beside it what was restored of it."""
+    name = analysis.best_method or "coded"
+    cuts = [_middle(gamma_encode(analysis.images[one])) for one in ("neutral", name)]
+    axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
+    axes.axvline(cuts[0].shape[1] - 0.5, color="white", linewidth=1)
+    axes.set_title(f"Detail: neutral, and {PICTURE_NAMES[name]}")
+    axes.set(xticks=[], yticks=[])
+
+
+def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Half of its height, and three quarters of that wide."""
+    rows, columns = picture.shape
+    tall = max(rows // 2, 1)
+    wide = min(max(round(0.75 * tall), 1), columns)
+    top, left = (rows - tall) // 2, (columns - wide) // 2
+    return picture[top : top + tall, left : left + wide]
+
+
+def caption(analysis: RecordAnalysis, name: str) -> str:
+    """A photograph's name and its figures."""
+    score = analysis.scores.get(name)
+    title = PICTURE_NAMES[name][0].upper() + PICTURE_NAMES[name][1:]
+    return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
+
+
+def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
+    """Mean of the PSFs over circles around the centre."""
+    psf = analysis.psf
+    assert psf is not None
+    curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
+    for name, picture in curves.items():
+        if picture is not None:
+            style = "--" if name == "predicted" else "-"
+            axes.semilogy(_radial_mean(picture), style, label=name)
+    axes.set_ylim(float(psf.measured.max()) * 1e-6, None)
+    axes.set_xlabel("distance from the centre, pixels")
+    axes.set_ylabel("share of the light per pixel")
+    axes.set_title("PSF, mean over circles")
+    axes.grid(alpha=0.3)
+    axes.legend()
+
+
+def _radial_mean(picture: Picture) -> Picture:
+    n = picture.shape[0]
+    y, x = np.indices(picture.shape) - n // 2
+    radius = np.hypot(y, x).round().astype(int)
+    counts = np.bincount(radius.ravel())
+    sums = np.bincount(radius.ravel(), weights=picture.ravel())
+    return (sums / counts)[: n // 2]
+
+
+def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
+    """How often each digital number occurs, a line an exposure; of many the first ones."""
+    listed = [
+        (f"{bracket.name}, {exposure * 1e3:g} ms", counts)
+        for bracket in brackets
+        for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True)
+    ]
+    for label, counts in listed[:_MOST_CURVES]:
+        width = max(counts.size // 256, 1)
+        binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
+        levels = np.arange(binned.size) * width
+        axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
+    more = f" (the first {_MOST_CURVES} of {len(listed)})" if len(listed) > _MOST_CURVES else ""
+    axes.set_yscale("log")
+    axes.set_xlabel("digital number")
+    axes.set_ylabel("pixels")
+    axes.set_title(f"Exposures{more}")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+def _is_coded(analysis: RecordAnalysis, bracket: Bracket) -> bool:
+    roles = analysis.roles
+    return roles is not None and (bracket.target, bracket.pattern) == (
+        roles.photograph,
+        roles.coded,
+    )

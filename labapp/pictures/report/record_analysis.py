@@ -1,0 +1,116 @@
+"""From a record to pictures and figures: merge, measure the PSF, predict it, undo it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.common.stopwatch import Stopwatch
+from labapp.files.plan_file import Reconstruction
+from labapp.files.scene_file import PhotographTable
+from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
+from labapp.pictures.analysis.score import Score
+from labapp.pictures.analysis.star_psf import PSFReport, measure_psf
+from labapp.pictures.reconstructing.method_choice import MethodChoice
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.recorded_photograph import find_photograph
+from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from optics.deconvolution.method_names import RESTORATIONS
+from optics.progress import Progress
+
+
+@dataclass
+class RecordAnalysis:
+    """Everything that a report shows.
+
+    restored_pictures: by the restorations that are reported, as `labapp reconstruct` gives them.
+    images: neutral, coded and restored photographs on one scale, white about 1. scores: of all but
+    the neutral one, against it. All are empty without a [reconstruct] table. seconds: wall-clock
+    time of each stage. credit: who made the photograph.
+    """
+
+    title: str
+    simulated: list[str]
+    credit: str
+    brackets: list[Bracket]
+    roles: Reconstruction | None = None
+    pattern: NDArray[np.uint8] | None = None
+    psf: PSFReport | None = None
+    restored_pictures: dict[str, RestoredPicture] = field(default_factory=dict)
+    images: dict[str, Picture] = field(default_factory=dict)
+    scores: dict[str, Score] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def best_method(self) -> str | None:
+        """The reconstruction with the highest PSNR."""
+        undone = {name: s.psnr for name, s in self.scores.items() if name != "coded"}
+        return max(undone, key=lambda name: undone[name]) if undone else None
+
+
+def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
+    """Merge every bracket of a record; with a [reconstruct] table, also undo the coding.
+
+    UserError if frames that are needed are missing.
+    """
+    progress, watch = progress or Progress(), Stopwatch()
+    with Record(path) as record:
+        plan = record.plan
+        with watch.stage("merge exposures"):
+            brackets = merge_all(record, progress.part(0, 0.3))
+        analysis = RecordAnalysis(
+            plan.title, record.simulated_devices, _credit(record), brackets, seconds=watch.seconds
+        )
+        roles = plan.reconstruct
+        if roles is None:
+            return analysis
+        if record.state is not State.COMPLETE:
+            raise UserError(
+                f"{path}: the run is {record.state}, and a reconstruction needs all of its "
+                "frames. Run the plan again."
+            )
+        shown = record.pattern(roles.coded)
+        # Of a video the first frame stands for all.
+        analysis.roles, analysis.pattern = roles, shown if shown.ndim == 2 else shown[0]
+        with watch.stage("measure PSF"):
+            analysis.psf = measure_psf(record, brackets, roles)
+        # By this the restorations are judged.
+        find_bracket(brackets, roles.photograph, roles.neutral, roles.wavelength, path)
+        problem = find_photograph(record, brackets, roles).build_problem()
+    _restore(analysis, problem, watch, progress.part(0.4, 0.95))
+    progress.report(1.0, "reconstructed")
+    return analysis
+
+
+def _restore(
+    analysis: RecordAnalysis, problem: RestorationProblem, watch: Stopwatch, progress: Progress
+) -> None:
+    known = problem.reference
+    if known is None:
+        raise UserError(
+            f"{problem.source}: the neutral photograph is dark, or is the coded one itself, so "
+            "that nothing can be judged by it. Expose it longer, or name another 'neutral'."
+        )
+    analysis.images = {"neutral": known.light[0] / known.white}
+    analysis.images["coded"] = problem.light[0] / known.white
+    names = [name for name, one in RESTORATIONS.items() if one.reported]
+    for number, name in enumerate(names):
+        part = progress.part(number / len(names), (number + 1) / len(names))
+        with watch.stage(RESTORATIONS[name].title):
+            outcome = restore_picture(problem, MethodChoice(name), part)
+        analysis.restored_pictures[name] = outcome
+        analysis.images[name] = outcome.light[0].astype(np.float64) / known.white
+        assert outcome.scores is not None
+        analysis.scores["coded"], analysis.scores[name] = outcome.scores
+
+
+def _credit(record: Record) -> str:
+    """Who made the photographs of a simulated scene."""
+    tables = record.scene.targets.values() if record.scene else ()
+    return ", ".join(t.credit for t in tables if isinstance(t, PhotographTable) and t.credit)

@@ -1,0 +1,56 @@
+"""The picture of a refinement: the PSF that the camera saw, before and after."""
+
+from __future__ import annotations
+
+import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from labapp.common.figure_png import figure_to_png
+from labapp.refining.result import RefinementResult
+
+_WHITE = 1.5
+"""Times the target's peak that is white: speckle is brighter than what it should be."""
+
+
+def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
+    """A PNG file: first picture, best picture, target as the camera sees it, errors."""
+    figure = Figure(figsize=(18, 4.9), dpi=100, layout="constrained")
+    figure.suptitle(f"{title}\n{notes}", fontsize=12)
+    first, last, target, errors = figure.subplots(1, 4)
+    best = result.pictures[result.best]
+    _draw(first, result, result.pictures[0].light / result.pictures[0].scale)
+    first.set_title(f"Seen at first: NRMSE {result.pictures[0].nrmse:.3f}")
+    _draw(last, result, best.light / best.scale)
+    last.set_title(f"Seen at best, picture {result.best + 1}: NRMSE {best.nrmse:.3f}")
+    _draw(target, result, result.view.target)
+    target.set_title("Target, as the camera sees it")
+    _draw_errors(errors, result)
+    return figure_to_png(figure)
+
+
+def _draw(axes: Axes, result: RefinementResult, light: torch.Tensor) -> None:
+    """On the design grid, in units of the target."""
+    plane = result.start.goal.plane
+    y, x = (plane.coordinates(axis).numpy() * 1e6 for axis in (0, 1))
+    half = plane.pitch[0] * 0.5e6
+    extent = (x[0] - half, x[-1] + half, y[-1] + half, y[0] - half)
+    white = _WHITE * float(result.view.target.max())
+    axes.imshow(
+        light.numpy(), cmap="magma", vmin=0, vmax=white, extent=extent, interpolation="nearest"
+    )
+    axes.set_xlabel("µm on the sensor, in the panel's axes")
+
+
+def _draw_errors(axes: Axes, result: RefinementResult) -> None:
+    numbers = range(1, len(result.pictures) + 1)
+    axes.plot(numbers, [seen.nrmse for seen in result.pictures], "o-", label="error of the shape")
+    axes.plot(numbers, [seen.contrast for seen in result.pictures], "s--", label="speckle contrast")
+    axes.plot(numbers, [seen.noise for seen in result.pictures], ":", label="noise alone")
+    axes.set_ylim(0, None)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("picture")
+    axes.set_title("Error of what was seen (NRMSE)")
+    axes.grid(alpha=0.3)
+    axes.legend()

@@ -1,0 +1,65 @@
+"""What a refinement is asked for, and what a bench adds to it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from labapp.bench.opening import Bench
+from labapp.bench.star_target import require_star_target
+from labapp.common.errors import UserError
+from labapp.files.quantities import Positive
+from labapp.files.reading import FileModel, format_validation_error
+from optics.stop_shadow import panel_to_focus_distance
+
+
+class RefinementRequest(FileModel):
+    """What a person wants.
+
+    pictures: of the PSF; the first shows the start, the last only judges. exposures_ms: of each
+    picture; of a video whole periods are taken, rounded up. star, dark: names of the targets;
+    dark may be "" where the lamp can't be covered. star_um, star_m: diameter and distance of the
+    pinhole; None for what the scene knows.
+    """
+
+    pictures: Annotated[int, Field(ge=2, le=1000)] = 5
+    exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 8.0, 64.0)
+    star: str = "star"
+    dark: str = "dark"
+    star_um: Positive | None = None
+    star_m: Positive | None = None
+
+    @staticmethod
+    def from_options(**words: object) -> RefinementRequest:
+        """UserError names the option that is wrong."""
+        try:
+            return RefinementRequest.model_validate(words)
+        except ValidationError as error:
+            raise UserError(format_validation_error(error, "refine")) from error
+
+
+def parse_milliseconds(text: str) -> list[float]:
+    """Of a list with commas, as in 1,8,64."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError as error:
+        raise UserError(
+            f"--exposures-ms {text}: give milliseconds with commas between, as in 1,8,64."
+        ) from error
+
+
+def with_star_size(request: RefinementRequest, bench: Bench) -> RefinementRequest:
+    """With the size of the star; UserError if the bench lacks a target, or nobody knows it."""
+    table = require_star_target(bench, request.star, request.dark)
+    known = {"star_m": panel_to_focus_distance(bench.description)}
+    if table is not None:
+        known = {"star_um": table.diameter_um, "star_m": table.distance_m}
+    given = {key: value for key, value in request.model_dump().items() if value is not None}
+    filled = RefinementRequest.from_options(**(known | given))
+    if filled.star_um is None:
+        raise UserError(
+            "the camera sees the PSF as wide as the star's image: give the diameter of the pinhole "
+            "with --star-um."
+        )
+    return filled

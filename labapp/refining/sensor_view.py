@@ -1,0 +1,155 @@
+"""Where the design grid lies on the sensor, and how the camera sees a PSF that is known there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from labapp.common.errors import UserError
+from labapp.files.bench_file import BenchFile
+from optics.calibration.registration import Registration
+from optics.camera import Camera
+from optics.retrieval.goal import RetrievalGoal
+
+Array = NDArray[np.float64]
+
+_VISIBLE_SHARE = 1e-3
+"""Share of the target's peak that must fall on the sensor: darker parts are taken for granted."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorView:
+    """A goal's plane seen by a sensor of a shape (rows, columns).
+
+    star_diameter: diameter of the star's image, sensor pixels. is_calibrated: whether the registration was
+    measured. UserError if a part of the target falls beside the sensor.
+    """
+
+    goal: RetrievalGoal
+    registration: Registration
+    shape: tuple[int, int]
+    star_diameter: float
+    is_calibrated: bool
+
+    def __post_init__(self) -> None:
+        lit = (self.target > _VISIBLE_SHARE * self.target.max()).numpy()
+        if self.on_sensor[lit].all():
+            return
+        low, high = self.sensor_positions[lit].min(0), self.sensor_positions[lit].max(0)
+        raise UserError(
+            f"the target falls on rows {low[0]:.0f} to {high[0]:.0f} and columns {low[1]:.0f} to "
+            f"{high[1]:.0f} of a sensor of {self.shape[0]} x {self.shape[1]} pixels. Choose a "
+            "smaller one, move the star, or let more of the sensor be read."
+        )
+
+    @cached_property
+    def sensor_positions(self) -> Array:
+        """(y, x) pixel on the sensor of every sample of the plane, (rows, columns, 2).
+
+        A sample lies where the grating sends light whose phase turns by so many cycles per
+        panel pixel as the sample has of the far field.
+        """
+        y, x = (
+            (np.arange(n) - n // 2) / self.goal.far_field_samples for n in self.goal.plane.shape
+        )
+        vectors = np.stack(np.broadcast_arrays(y[:, None], x[None, :]), axis=-1)
+        return self.registration.to_pixels(vectors, self.goal.wavelength)
+
+    @cached_property
+    def on_sensor(self) -> NDArray[np.bool_]:
+        """The samples that fall on the sensor, (rows, columns)."""
+        y, x = self._coordinates
+        return (y >= 0) & (y <= self.shape[0] - 1) & (x >= 0) & (x <= self.shape[1] - 1)
+
+    @cached_property
+    def target(self) -> torch.Tensor:
+        """The goal's target as the camera sees it, (rows, columns) float64."""
+        return self.convolve_with_star(self.goal.target)
+
+    def convolve_with_star(self, psf: torch.Tensor) -> torch.Tensor:
+        """A PSF on the plane, convolved with the star's image and the sensor's pixel.
+
+        By their exact transforms; dark beyond the plane, and nowhere negative.
+        """
+        shape = tuple(scipy.fft.next_fast_len(n + self._reach, real=True) for n in psf.shape)
+        spectrum = torch.fft.rfft2(psf.to(torch.float64), s=shape)
+        seen = torch.fft.irfft2(spectrum * self._transfer(shape), s=shape)
+        return seen[: psf.shape[0], : psf.shape[1]].clamp(min=0).to(psf.dtype)
+
+    def resample_picture(self, picture: Array) -> torch.Tensor:
+        """A picture (rows, columns) of the sensor on the plane, float64: cubics between pixels."""
+        found = ndimage.map_coordinates(picture, self._coordinates, order=3, mode="mirror")
+        return torch.from_numpy(found)
+
+    def resample_nearest(self, values: NDArray[np.float64]) -> torch.Tensor:
+        """The same with the value of the nearest pixel, for what no curve goes through."""
+        found = ndimage.map_coordinates(values, self._coordinates, order=0, mode="nearest")
+        return torch.from_numpy(found)
+
+    @property
+    def _coordinates(self) -> Array:
+        return np.moveaxis(self.sensor_positions, -1, 0)
+
+    @cached_property
+    def _step(self) -> Array:
+        """Sensor pixels from sample to sample, (y, x) of both."""
+        stretch = self.goal.wavelength / self.registration.wavelength
+        return self.registration.matrix * stretch / self.goal.far_field_samples
+
+    @property
+    def _reach(self) -> int:
+        """Samples by which the camera widens a PSF, on either side."""
+        pixels = (self.star_diameter + math.sqrt(2)) / 2
+        return math.ceil(pixels * np.linalg.norm(np.linalg.inv(self._step), 2))
+
+    def _transfer(self, shape: tuple[int, ...]) -> torch.Tensor:
+        """Of pixel and star, on an rfft2 of a shape."""
+        fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]
+        fx = torch.fft.rfftfreq(shape[1], dtype=torch.float64)[None, :]
+        step = np.linalg.inv(self._step)
+        # Cycles per sensor pixel.
+        gy, gx = fy * step[0, 0] + fx * step[1, 0], fy * step[0, 1] + fx * step[1, 1]
+        argument = math.pi * self.star_diameter * torch.hypot(gy, gx)
+        safe = torch.where(argument > 0, argument, 1.0)
+        disc = torch.where(argument > 0, 2 * torch.special.bessel_j1(safe) / safe, 1.0)
+        return disc * torch.sinc(gy) * torch.sinc(gx)
+
+
+def build_view(
+    bench: BenchFile, goal: RetrievalGoal, diameter: float, distance: float
+) -> SensorView:
+    """What a bench's camera sees of a star of a diameter at a distance, both in metres.
+
+    By the registration in force that was measured nearest to the goal's wavelength; without one
+    by the camera's description.
+    """
+    camera, calibration = goal.camera, bench.active_calibration
+    star = diameter * camera.magnification(distance) / camera.sensor.pitch
+    known = [table.build() for table in calibration.registrations] if calibration else []
+    if known:
+        registration = min(known, key=lambda one: abs(one.wavelength - goal.wavelength))
+    else:
+        registration = nominal_registration(camera, goal.wavelength)
+    return SensorView(goal, registration, camera.sensor.shape, star, bool(known))
+
+
+def nominal_registration(camera: Camera, wavelength: float) -> Registration:
+    """Without a measured one: the axis in the middle of the sensor, nothing turned or mirrored."""
+    scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
+    rows, columns = camera.sensor.shape
+    return Registration(
+        wavelength,
+        (rows // 2, columns // 2),
+        scale * np.eye(2),
+        np.zeros((3, 3)),
+        (0.0, 0.0),
+        np.zeros((0, 2)),
+        np.zeros(0, dtype=bool),
+    )

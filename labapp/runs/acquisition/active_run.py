@@ -1,0 +1,238 @@
+"""A run under way: frame by frame, through pauses and trouble, to its end."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.frame_storage import FrameStore
+from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
+from labapp.runs.acquisition.hooks import HookError, Hooks
+from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
+from labapp.runs.bench_interface import Bench
+from labapp.runs.record.logbook import logbook
+from labapp.runs.record.reader import Record
+from labapp.runs.record.writer import RecordWriter
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
+from optics.progress import Cancelled, Progress
+
+log = logging.getLogger(__name__)
+
+_POLL_INTERVAL = 0.05
+"""Seconds between looks at whether a pause is over."""
+
+OnFrame = Callable[[Shot, Frame], None]
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """How a run ended. missing: indices of planned frames that aren't in the record.
+
+    expected_seconds, elapsed_seconds: seconds of the bench's time, without what persons and pauses took.
+    device_error: with the device that ended it, if one did.
+    """
+
+    path: Path
+    state: State
+    missing: list[int]
+    message: str
+    expected_seconds: float = 0.0
+    elapsed_seconds: float = 0.0
+    device_error: DeviceError | None = None
+
+
+class ActiveRun:
+    """One run: the frames that it has taken, the record that it writes, and how it stands."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        plan: PlanFile,
+        path: Path,
+        patterns: Mapping[str, NDArray[np.uint8]],
+        hooks: Hooks,
+        ask: AskOperator | None,
+        progress: Progress,
+    ) -> None:
+        self._bench, self._plan, self._path = bench, plan, path
+        self._hooks, self._progress = hooks, progress
+        self._ask = self._pausing_while_asked(ask) if ask else None
+        self._taker = FrameTaker(
+            bench, patterns, plan.seed, plan.retry, self._ask, progress, self._is_cancelled
+        )
+        self._done = self._expected = self._took = self._rested = 0.0
+        self._trouble: DeviceError | None = None
+        self._unplug_monitor = UnplugMonitor(bench.supervised_devices)
+        self._doing = self._unplugged = ""
+
+    def take(
+        self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
+    ) -> RunOutcome:
+        """The frames one after the other; how the run ended."""
+        with RecordWriter(self._path) as self._writer, logbook(self._writer, self._bench.clock):
+            rows, columns = self._bench.camera.shape
+            as_planned = not self._bench.file.is_real
+            keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
+            self._expected = sum(shot.duration for shot in shots)
+            state, message = self._take_all(shots, keeper, on_frame, is_resumed)
+            return self._verify_outcome(state, message)
+
+    def _take_all(
+        self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
+    ) -> tuple[State, str]:
+        """Leaves the bench safe however it ends; the state that the run deserves, and why."""
+        state, message = State.FAILED, ""
+        try:
+            self._writer.set_state(State.RUNNING)
+            log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
+            for doubt in self._bench.calibration_warnings_at({shot.wavelength for shot in listed}):
+                log.warning("%s", doubt)
+            self._hooks.call("before_run", listed)
+            with self._unplug_monitor, self._bench.cancellable_by(self._is_cancelled):
+                for shot in listed:
+                    self._take_one(shot, keeper, on_frame)
+            state = State.COMPLETE
+        except (Cancelled, KeyboardInterrupt):
+            state = State.CANCELLED
+            message = "; ".join(["cancelled by the user", *self._bench.failed_devices()])
+        except DeviceError as error:
+            message, self._trouble = str(error), error
+        except (HookError, UserError, OSError) as error:
+            message = str(error)
+        except Exception as error:
+            message = f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            for failure in self._bench.make_safe():
+                message = f"{message}; not left safe: {failure}".removeprefix("; ")
+            self._record_end(state, message)
+        try:
+            self._hooks.call("after_run", state.value)
+        except HookError as error:
+            return State.FAILED, str(error)
+        return state, message
+
+    def _take_one(self, shot: Shot, keeper: FrameStore, on_frame: OnFrame | None) -> None:
+        """One frame, when nothing speaks against it; a failing device may pause the run."""
+        self._report(_describe(shot))
+        if self._progress.is_paused:
+            self._pause("paused by the user", lambda: not self._progress.is_paused)
+        keeper.wait_for_space()
+        self._hooks.call("before_frame", shot)
+        began, rested = self._bench.clock.now(), self._rested
+        frame = self._take_with_recovery(shot, keeper)
+        self._took += self._bench.clock.now() - began - (self._rested - rested)
+        self._done += shot.duration
+        self._hooks.call("after_frame", shot, frame)
+        if on_frame is not None:
+            on_frame(shot, frame)
+
+    def _take_with_recovery(self, shot: Shot, keeper: FrameStore) -> Frame:
+        while True:
+            try:
+                return self._taker.take(shot, keeper.store_frame)
+            except DeviceError as error:
+                if self._plan.retry.then == "fail":
+                    raise
+                self._progress.pause()
+                text = f"{error}. Mend it, then let the run go on"
+                self._pause(text, lambda: not self._progress.is_paused)
+
+    def _is_cancelled(self) -> bool:
+        """Whether the run was cancelled; asked while it waits for devices.
+
+        That is when a person must be told that one was unplugged.
+        """
+        unplugged = self._unplug_monitor.message
+        if unplugged != self._unplugged:
+            self._unplugged = unplugged
+            with suppress(Cancelled):
+                self._report(self._doing)
+        return self._progress.is_cancelled
+
+    def _pause(self, message: str, is_over: Callable[[], bool]) -> None:
+        """Rest until `over()`, with the reason in the record; Cancelled ends it, too."""
+        log.warning("paused: %s", message)
+        self._writer.set_state(State.PAUSED, message)
+        self._report(f"PAUSED: {message}")
+        with self._excluding_time():
+            while not is_over():
+                self._progress.raise_if_cancelled()
+                time.sleep(_POLL_INTERVAL)
+        self._taker.invalidate_settings()
+        log.info("goes on")
+        self._writer.set_state(State.RUNNING)
+
+    @contextmanager
+    def _excluding_time(self) -> Iterator[None]:
+        """The time of the block is no part of what the run takes."""
+        began = self._bench.clock.now()
+        try:
+            yield
+        finally:
+            self._rested += self._bench.clock.now() - began
+
+    def _pausing_while_asked(self, ask: AskOperator) -> AskOperator:
+        """Ask a person, with the state PAUSED while nobody has answered."""
+
+        def asking(text: str, progress: Progress) -> None:
+            self._writer.set_state(State.PAUSED, text)
+            self._report(text)
+            with self._excluding_time():
+                ask(text, progress)
+            progress.raise_if_cancelled()
+            self._writer.set_state(State.RUNNING)
+
+        return asking
+
+    def _report(self, message: str) -> None:
+        self._doing = message
+        share = self._done / self._expected if self._expected else 1.0
+        told = f"UNPLUGGED: {self._unplugged} ({message})" if self._unplugged else message
+        self._progress.report(share, told)
+
+    def _record_end(self, state: State, message: str) -> None:
+        """Write how the run ended; a failing disk may not even take that, and the log says so."""
+        # COMPLETE is not written here: it has to be earned by reading back.
+        written = State.RUNNING if state is State.COMPLETE else state
+        log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
+        log.info("expected %.3f s of bench time, took %.3f s", self._done, self._took)
+        self._write_state(written, message)
+
+    def _write_state(self, state: State, message: str) -> None:
+        try:
+            self._writer.set_state(state, message)
+        except OSError as error:
+            log.error("%s: the end of the run could not be written: %s", self._path, error)
+
+    def _verify_outcome(self, state: State, message: str) -> RunOutcome:
+        """COMPLETE if every frame reads back from a fresh handle, else what is missing."""
+        with Record(self._path) as record:
+            # Who cancels wants to go; who gets COMPLETE wants to be sure.
+            missing = (
+                record.missing_frames() if state is State.COMPLETE else record.frames_not_stored()
+            )
+        if state is State.COMPLETE and missing:
+            state, message = State.FAILED, f"{len(missing)} frames don't read back"
+        self._write_state(state, message)
+        return RunOutcome(
+            self._path, state, missing, message, self._done, self._took, self._trouble
+        )
+
+
+def _describe(shot: Shot) -> str:
+    nm, ms = shot.wavelength * 1e9, shot.exposure * 1e3
+    role = "" if shot.role in ("light", shot.target) else f"{shot.role}, "
+    return f"{role}{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms"

@@ -1,0 +1,176 @@
+"""Whether a bench can do what a plan asks, and what it will take, before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from math import prod
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Acquisition, PlanFile
+from labapp.runs.acquisition.hooks import HOOK_GROUP
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.record.layout import LOG_ROW, MEASURED, PLANNED, log_capacity
+from labapp.runs.steps import Shot, block_exposures, planned_shots
+
+_FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
+"""Bytes that a record keeps of a frame beside its picture."""
+
+_DECISIONS = 12_000
+"""Bytes of what a simulator decides for one picture, at most."""
+
+_RECORD = 100_000
+"""Bytes of the rest, at most: bench, scene, and the file's own books."""
+
+_PERIOD_TOLERANCE = 1e-3
+"""Share of a video's frame by which an exposure may miss the end of its period."""
+
+
+@dataclass(frozen=True)
+class RunEstimate:
+    """What a run will take: frames, seconds of bench time, bytes, and acts of a person."""
+
+    frames: int
+    seconds: float
+    disk_bytes: int
+    prompts: tuple[str, ...]
+
+
+def estimate_run(
+    shots: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities
+) -> RunEstimate:
+    return RunEstimate(
+        frames=len(shots),
+        seconds=sum(shot.duration for shot in shots),
+        disk_bytes=_disk_bytes(shots, plan, capabilities),
+        prompts=tuple(prompts_by_frame(shots, capabilities).values()),
+    )
+
+
+def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
+    """Of the finished record, or a little more."""
+    picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
+    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
+    decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
+    return (
+        len(listed) * (2 * picture + _FRAME_ROW)
+        + shown * panel
+        + log_capacity(len(listed)) * LOG_ROW.itemsize
+        + len(plan.model_dump_json())
+        + len(decided) * _DECISIONS
+        + _RECORD
+    )
+
+
+def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
+    """What a person will be asked, by the index of the frame that waits for it, in order: once
+    whenever another target is placed."""
+    asked = {}
+    placed = ""
+    for shot in shots:
+        if shot.target != placed and (text := placement_prompt(shot, capabilities.by_hand)):
+            asked[shot.index] = text
+        placed = shot.target
+    return asked
+
+
+def placement_prompt(shot: Shot, by_hand: bool) -> str:
+    """What a person does before a frame's target is placed; empty if the bench does it."""
+    return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
+
+
+def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> None:
+    """UserError if the plan asks for what the bench can't do; names key, value and range."""
+    _check_hooks(plan, source)
+    for number, block in enumerate(plan.acquire):
+        where = f"{source}: key 'acquire.{number}"
+        _check_targets(block, plan, capabilities, where)
+        _check_wavelengths(block, capabilities, where)
+        _check_exposures(block, plan, capabilities, where)
+
+
+def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> list[Shot]:
+    """Every frame of a plan that the bench can take; UserError as require_feasible_plan() says it."""
+    require_feasible_plan(plan, capabilities, source)
+    return planned_shots(plan, capabilities)
+
+
+def _check_hooks(plan: PlanFile, source: str) -> None:
+    known = entry_points(group=HOOK_GROUP).names if plan.hooks else set()
+    for name in plan.hooks:
+        if name not in known:
+            raise UserError(
+                f"{source}: key 'hooks' names {name!r}, which isn't installed. "
+                f"Installed: {', '.join(sorted(known)) or 'none'}."
+            )
+
+
+def _check_targets(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, where: str
+) -> None:
+    calibration = [one.target or one.role for one in block.interleave if one.role != "neutral"]
+    for key, names in (("targets", block.targets), ("interleave", calibration)):
+        for name in names:
+            known = plan.targets.get(name)
+            if ((known.place if known else None) or name) not in capabilities.targets:
+                raise UserError(
+                    f"{where}.{key}' names {name!r}, which this bench doesn't have. "
+                    f"Choose among {', '.join(capabilities.targets)}."
+                )
+
+
+def _check_wavelengths(block: Acquisition, capabilities: BenchCapabilities, where: str) -> None:
+    shortest, longest = capabilities.wavelength_range
+    for slot in block.slots or ():
+        if slot > len(capabilities.slots):
+            have = (
+                f"1 to {len(capabilities.slots)}"
+                if capabilities.slots
+                else "wavelengths_nm instead"
+            )
+            raise UserError(
+                f"{where}.slots' has {slot}, and this bench's filter has "
+                f"{len(capabilities.slots) or 'no'} slots. Choose {have}."
+            )
+    for nm in block.wavelengths_nm or ():
+        metres = capabilities.wavelength_in_metres(nm)
+        if not shortest <= metres <= longest:
+            raise UserError(
+                f"{where}.wavelengths_nm' has {nm:g}, out of the filter's range. "
+                f"Choose {shortest * 1e9:.0f} to {longest * 1e9:.0f} nm."
+            )
+        if capabilities.slots and all(
+            abs(metres - centre) > 1e-12 for centre in capabilities.slots
+        ):
+            listed = ", ".join(f"{centre * 1e9:g}" for centre in dict.fromkeys(capabilities.slots))
+            raise UserError(
+                f"{where}.wavelengths_nm' has {nm:g}, and no slot of the filter wheel passes it. "
+                f"Choose among {listed} nm."
+            )
+
+
+def _check_exposures(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, where: str
+) -> None:
+    low, high = capabilities.exposure_range
+    lasting = block_exposures(block, plan, capabilities)
+    asked = [f"exposures_ms' has {ms:g} ms" for ms in block.exposures_ms or ()] or [
+        f"periods' has {number}, which last {seconds * 1e3:g} ms"
+        for number, seconds in zip(block.periods or (), lasting, strict=True)
+    ]
+    for said, seconds in zip(asked, lasting, strict=True):
+        if not low <= seconds <= high:
+            raise UserError(
+                f"{where}.{said}, out of the camera's range. "
+                f"Choose {low * 1e3:g} to {high * 1e3:g} ms."
+            )
+        for name, video in plan.videos(block).items():
+            period = video.length * capabilities.video_frame
+            rest = abs(seconds - max(1, round(seconds / period)) * period)
+            if rest > _PERIOD_TOLERANCE * capabilities.video_frame and not block.any_exposure:
+                raise UserError(
+                    f"{where}.{said}, which cuts the video {name!r} within its period of "
+                    f"{period * 1e3:.3f} ms. Ask for 'periods' instead, "
+                    "or set any_exposure = true."
+                )

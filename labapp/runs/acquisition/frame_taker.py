@@ -1,0 +1,179 @@
+"""One frame after the other: set what changes, wait until all of it stands, expose, accept."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame, Setting
+from labapp.files.plan_file import Retry
+from labapp.runs.acquisition.feasibility import placement_prompt
+from labapp.runs.bench_interface import Bench
+from labapp.runs.frame_acceptance import CaptureConditions, require_valid_frame
+from labapp.runs.record.writer import CorruptFrame
+from labapp.runs.steps import Shot
+from optics.progress import Progress
+
+log = logging.getLogger(__name__)
+
+AskOperator = Callable[[str, Progress], None]
+"""Asks a person for something, and returns when it is done; raises Cancelled if it won't be."""
+
+StoreFrame = Callable[[Shot, Frame, float, int], None]
+"""Puts a frame, taken at a wavelength in an attempt, where it can't be lost."""
+
+
+_REPLUG_TIMEOUT = 60.0
+"""Seconds for which a device that was unplugged is waited for before it is tried again."""
+
+
+class FrameTaker:
+    """Takes the frames of one run. It trusts no setting that it didn't make itself.
+
+    patterns: grey levels by name, of videos with their frames. seed: of the run, for
+    simulated devices. ask: a person, about targets; None if nobody is there. is_cancelled: whether
+    the run was cancelled, asked all the time while something is waited for.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        patterns: Mapping[str, NDArray[np.uint8]],
+        seed: int,
+        retry: Retry,
+        ask: AskOperator | None,
+        progress: Progress,
+        is_cancelled: Callable[[], bool],
+    ) -> None:
+        self._is_cancelled = is_cancelled
+        self._bench, self._patterns, self._seed = bench, patterns, seed
+        self._retry, self._ask, self._progress = retry, ask, progress
+        self._by_hand = bench.targets.by_hand
+        self._placed_target = ""
+        self._set: dict[str, str] = {}
+        self._last_number = -1
+
+    def invalidate_settings(self) -> None:
+        """Somebody else may have had the bench: every setting is made again."""
+        self._set.clear()
+
+    def take(self, shot: Shot, keep: StoreFrame) -> Frame:
+        """A frame of exactly this shot, kept; tried again when a device fails.
+
+        DeviceError if it fails as often as the plan allows. Raises Cancelled rather than
+        begin or keep a frame that nobody wants any more.
+        """
+        attempt = 1
+        while True:
+            try:
+                return self._try(shot, attempt, keep)
+            except DeviceError as error:
+                self._progress.raise_if_cancelled()
+                log.warning(
+                    "frame %d, attempt %d of %d: %s",
+                    shot.index,
+                    attempt,
+                    self._retry.attempts,
+                    error,
+                )
+                self.invalidate_settings()
+                if attempt >= self._retry.attempts:
+                    raise
+                self._recover_device(error, attempt)
+            attempt += 1
+
+    def _try(self, shot: Shot, attempt: int, keep: StoreFrame) -> Frame:
+        bench, progress = self._bench, self._progress
+        if bench.world is not None:
+            bench.world.begin_frame(
+                self._seed, shot.step, shot.repeat, index=shot.index, start_time=shot.start_time
+            )
+        self._request_placement(shot)
+        ready = [
+            bench.clock.now(),
+            self._apply("target", shot.place, lambda: bench.targets.place(shot.place)),
+            self._apply("pattern", shot.pattern, lambda: self._show(shot.pattern)),
+            self._apply("wavelength", _colour(shot), lambda: self._tune(shot)),
+        ]
+        setting = bench.camera.set_exposure(shot.exposure)
+        stands = max(*ready, setting.ready_at)
+        bench.clock.wait_until(stands, self._is_cancelled)
+        progress.raise_if_cancelled()
+        frame = bench.camera.capture(lambda: progress.is_cancelled)
+        progress.raise_if_cancelled()
+        stood = CaptureConditions(setting.actual, stands, self._last_number)
+        wavelength = require_valid_frame(frame, shot, stood, bench)
+        try:
+            keep(shot, frame, wavelength, attempt)
+        except CorruptFrame as error:
+            raise bench.device_error(
+                "camera", "capture", f"the frame is corrupt: {error}"
+            ) from error
+        self._last_number = frame.number
+        return frame
+
+    def _request_placement(self, shot: Shot) -> None:
+        """Have a person place a target, once whenever it changes."""
+        if shot.target == self._placed_target:
+            return
+        text = placement_prompt(shot, self._by_hand)
+        if text:
+            assert self._ask is not None, "a run with prompts begins only where somebody answers"
+            log.info("asked: %s", text)
+            self._ask(text, self._progress)
+        self._placed_target = shot.target
+
+    def _show(self, name: str) -> Setting[str]:
+        grey = self._patterns[name]
+        slm = self._bench.slm
+        return slm.show(name, grey) if grey.ndim == 2 else slm.play(name, grey)
+
+    def _tune(self, shot: Shot) -> Setting[Any]:
+        if shot.slot and (wheel := self._bench.wheel) is not None:
+            return wheel.set_slot(shot.slot)
+        return self._bench.filter.set_wavelength(shot.wavelength)
+
+    def _apply(self, what: str, value: str, make: Callable[[], Setting[Any]]) -> float:
+        """Make a setting if it isn't the one this run made last; when it stands."""
+        if self._set.get(what) == value:
+            return 0.0
+        self._set.pop(what, None)
+        setting = make()
+        self._set[what] = value
+        log.info("%s: %s", what, value)
+        return setting.ready_at
+
+    def _recover_device(self, error: DeviceError, attempt: int) -> None:
+        """Wait a little, and open the device again if it is dead or waiting was not enough.
+
+        A device that was unplugged is waited for longer: no attempt would be of use.
+        """
+        clock = self._bench.clock
+        clock.wait_until(clock.now() + self._retry.wait_s, self._is_cancelled)
+        self._progress.raise_if_cancelled()
+        device = self._bench.supervised_devices.get(error.role)
+        if device is None:
+            return
+        if device.unplugged_reason():
+            clock.wait_until(
+                clock.now() + _REPLUG_TIMEOUT,
+                lambda: self._is_cancelled() or not device.unplugged_reason(),
+            )
+            self._progress.raise_if_cancelled()
+        if not (device.failure_reason or attempt > 1):
+            return
+        try:
+            device.revive()
+            self._last_number = -1
+        except DeviceError as again:
+            log.warning("%s", again)
+
+
+def _colour(shot: Shot) -> str:
+    nm = f"{shot.wavelength * 1e9:g} nm"
+    return f"slot {shot.slot}, {nm}" if shot.slot else nm

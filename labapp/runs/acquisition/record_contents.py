@@ -1,0 +1,48 @@
+"""What a record holds before its first frame: plan, bench, patterns, as this run has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.effects import effect_plans
+from labapp.runs.bench_interface import Bench
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.record.creation import RecordContents
+from labapp.runs.record.reader import file_sha256
+from labapp.runs.steps import Shot
+
+
+def build_record_contents(
+    bench: Bench,
+    plan: PlanFile,
+    patterns: Mapping[str, NDArray[np.uint8]],
+    shots: Sequence[Shot],
+    capabilities: BenchCapabilities,
+    check_cancelled: Callable[[], None],
+) -> RecordContents:
+    """patterns: grey levels by name. shots: every frame of the plan. check_cancelled: is called between
+    the steps of a long computation, and may raise."""
+    scene = bench.scene_file
+    return RecordContents(
+        title=plan.title,
+        seed=plan.seed,
+        plan=plan.model_dump(mode="json"),
+        bench=bench.file.model_dump(mode="json"),
+        scene=scene.model_dump(mode="json") if scene else None,
+        effect_plan=effect_plans(bench, shots, patterns, check_cancelled),
+        identities={name: device.identity for name, device in bench.devices.items()},
+        targets=list(dict.fromkeys(shot.target for shot in shots)),
+        patterns=patterns,
+        shots=shots,
+        frame_shape=capabilities.frame_shape,
+        pixel_pitch=bench.description.sensor.pitch,
+        video_frame=capabilities.video_frame,
+        pictures={str(path): file_sha256(path) for path in scene.input_files} if scene else {},
+        clock="real" if bench.file.is_real else "virtual",
+        faults=[asdict(fault) for fault in bench.world.faults.script] if bench.world else (),
+    )

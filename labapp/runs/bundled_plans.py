@@ -1,0 +1,71 @@
+"""`labapp plan list`: the plans that come with the application."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from labapp.common.list_output import ListEntry, print_list
+from labapp.files.file_lookup import bundled_plans
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import read_file
+
+_MAX_LISTED_WORDS = 6
+"""Words that a line names one by one."""
+
+
+def list_plans(*, as_json: bool) -> None:
+    """Print the plans that come with the application."""
+    listed = [_plan_entry(name, _describe(path)) for name, path in bundled_plans().items()]
+    example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
+    print_list(listed, as_json=as_json, example=example)
+
+
+def _plan_entry(name: str, facts: dict[str, Any]) -> ListEntry:
+    what = f"{facts['title']}. {facts['comment']}"
+    return ListEntry(name, what, lines=[f"needs {_describe_requirements(facts)}"], facts=facts)
+
+
+def _describe(path: Path) -> dict[str, Any]:
+    """A ready plan as plain data; the first line of its file says what it is for."""
+    plan = read_file(path, PlanFile)
+    targets: list[str] = []
+    for block in plan.acquire:
+        between = (one.target or one.role for one in block.interleave if one.role != "neutral")
+        targets += [*block.targets, *between]
+    known = [plan.targets[target] for target in dict.fromkeys(targets) if target in plan.targets]
+    places = {target: plan.targets[target].place for target in plan.targets}
+    return {
+        "path": str(path),
+        "title": plan.title,
+        "comment": path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# "),
+        "targets": list(dict.fromkeys(places.get(target) or target for target in targets)),
+        "wavelengths_nm": sorted({nm for b in plan.acquire for nm in b.wavelengths_nm or ()}),
+        "exposures_ms": sorted({ms for b in plan.acquire for ms in b.exposures_ms or ()}),
+        "periods": sorted({n for block in plan.acquire for n in block.periods or ()}),
+        "prompts": sum(bool(one.prompt) for one in known),
+    }
+
+
+def _describe_requirements(facts: dict[str, Any]) -> str:
+    """What a bench must have for a ready plan."""
+    nm, ms = facts["wavelengths_nm"], facts["exposures_ms"]
+    needs = [abbreviate_list(facts["targets"]), f"{format_range(nm)} nm"]
+    needs += [f"{format_range(ms)} ms"] if ms else []
+    needs += ["a panel that plays videos"] if facts["periods"] else []
+    needs += ["a person"] if facts["prompts"] else []
+    return "; ".join(needs)
+
+
+def format_range(values: Sequence[float]) -> str:
+    """From the smallest to the largest of sorted values."""
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
+
+
+def abbreviate_list(words: Iterable[str]) -> str:
+    """A few words in full; of many the ends, and how many there are."""
+    listed = list(words)
+    if len(listed) <= _MAX_LISTED_WORDS:
+        return ", ".join(listed)
+    return f"{listed[0]}, {listed[1]} ... {listed[-1]} ({len(listed)})"

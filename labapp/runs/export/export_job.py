@@ -1,0 +1,59 @@
+"""What every format is given to write."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.runs.export.frame_rows import frame_rows
+from labapp.runs.export.naming import file_names
+from labapp.runs.record.reader import Record
+from optics.progress import Progress
+
+
+class ExportJob:
+    """Frames one after the other, what is known of them, and the names of their files."""
+
+    def __init__(self, record: Record, kind: str, frames: list[int], progress: Progress) -> None:
+        self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
+        self.rows = frame_rows(record, frames)
+        self.names = file_names(kind, frames, self.rows, record.frame_count)
+        y, x = record.column("y"), record.column("x")
+        self.shape = len(y), len(x)
+        self.pitch = _pitch(y, x)
+        self.bits = _bits(record)
+
+    def images(self) -> Iterator[NDArray[np.uint16]]:
+        """Frame by frame, (rows, columns), with progress; raises Cancelled."""
+        for done, index in enumerate(self.frames):
+            self._progress.report(done / len(self.frames), f"export frame {index}")
+            yield self.record.image(index)
+
+
+def _pitch(y: NDArray[Any], x: NDArray[Any]) -> tuple[float, float] | None:
+    """Of the pixels, (y, x) in metres."""
+    if min(len(y), len(x)) < 2:
+        return None
+    # As the bench has it, without the rounding of the places.
+    pitch = (
+        _round_digits((y[-1] - y[0]) / (len(y) - 1)),
+        _round_digits((x[-1] - x[0]) / (len(x) - 1)),
+    )
+    return pitch if all(0 < one < math.inf for one in pitch) else None
+
+
+def _round_digits(length: float) -> float:
+    return float(f"{length:.12g}")
+
+
+def _bits(record: Record) -> int | None:
+    """Of the digital numbers; None if the bench's description can't be understood."""
+    with suppress(UserError):
+        return record.bench.sensor.bits
+    return None

@@ -1,0 +1,291 @@
+"""`labapp plan`: what a plan asks of a bench and will take, before anything moves."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labapp.bench.opening import Bench, BenchFiles, open_bench
+from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.pattern_table import VideoPattern
+from labapp.files.plan_file import NamedPlan, PlanFile
+from labapp.patterns.grey_levels import compute_patterns
+from labapp.runs.acquisition.feasibility import (
+    RunEstimate,
+    estimate_run,
+    feasible_shots,
+    prompts_by_frame,
+)
+from labapp.runs.acquisition.frame_storage import free_bytes, require_space
+from labapp.runs.bundled_plans import abbreviate_list, format_range
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.steps import Shot
+
+_ROWS = 40
+"""Rows of steps that are printed unless all are asked for."""
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A plan as a bench would run it. source: its file. free: bytes in the current folder."""
+
+    plan: PlanFile
+    source: Path
+    bench: str
+    simulated_devices: Sequence[str]
+    capabilities: BenchCapabilities
+    shots: Sequence[Shot]
+    estimate: RunEstimate
+    free: int
+
+    @property
+    def steps(self) -> int:
+        return len({shot.step for shot in self.shots})
+
+
+def check_plan(
+    named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
+) -> None:
+    """Say what a plan takes and that the bench can do it; UserError if it can't.
+
+    Patterns are tried, with one iteration where a plan asks for many.
+    """
+    with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
+        preview = preview_plan(named_plan.plan, named_plan.path, opened)
+        _require_reconstruction_frames(preview)
+        require_space(Path.cwd(), preview.estimate.disk_bytes)
+        _try_patterns(preview, opened)
+    if as_json:
+        print_json(_as_data(preview))
+        return
+    _print_summary(preview)
+    out.print(
+        f"PASS. Run it with: labapp run {named_plan.name} --out run.h5",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def show_plan(
+    named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
+) -> None:
+    """Print what a plan takes, and its steps in order; UserError if the bench can't do it."""
+    with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
+        preview = preview_plan(named_plan.plan, named_plan.path, opened)
+    prompts = prompts_by_frame(preview.shots, preview.capabilities)
+    if as_json:
+        frames = [_shot_data(shot, prompts.get(shot.index, "")) for shot in preview.shots]
+        print_json(_as_data(preview) | {"shots": frames})
+        return
+    _print_summary(preview)
+    _print_steps(preview, prompts, every_row)
+
+
+def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
+    """A plan on an open bench; UserError if the bench can't do it. source: the plan's file."""
+    abilities = BenchCapabilities.of(bench)
+    listed = feasible_shots(plan, abilities, str(source))
+    expected = estimate_run(listed, plan, abilities)
+    return Preview(
+        plan,
+        source,
+        bench.file.name,
+        bench.simulated_devices,
+        abilities,
+        listed,
+        expected,
+        free_bytes(Path.cwd()),
+    )
+
+
+def _require_reconstruction_frames(preview: Preview) -> None:
+    """UserError if frames that the reconstruction needs aren't taken, or aren't named clearly."""
+    roles = preview.plan.reconstruct
+    if roles is None:
+        return
+    where = f"{preview.source}: key 'reconstruct'"
+    parts = itertools.product((roles.star, roles.photograph), (roles.neutral, roles.coded))
+    for target, pattern in parts:
+        found = {
+            shot.wavelength
+            for shot in preview.shots
+            if (shot.target, shot.pattern) == (target, pattern)
+            and (roles.wavelength is None or abs(shot.wavelength - roles.wavelength) < 1e-11)
+        }
+        if not found:
+            at = "" if roles.wavelength is None else f" at {roles.wavelength * 1e9:g} nm"
+            raise UserError(
+                f"{where} needs {target!r} with pattern {pattern!r}{at}, which no block takes. "
+                "Add it to an [[acquire]] block."
+            )
+        if len(found) > 1:
+            raise UserError(
+                f"{where} lacks 'wavelength_nm', and {target!r} is taken at "
+                f"{abbreviate_list(_nm(sorted(found)))} nm. Choose one."
+            )
+
+
+def _try_patterns(preview: Preview, bench: Bench) -> None:
+    """UserError if a pattern can't be computed for the bench's panel."""
+    plan = preview.plan
+    quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
+    with terminal_progress() as progress:
+        compute_patterns(quick, bench.description, plan.seed, progress, preview.source.parent)
+
+
+def _print_summary(preview: Preview) -> None:
+    expected, asked = preview.estimate, len(preview.estimate.prompts)
+    badge = (
+        f"SIMULATED: {', '.join(preview.simulated_devices)}"
+        if preview.simulated_devices
+        else "real devices"
+    )
+    person = f", besides what a person takes who is asked {asked} times" if asked else ""
+    lines = (
+        f"{expected.frames} frames in {preview.steps} steps",
+        f"{_duration(expected.seconds)} of bench time{person}",
+        f"{_size(expected.disk_bytes)} on disk, {_size(preview.free)} free in this folder",
+    )
+    out.print(preview.plan.title, style="bold", markup=False)
+    out.print(f"On {preview.bench}  {badge}", markup=False)
+    for line in lines:
+        out.print(line, markup=False)
+    out.print()
+    rows = [list(limit.values()) for limit in _limits(preview)]
+    print_table("Asked for, and what this bench has", ["", "asked", "bench"], rows)
+
+
+def _limits(preview: Preview) -> list[dict[str, str]]:
+    """What a plan uses of what its bench has, in words."""
+    plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
+    exposures = sorted({shot.exposure * 1e3 for shot in listed})
+    wavelengths = _nm(sorted({shot.wavelength for shot in listed}))
+    slots = [f"{number}" for number in sorted({shot.slot for shot in listed} - {0})]
+    videos = sum(isinstance(pattern, VideoPattern) for pattern in plan.patterns.values())
+    low, high = _nm(abilities.wavelength_range)
+    rows, columns = abilities.panel_shape
+    asked_and_available = {
+        "exposures": (
+            f"{format_range(exposures)} ms",
+            f"{format_range([end * 1e3 for end in abilities.exposure_range])} ms",
+        ),
+        "wavelengths": (f"{abbreviate_list(wavelengths)} nm", f"{low} to {high} nm"),
+        "slots": (
+            abbreviate_list(slots),
+            f"1 to {len(abilities.slots)}: {abbreviate_list(_nm(abilities.slots))} nm",
+        ),
+        "targets": (
+            abbreviate_list(dict.fromkeys(shot.place for shot in listed)),
+            ", ".join(abilities.targets),
+        ),
+        "patterns": (
+            f"{len(plan.patterns)}" + (f", {videos} of them videos" if videos else ""),
+            f"{columns} x {rows} pixels, {1 / abilities.video_frame:g} frames a second",
+        ),
+    }
+    return [
+        {"what": what, "asked": asked, "available": available}
+        for what, (asked, available) in asked_and_available.items()
+        if asked
+    ]
+
+
+def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> None:
+    """A table of the steps; a prompt ends one and is the next one's heading."""
+    wheel = any(shot.slot for shot in preview.shots)
+    columns = ["step", "role", "target", "pattern", "nm ", "exposures ms ", "frames ", "due s "]
+    columns[5:5] = ["slot "] if wheel else []
+    groups = list(_groups(preview.shots))
+    printed = groups if every_row else groups[:_ROWS]
+    heading, rows = "Steps", list[list[Any]]()
+    for group in printed:
+        if text := prompts.get(group[0].index):
+            if rows:
+                print_table(heading, columns, rows)
+            heading, rows = text, []
+        rows.append(_row(group, wheel))
+    print_table(heading, columns, rows)
+    if len(groups) > len(printed):
+        out.print(f"... and {len(groups) - len(printed)} more rows; --all prints them")
+
+
+def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
+    """Consecutive frames that differ in exposure and repeat alone."""
+
+    def setting(shot: Shot) -> tuple[Any, ...]:
+        return shot.role, shot.target, shot.pattern, shot.wavelength, shot.slot
+
+    for _, group in itertools.groupby(listed, setting):
+        yield list(group)
+
+
+def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
+    first, steps = group[0], sorted({shot.step for shot in group})
+    exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
+    return [
+        f"{steps[0]}" if len(steps) == 1 else f"{steps[0]}-{steps[-1]}",
+        first.role,
+        first.target,
+        first.pattern,
+        f"{first.wavelength * 1e9:g}",
+        *([first.slot] if wheel else []),
+        " ".join(exposures),
+        len(group),
+        f"{first.start_time:.3f}",
+    ]
+
+
+def _as_data(preview: Preview) -> dict[str, Any]:
+    expected = preview.estimate
+    return {
+        "plan": str(preview.source),
+        "title": preview.plan.title,
+        "bench": preview.bench,
+        "simulated": list(preview.simulated_devices),
+        "steps": preview.steps,
+        "frames": expected.frames,
+        "seconds": expected.seconds,
+        "prompts": list(expected.prompts),
+        "disk_bytes": expected.disk_bytes,
+        "free_bytes": preview.free,
+        "limits": _limits(preview),
+    }
+
+
+def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
+    """A planned frame as plain data; prompt: what a person is asked before it."""
+    return {
+        "frame": shot.index,
+        "step": shot.step,
+        "repeat": shot.repeat,
+        "role": shot.role,
+        "target": shot.target,
+        "place": shot.place,
+        "prompt": prompt,
+        "pattern": shot.pattern,
+        "wavelength_nm": round(shot.wavelength * 1e9, 3),
+        "slot": shot.slot,
+        "exposure_ms": round(shot.exposure * 1e3, 3),
+        "due_s": shot.start_time,
+        "lasts_s": shot.duration,
+    }
+
+
+def _nm(wavelengths: Iterable[float]) -> list[str]:
+    return [f"{metres * 1e9:g}" for metres in wavelengths]
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _size(count: int) -> str:
+    if count < 1e9:
+        return f"{count / 1e6:.{0 if count >= 1e7 else 1}f} MB"
+    return f"{count / 1e9:.1f} GB"

@@ -1,0 +1,197 @@
+"""Making a record: every dataset in its place before the first frame."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+import labapp
+from drivers.interfaces import Identity
+from labapp.common.errors import UserError
+from labapp.files import nexus
+from labapp.files.writing import require_writable, sync_to_disk
+from labapp.runs.record import layout, writer_process
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
+
+
+@dataclass(frozen=True)
+class RecordContents:
+    """Everything about a run that is known before its first frame.
+
+    patterns: (rows, columns), or (frames, rows, columns) of a video. video_frame: seconds
+    that a frame of a video stands. pixel_pitch: metres. pictures: SHA-256 of the scene's
+    picture files. faults: that a virtual bench was asked to have. clock: "real" or "virtual".
+    """
+
+    title: str
+    seed: int
+    plan: dict[str, Any]
+    bench: dict[str, Any]
+    scene: dict[str, Any] | None
+    effect_plan: dict[str, Any] | None
+    identities: Mapping[str, Identity]
+    targets: Sequence[str]
+    patterns: Mapping[str, NDArray[np.uint8]]
+    shots: Sequence[Shot]
+    frame_shape: tuple[int, int]
+    pixel_pitch: float
+    video_frame: float = 0.0
+    pictures: Mapping[str, str] = field(default_factory=dict)
+    faults: Sequence[dict[str, Any]] = ()
+    clock: str = "real"
+
+
+def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> None:
+    """A record without a frame. force: whether an existing file may be replaced.
+
+    The file takes its name only when it is whole, so that nothing half-made is left and
+    nothing is lost if it can't be made. UserError says why it can't.
+    """
+    require_writable(path, force=force)
+    _remove_drafts(path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with h5py.File(draft, "w", libver="latest") as file:
+            _fill(file, contents)
+        sync_to_disk(draft)
+        os.replace(draft, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def utc_timestamp() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _remove_drafts(path: Path) -> None:
+    """Of processes that were killed while they made a record of this name."""
+    for draft in path.parent.glob(f".{path.name}.*.new"):
+        pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            with contextlib.suppress(OSError):
+                draft.unlink()
+
+
+def _fill(file: h5py.File, c: RecordContents) -> None:
+    file.attrs.update(
+        {
+            "NX_class": "NXroot",
+            "default": layout.ENTRY,
+            "creator": "labapp",
+            "creator_version": labapp.__version__,
+            "labapp_format": layout.FORMAT,
+        }
+    )
+    entry = nexus.create_group(file, layout.ENTRY, "NXentry")
+    entry.attrs["default"] = "data"
+    texts = {"title": c.title, "definition": "labapp_run", "start_time": utc_timestamp()}
+    for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
+        texts[name] = json.dumps(getattr(c, name))
+    texts["clock"] = c.clock
+    texts["versions"] = json.dumps(nexus.program_versions())
+    for name, text in texts.items():
+        _write(entry, name, text)
+    entry["seed"] = c.seed
+    entry["expected_seconds"] = math.fsum(shot.duration for shot in c.shots)
+    _allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
+    _allocate(entry, "message", np.zeros(1, layout.MESSAGE))
+    _allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
+    _allocate(
+        entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
+    )
+    _allocate(entry, "log", np.zeros(layout.log_capacity(len(c.shots)), layout.LOG_ROW))
+    instrument = nexus.create_group(entry, "instrument", "NXinstrument")
+    for name, identity in c.identities.items():
+        device = nexus.create_group(
+            instrument, name, "NXdetector" if name == "camera" else "NXobject"
+        )
+        _write(device, "model", identity.model)
+        _write(device, "serial", identity.serial)
+        device["simulated"] = identity.simulated
+    _fill_patterns(file, c)
+    _fill_data(file, c)
+
+
+def _fill_patterns(file: h5py.File, c: RecordContents) -> None:
+    patterns = nexus.create_group(file, layout.PATTERNS, "NXcollection")
+    videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
+    lengths = [len(video) for video in videos]
+    patterns["images"] = np.concatenate(videos)
+    _write(patterns, "names", list(c.patterns))
+    patterns["first"] = np.cumsum([0, *lengths[:-1]])
+    patterns["frames"] = lengths
+    times = [c.video_frame if image.ndim == 3 else 0.0 for image in c.patterns.values()]
+    patterns["frame_time"] = times
+    patterns["frame_time"].attrs["units"] = "s"
+    sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
+    _write(patterns, "sha256", sums)
+    _write(nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
+
+
+def _fill_data(file: h5py.File, c: RecordContents) -> None:
+    data = nexus.create_group(file, layout.DATA, "NXdata")
+    n, (rows, columns) = len(c.shots), c.frame_shape
+    data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
+    _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
+    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
+    for name, size in (("y", rows), ("x", columns)):
+        data[name] = (np.arange(size) - size // 2) * c.pixel_pitch
+    names, targets = list(c.patterns), list(c.targets)
+    planned = {
+        "frame": [s.index for s in c.shots],
+        "step": [s.step for s in c.shots],
+        "repeat": [s.repeat for s in c.shots],
+        "role": [layout.ROLES.index(s.role) for s in c.shots],
+        "target": [targets.index(s.target) for s in c.shots],
+        "pattern": [names.index(s.pattern) for s in c.shots],
+        "slot": [s.slot for s in c.shots],
+        "exposure_asked": [s.exposure for s in c.shots],
+        "wavelength_asked": [s.wavelength for s in c.shots],
+    }
+    for name, dtype in layout.PLANNED.items():
+        _allocate(data, name, np.array(planned[name], dtype))
+    for name, dtype in layout.MEASURED.items():
+        _allocate(data, name, np.zeros(n, dtype))
+    for name, unit in layout.UNITS.items():
+        data[name].attrs["units"] = unit
+    data["role"].attrs["names"] = list(layout.ROLES)
+    for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
+        axis.label = name
+
+
+def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
+    """Text of a fixed length: HDF5 keeps other text in a heap that hangs it when damaged."""
+    encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
+    kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
+    parent.create_dataset(name, data=np.array(encoded, dtype=kind))
+
+
+def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
+    """A contiguous dataset whose blocks are on the disk now: a full one can't take them."""
+    parent.create_dataset(name, data=values)
+
+
+def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
+    """A contiguous dataset that has its place in the file, and no blocks on the disk yet."""
+    how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    how.set_layout(h5py.h5d.CONTIGUOUS)
+    how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    kind = h5py.h5t.py_create(dtype, logical=True)
+    h5py.h5d.create(parent.id, name.encode(), kind, h5py.h5s.create_simple(shape), how)

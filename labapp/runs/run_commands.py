@@ -1,0 +1,163 @@
+"""`labapp run` and `labapp resume`: plan files on a bench, and what is left of one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from labapp.bench.opening import BenchFiles, BenchSetup, open_bench
+from labapp.common.console import out, print_error, print_json, print_message, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.fault_file import read_faults
+from labapp.files.plan_file import NamedPlan
+from labapp.files.writing import make_folder
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.queue import RunRequest, run_all
+from labapp.runs.acquisition.runner import RunOutcome, resume_run
+from labapp.runs.keyboard import open_keyboard
+from labapp.runs.record.reader import Record, file_sha256
+from labapp.runs.state import State
+from optics.progress import Cancelled, Progress
+
+
+@dataclass(frozen=True)
+class ExecutionOptions:
+    """How a person wants runs to be done.
+
+    yes: prompts count as answered. speed: seconds of a virtual bench's time in a second.
+    """
+
+    force: bool = False
+    yes: bool = False
+    speed: float = math.inf
+    as_json: bool = False
+
+
+def run_files(
+    plans: Sequence[NamedPlan],
+    records: Sequence[Path],
+    files: BenchFiles,
+    execution: ExecutionOptions,
+) -> None:
+    """Run plans in turn, each into its record, and say how each ended; anything but COMPLETE is
+    an error."""
+    if len(plans) > 1:
+        make_folder(records[0].parent)
+    requests = [
+        RunRequest(one.plan, record, str(one.path), one.path.parent)
+        for one, record in zip(plans, records, strict=True)
+    ]
+    with (
+        open_bench(files, speed=execution.speed) as bench,
+        interactive_progress(execution) as (progress, ask),
+    ):
+        outcomes = run_all(
+            bench,
+            requests,
+            force=execution.force,
+            progress=progress,
+            ask=ask,
+            on_outcome=lambda outcome: _report_outcome(outcome, execution),
+        )
+    if execution.as_json:
+        data = [_as_data(outcome) for outcome in outcomes]
+        print_json(data if len(plans) > 1 else data[0])
+    # Of several troubles the first; all of them were told as they came.
+    for outcome in outcomes:
+        require_complete(outcome)
+
+
+def resume_file(
+    record: Path, bench: Path | None, faults: Path | None, execution: ExecutionOptions
+) -> None:
+    """Take the frames that a record lacks, on the bench that it was begun on."""
+    with Record(record) as opened:
+        setup = bench_setup_of(opened, faults)
+        missing = opened.missing_frames()
+    made_from = setup if bench is None else _with_bench(setup, bench)
+    if not execution.as_json:
+        print_message(f"{record}: {len(missing)} frames to take")
+    with (
+        open_bench(made_from, speed=execution.speed) as opened_bench,
+        interactive_progress(execution) as (progress, ask),
+    ):
+        outcome = resume_run(opened_bench, record, missing=missing, progress=progress, ask=ask)
+    _report_outcome(outcome, execution)
+    if execution.as_json:
+        print_json(_as_data(outcome))
+    require_complete(outcome)
+
+
+def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
+    """The bench that a record was taken on; UserError if a picture of its scene has changed."""
+    for file, known in record.scene_picture_digests.items():
+        if file_sha256(Path(file)) != known:
+            raise UserError(
+                f"{record.path}: {file} is not the picture any more that the run was begun with. "
+                "Put it back, or run the plan again."
+            )
+    return BenchSetup(
+        record.bench,
+        record.scene,
+        f"{record.path}: bench",
+        f"{record.path}: scene",
+        read_faults(faults) if faults else (),
+    )
+
+
+def require_complete(outcome: RunOutcome) -> None:
+    """Cancelled if the user cancelled; UserError if frames are missing for another reason."""
+    if outcome.state is State.CANCELLED:
+        raise Cancelled(f"{outcome.path}: CANCELLED, {len(outcome.missing)} frames not taken")
+    if outcome.state is not State.COMPLETE:
+        listed = ", ".join(str(index) for index in outcome.missing[:8])
+        raise UserError(
+            f"{outcome.path}: FAILED: {outcome.message}\n"
+            f"{len(outcome.missing)} frames are missing ({listed}"
+            f"{', ...' if len(outcome.missing) > 8 else ''}). Mend the cause, then: "
+            f"labapp resume {outcome.path}"
+        )
+
+
+@contextmanager
+def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
+    """A progress with a keyboard beside it, and somebody who answers prompts."""
+    with terminal_progress() as progress, open_keyboard(progress) as keyboard:
+
+        def ask(text: str, progress: Progress) -> None:
+            print_message(text)
+            if not execution.yes:
+                keyboard.wait_for_enter(progress)
+
+        yield progress, ask
+
+
+def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
+    read = BenchFiles.with_defaults(bench).read()
+    return replace(setup, bench=read.bench, source=read.source)
+
+
+def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:
+    if execution.as_json or outcome.state is not State.COMPLETE:
+        return
+    took = (
+        f"{outcome.elapsed_seconds:.1f} s of bench time, {outcome.expected_seconds:.1f} s expected"
+    )
+    text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}"
+    out.print(text, markup=False, soft_wrap=True)
+    if outcome.message:
+        print_error(outcome.message)
+
+
+def _as_data(outcome: RunOutcome) -> dict[str, object]:
+    return {
+        "record": str(outcome.path),
+        "state": outcome.state,
+        "missing": outcome.missing,
+        "message": outcome.message,
+        "expected_s": outcome.expected_seconds,
+        "took_s": outcome.elapsed_seconds,
+    }

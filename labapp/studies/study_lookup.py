@@ -1,0 +1,56 @@
+"""Studies by their names, and settings as a person gives them or a record keeps them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from labapp.common.errors import UserError
+from labapp.files.key_values import parse_key_values
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.studies import STUDIES, catalogue
+from labapp.studies.contract import Study, StudySettings
+
+if TYPE_CHECKING:
+    from labapp.runs.record.reader import Record
+
+_NAME_KEY, _SETTINGS_KEY = "study", "study_settings"
+"""Keys of the plan's metadata, by which a record knows what it was taken for."""
+
+
+def find_study(name: str) -> Study[Any]:
+    """A study by its name; UserError lists the names."""
+    if name not in STUDIES:
+        raise UserError(
+            f"study {name!r} is not known. Choose one of {', '.join(STUDIES)}; "
+            "labapp study list tells what they are."
+        )
+    study: Study[Any] = import_module(f"{catalogue.__name__}.{STUDIES[name].module}").STUDY
+    return study
+
+
+def read_study_settings(name: str, keys: Sequence[str], *, quick: bool) -> StudySettings:
+    """A study's settings from KEY=VALUE; UserError names key, value and remedy."""
+    model: type[StudySettings] = find_study(name).settings
+    base = dict(model.QUICK) if quick else {}
+    return validate(base | parse_key_values(keys, model), model, f"study {name}")
+
+
+def with_study_metadata(plan: PlanFile, name: str, settings: StudySettings, seed: int) -> PlanFile:
+    """The plan, which says what study it is for; its record can be evaluated again."""
+    mine = {_NAME_KEY: name, _SETTINGS_KEY: settings.model_dump_json()}
+    return plan.model_copy(update={"seed": seed, "metadata": plan.metadata | mine})
+
+
+def settings_from_record(record: Record, name: str) -> StudySettings:
+    """The settings that a record was taken with; UserError if it isn't one of the study."""
+    metadata = record.plan.metadata
+    if metadata.get(_NAME_KEY) != name:
+        known = metadata.get(_NAME_KEY)
+        remedy = f"Evaluate it with: labapp study {known}" if known else "See: labapp report"
+        raise UserError(f"{record.path}: is no record of the study {name!r}. {remedy}.")
+    data = json.loads(str(metadata.get(_SETTINGS_KEY, "{}")))
+    return validate(data, find_study(name).settings, f"{record.path}: settings")

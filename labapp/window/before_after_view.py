@@ -1,0 +1,68 @@
+"""Before and after in one picture, with a divider to drag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtWidgets import QWidget
+
+from labapp.window import tone_mapping
+from labapp.window.picture_view import PictureView
+from labapp.window.theme import ACCENT
+from labapp.window.widgets import make_label
+
+_WIDE = 2
+
+
+class BeforeAfterView(PictureView):
+    """To the left of the divider is the picture before, to the right the one after."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._before: NDArray[np.uint8] | None = None
+        self._after: NDArray[np.uint8] | None = None
+        self._palette = tone_mapping.build_palette(mark_clipping=False)
+        self._only_before = False
+        pen, grabbed = (pg.mkPen(ACCENT, width=width) for width in (_WIDE, 2 * _WIDE))
+        self.divider = pg.InfiniteLine(0, angle=90, movable=True, pen=pen, hoverPen=grabbed)
+        self.divider.setZValue(10)
+        self.divider.hide()
+        self.box.addItem(self.divider, ignoreBounds=True)
+        self.divider.sigPositionChanged.connect(self._redraw)
+        self.captions = [make_label(self, text, look="caption") for text in ("before", "after")]
+        for caption in self.captions:
+            caption.adjustSize()
+            caption.hide()
+
+    def show_before_after(self, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> None:
+        """Two pictures of one shape, (rows, columns) uint8, the divider in the middle."""
+        columns = before.shape[1]
+        self._before, self._after = before, after
+        self.divider.setBounds((0, columns))
+        self.divider.setValue(columns / 2)
+        self.divider.show()
+        for caption in self.captions:
+            caption.show()
+        self._redraw()
+        self.fit()
+
+    def show_only_before(self, on: bool) -> None:
+        """Show the picture before all over, or both again."""
+        self._only_before = on
+        self._redraw()
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        self.captions[0].move(8, 8)
+        self.captions[1].move(self.width() - self.captions[1].width() - 8, 8)
+
+    def _redraw(self) -> None:
+        if self._before is None or self._after is None:
+            return
+        at = self._before.shape[1] if self._only_before else round(self.divider.value())
+        both = np.concatenate([self._before[:, :at], self._after[:, at:]], axis=1)
+        self.show_indices(both, self._palette)
+        self.captions[1].setVisible(not self._only_before)

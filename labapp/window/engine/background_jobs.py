@@ -1,0 +1,105 @@
+"""Patterns and reconstructions, computed in threads beside the bench so that live view goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.window.engine.bench_controller import BenchController
+from labapp.window.engine.channel import Channel
+from labapp.window.engine.failures import describe_failure
+from labapp.window.engine.jobs import Jobs
+from labapp.window.engine.pattern_designer import PatternDesigner
+from labapp.window.engine.plan_building import validate_pattern
+from labapp.window.messages import (
+    ComputePreview,
+    PictureSaved,
+    ReconstructRun,
+    SaveRestored,
+    ShowPattern,
+)
+from optics.camera import Camera
+from optics.progress import Cancelled, Progress
+
+if TYPE_CHECKING:
+    from labapp.window.engine.reconstruction import Restoration
+
+_THREADS = 2
+"""A pattern need not wait for a reconstruction."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedPattern:
+    """A pattern that is ready to be put on the SLM, by the thread that owns the bench."""
+
+    name: str
+    grey: NDArray[np.uint8]
+
+
+class BackgroundJobs:
+    """Jobs that leave the bench alone; a newer job cancels an older one of its kind."""
+
+    def __init__(self, camera: Camera, channel: Channel, jobs: Jobs, top: BenchController) -> None:
+        self._channel, self._jobs, self._controller = channel, jobs, top
+        self._designer = PatternDesigner(camera)
+        self._last_restoration: Restoration | None = None
+        self._threads = ThreadPoolExecutor(_THREADS, "beside")
+
+    def close(self) -> None:
+        self._threads.shutdown(cancel_futures=True)
+
+    def preview(self, command: ComputePreview) -> None:
+        def work(progress: Progress) -> None:
+            done = self._designer.preview(command.pattern, command.wavelength, progress)
+            self._channel.send(done)
+
+        self._start("preview", work)
+
+    def compute_pattern(self, command: ShowPattern) -> None:
+        name = validate_pattern(command.pattern).label
+
+        def work(progress: Progress) -> None:
+            self._channel.post(
+                ComputedPattern(name, self._designer.grey_levels(command.pattern, progress))
+            )
+
+        self._start("pattern", work)
+
+    def reconstruct(self, command: ReconstructRun) -> None:
+        def work(progress: Progress) -> None:
+            # Its libraries take a second to load, which the first picture need not wait for.
+            from labapp.window.engine.reconstruction import reconstruct_record
+
+            self._last_restoration = reconstruct_record(command, progress)
+            self._channel.send(self._last_restoration.result_message)
+
+        self._start("reconstruction", work)
+
+    def save_restored(self, command: SaveRestored) -> None:
+        def work(progress: Progress) -> None:
+            if self._last_restoration is not None:
+                self._last_restoration.save(command.path)
+                self._channel.send(PictureSaved(command.path))
+
+        self._start("saving", work)
+
+    def _start(self, job: str, work: Callable[[Progress], None]) -> None:
+        progress = self._jobs.begin(job)
+
+        def run_job() -> None:
+            try:
+                progress.raise_if_cancelled()
+                work(progress)
+            except Cancelled:
+                pass
+            except Exception as error:
+                self._channel.send(describe_failure(error, self._controller))
+            finally:
+                self._jobs.end(job, progress)
+
+        self._threads.submit(run_job)

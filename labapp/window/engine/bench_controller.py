@@ -1,0 +1,149 @@
+"""The bench as the window sets it: what is wanted, what stands, and the next honest frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Frame, Setting
+from labapp.bench.opening import Bench
+from labapp.window.engine.device_monitor import DeviceMonitor
+from labapp.window.messages import BenchOpened, BenchState, LiveFrame
+
+
+@dataclass(frozen=True)
+class RequestedSettings:
+    """What the person set last. None: the bench is left as it is."""
+
+    target: str | None = None
+    wavelength: float | None = None
+    exposure: float | None = None
+    pattern: str = "neutral"
+    grey: NDArray[np.uint8] | None = None
+
+
+class BenchController:
+    """Sets devices, remembers when each setting stands, and takes frames after that.
+
+    A run leaves the bench safe; `restore_settings()` brings back what the person had set.
+    DeviceError if a device is dead or fails; what the person wants is kept all the same.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self.devices = DeviceMonitor(bench)
+        self._opened = _describe_capabilities(bench)
+        self._requested = RequestedSettings()
+        self._ready = bench.clock.now()
+        self._exposure = self._opened.exposure_range[0]
+        try:
+            self._apply_exposure(self._exposure)
+        except DeviceError as error:
+            self.devices.mark_failed(error)
+
+    def place_target(self, target: str) -> None:
+        self._requested = replace(self._requested, target=target)
+        self.devices.require_alive("targets")
+        self._note_settling("targets", self._bench.targets.place(target))
+
+    def set_wavelength(self, wavelength: float) -> None:
+        self._requested = replace(self._requested, wavelength=wavelength)
+        self.devices.require_alive("filter")
+        self._note_settling("filter", self._bench.filter.set_wavelength(wavelength))
+
+    def set_exposure(self, exposure: float) -> None:
+        self._requested = replace(self._requested, exposure=exposure)
+        self._apply_exposure(exposure)
+
+    def show_pattern(self, name: str, grey: NDArray[np.uint8]) -> None:
+        self._requested = replace(self._requested, pattern=name, grey=grey)
+        self.devices.require_alive("slm")
+        self._note_settling("slm", self._bench.slm.show(name, grey))
+
+    def restore_settings(self) -> None:
+        """Set everything as it was wanted last."""
+        wanted = self._requested
+        if wanted.target is not None:
+            self.place_target(wanted.target)
+        if wanted.wavelength is not None:
+            self.set_wavelength(wanted.wavelength)
+        if wanted.exposure is not None:
+            self.set_exposure(wanted.exposure)
+        if wanted.grey is not None:
+            self.show_pattern(wanted.pattern, wanted.grey)
+
+    def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
+        """One picture, begun after every setting stands, with the settings it was taken with."""
+        bench = self._bench
+        self.devices.require_alive()
+        bench.clock.wait_until(self._ready, cancelled)
+        frame = bench.camera.capture(cancelled)
+        self.devices.mark_working("camera")
+        return LiveFrame(
+            image=frame.image,
+            target=bench.targets.current_target,
+            pattern=bench.slm.displayed_pattern,
+            wavelength=bench.filter.wavelength,
+            exposure=frame.exposure,
+            number=frame.number,
+        )
+
+    def note_run_frame(self, frame: Frame) -> None:
+        """A run took a frame, for which every device worked, and with it set the camera."""
+        self._exposure = frame.exposure
+        self.devices.mark_working()
+
+    def reconnect(self, role: str) -> None:
+        """Open a device that failed again. DeviceError if that fails, too."""
+        self.devices.reopen(role)
+        if role == "camera":
+            self._apply_exposure(self._exposure)
+
+    def read_state(self, live: bool, running: bool, *, query_devices: bool = True) -> BenchState:
+        """query_devices: whether the devices are asked; what they said last if not."""
+        infos = self.devices.device_infos(
+            self._exposure, live=live, running=running, query_devices=query_devices
+        )
+        said = self.devices.last_settings
+        return BenchState(
+            devices=infos,
+            target=said["targets"],
+            pattern=said["slm"],
+            wavelength=said["filter"],
+            exposure=self._exposure,
+            live=live,
+        )
+
+    def describe_bench(self) -> BenchOpened:
+        infos = self.devices.device_infos(self._exposure, live=False, running=False)
+        return replace(self._opened, devices=infos)
+
+    def _apply_exposure(self, exposure: float) -> None:
+        self.devices.require_alive("camera")
+        setting = self._bench.camera.set_exposure(exposure)
+        self._exposure = setting.actual
+        self._note_settling("camera", setting)
+
+    def _note_settling(self, role: str, setting: Setting[Any]) -> None:
+        """A device did as it was told; no picture is begun before its setting stands."""
+        self._ready = max(self._ready, setting.ready_at)
+        self.devices.mark_working(role)
+
+
+def _describe_capabilities(bench: Bench) -> BenchOpened:
+    """What the bench can do, asked while every device is there; the list of them follows."""
+    return BenchOpened(
+        name=bench.file.name,
+        devices=(),
+        targets=bench.targets.names,
+        wavelength_range=bench.filter.wavelength_range,
+        exposure_range=bench.camera.exposure_range,
+        camera_shape=bench.camera.shape,
+        full_scale=bench.camera.full_scale,
+        virtual=not bench.file.is_real,
+    )

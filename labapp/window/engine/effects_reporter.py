@@ -1,0 +1,82 @@
+"""What the simulator does for the pictures that the window sees, told when it changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from typing import TYPE_CHECKING
+
+from labapp.bench.opening import Bench
+from labapp.window.engine.channel import Channel
+from labapp.window.messages import EffectInfo, EffectsReport, LiveFrame
+
+if TYPE_CHECKING:
+    from simulator.planning import Decision, EffectPlan
+
+
+class EffectsReporter:
+    """Tells the plans of a simulated camera's pictures; of a real one there is none to tell."""
+
+    def __init__(self, bench: Bench, channel: Channel) -> None:
+        self._channel = channel
+        self._world = bench.world if "camera" in bench.simulated_devices else None
+        self._last_reported: Hashable = None
+
+    def report_if_changed(self, frame: LiveFrame) -> None:
+        """Send the plan of a picture, if it is of another setting than the one before.
+
+        Call it before the bench is moved again: the plan is that of the bench as it stands.
+        """
+        if self._world is None:
+            return
+        s = self._world.situation(frame.exposure)
+        # Not the time: what moves would be told with every frame, and nobody could read it.
+        setting = (frame.target, frame.pattern, s.panel_content.names, s.band, frame.exposure)
+        if setting == self._last_reported:
+            return
+        try:
+            plan = self._world.imaging.plan(s)
+        except ValueError:
+            # A picture that can't be planned can't be taken either, and whoever takes it says so.
+            return
+        self._last_reported = setting
+        self._channel.send(build_effects_report(plan, frame))
+
+
+def build_effects_report(plan: EffectPlan, frame: LiveFrame) -> EffectsReport:
+    """A plan, and the picture that it is for, in words and numbers."""
+    return EffectsReport(
+        target=frame.target,
+        pattern=frame.pattern,
+        wavelength=frame.wavelength,
+        exposure=frame.exposure,
+        effects=tuple(_effect_info(decision) for decision in plan.decisions),
+        tol=plan.tol,
+        error=_limit(plan.relative_error_bound),
+        work=plan.work / plan.most_work if plan.most_work else 1.0,
+    )
+
+
+def _effect_info(decision: Decision) -> EffectInfo:
+    return EffectInfo(
+        name=decision.effect,
+        level=_level(decision),
+        on=decision.on,
+        forced=decision.forced,
+        error_bound=_limit(decision.relative),
+        error_estimate=decision.estimate,
+        why=decision.why,
+        physics=decision.physics,
+        source=decision.source,
+        bound_source=decision.bound.how,
+    )
+
+
+def _level(decision: Decision) -> str:
+    """Of an axis, how much of how much there could be."""
+    sampled = decision.kind == "axis" and len(decision.levels) > 1 and decision.level != "off"
+    return f"{decision.level} of {decision.levels[-1]}" if sampled else decision.level
+
+
+def _limit(share: float) -> float | None:
+    return share if math.isfinite(share) else None

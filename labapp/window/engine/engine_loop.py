@@ -1,0 +1,217 @@
+"""The engine's loop: one command, one live frame, and so on, until the window is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
+from labapp.runs.state import State
+from labapp.window.engine.acquisition import Acquisition
+from labapp.window.engine.background_jobs import BackgroundJobs, ComputedPattern
+from labapp.window.engine.bench_controller import BenchController
+from labapp.window.engine.change_notifier import ChangeNotifier
+from labapp.window.engine.channel import Channel
+from labapp.window.engine.effects_reporter import EffectsReporter
+from labapp.window.engine.failures import describe_failure
+from labapp.window.engine.frame_pacer import FramePacer
+from labapp.window.engine.jobs import Jobs
+from labapp.window.engine.person_prompter import PersonPrompter
+from labapp.window.engine.planner import RunPlanner
+from labapp.window.engine.queued_run import QueuedRun
+from labapp.window.engine.run_queue import RunQueue
+from labapp.window.messages import (
+    AcquireBracket,
+    AnswerPrompt,
+    Cancel,
+    CancelAcknowledged,
+    ClearEndedRuns,
+    ComputePreview,
+    DeviceReconnected,
+    PauseRun,
+    PlaceTarget,
+    QueueState,
+    ReconnectDevice,
+    ReconstructRun,
+    ReleaseQueue,
+    RemoveRuns,
+    ResumeRun,
+    RunPlan,
+    SaveRestored,
+    SetExposure,
+    SetLive,
+    SetWavelength,
+    ShowPattern,
+)
+
+_COMMAND_TIMEOUT = 0.1
+"""Seconds to wait for a command when there is no picture to take."""
+
+
+class StartQueuedRuns:
+    """The engine's word to itself that a run may begin."""
+
+
+class Engine:
+    """Owns the bench, in the main thread; only this loop and runs move anything on it.
+
+    Commands that must be heard during a run are obeyed at once, in the channel's thread.
+    """
+
+    def __init__(self, bench: Bench, channel: Channel) -> None:
+        self._channel = channel
+        notifier = ChangeNotifier(self._tell_queue)
+        self._person = PersonPrompter(notifier.notify)
+        self._queue = RunQueue(notifier.notify)
+        self._planner = RunPlanner(
+            bench,
+            self._queue,
+            on_failure=self._complain,
+            on_ready=lambda: channel.post(StartQueuedRuns()),
+        )
+        self._controller = BenchController(bench)
+        self._jobs = Jobs(channel)
+        self._pace = FramePacer(channel)
+        self._background = BackgroundJobs(bench.description, channel, self._jobs, self._controller)
+        self._effects = EffectsReporter(bench, channel)
+        self._acquisition = Acquisition(
+            channel, self._controller, self._pace, self._person, self._effects
+        )
+        self._live = self._live_again = False
+        self._obey: dict[type, Callable[[Any], None]] = {
+            SetLive: self._set_live,
+            PlaceTarget: lambda command: self._controller.place_target(command.target),
+            SetWavelength: lambda command: self._controller.set_wavelength(command.wavelength),
+            SetExposure: lambda command: self._controller.set_exposure(command.exposure),
+            ComputedPattern: lambda command: self._controller.show_pattern(
+                command.name, command.grey
+            ),
+            ShowPattern: self._background.compute_pattern,
+            ReconnectDevice: self._reconnect,
+            StartQueuedRuns: self._run_all,
+        }
+        at_once: dict[type, Callable[[Any], None]] = {
+            ComputePreview: self._background.preview,
+            ReconstructRun: self._background.reconstruct,
+            SaveRestored: self._background.save_restored,
+            AcquireBracket: self._planner.enqueue,
+            RunPlan: self._planner.enqueue,
+            ResumeRun: self._planner.enqueue,
+            RemoveRuns: lambda command: self._queue.remove(command.numbers),
+            ClearEndedRuns: lambda _: self._queue.clear(),
+            ReleaseQueue: self._go_on,
+            PauseRun: lambda command: self._queue.pause(command.on),
+            AnswerPrompt: lambda command: self._person.answer(command.number),
+            Cancel: self._cancel,
+        }
+        channel.immediate_handlers = {
+            kind: self._reporting_errors(obey) for kind, obey in at_once.items()
+        }
+        channel.end_handlers.append(self._stop)
+
+    def run(self) -> None:
+        """Until the window is gone. The bench is left safe by whoever opened it."""
+        self._channel.send(self._controller.describe_bench())
+        while not self._channel.closed:
+            looking = self._live and self._channel.has_room
+            command = self._channel.take_command(
+                self._pace.seconds_left if looking else _COMMAND_TIMEOUT
+            )
+            if command is not None:
+                self._do(command)
+            elif self._live and self._pace.is_due:
+                self._take_frame()
+        self._stop()
+        self._planner.close()
+        self._background.close()
+
+    def _do(self, command: object) -> None:
+        """Obey, say what went wrong, and say how the bench stands now."""
+        try:
+            self._obey[type(command)](command)
+        except Exception as error:
+            self._complain(error)
+        self._tell()
+
+    def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The same for what is done at once: nothing may end the thread that hears Cancel."""
+
+        def handle(command: object) -> None:
+            try:
+                obey(command)
+            except Exception as error:
+                self._complain(error)
+
+        return handle
+
+    def _complain(self, error: Exception) -> None:
+        self._channel.send(describe_failure(error, self._controller))
+
+    def _tell(self, *, running: bool = False) -> None:
+        self._channel.send(self._controller.read_state(self._live, running))
+
+    def _tell_queue(self) -> None:
+        queue = self._queue
+        self._channel.send(QueueState(queue.run_infos(), queue.hold_reason, self._person.prompt))
+
+    def _set_live(self, command: SetLive) -> None:
+        if command.on and not self._live:
+            self._controller.restore_settings()
+        self._live = command.on
+
+    def _take_frame(self) -> None:
+        self._pace.begin()
+        try:
+            frame = self._controller.take_frame(lambda: self._channel.closed)
+            self._effects.report_if_changed(frame)
+            self._channel.send_frame(frame)
+        except Exception as error:
+            self._live = False
+            self._complain(error)
+            self._tell()
+
+    def _reconnect(self, command: ReconnectDevice) -> None:
+        self._controller.reconnect(command.device)
+        if self._live:
+            self._controller.restore_settings()
+        self._channel.send(DeviceReconnected(command.device))
+
+    def _cancel(self, command: Cancel) -> None:
+        self._stop()
+        self._channel.send(CancelAcknowledged())
+
+    def _stop(self) -> None:
+        """End the work that is under way, beside the bench and on it."""
+        self._jobs.cancel()
+        self._queue.cancel()
+
+    def _go_on(self, command: ReleaseQueue) -> None:
+        self._queue.release()
+        self._channel.post(StartQueuedRuns())
+
+    def _run_all(self, command: StartQueuedRuns) -> None:
+        """One run after the other. Live view stops for them, and comes back if it may."""
+        while not self._channel.closed and (run := self._queue.begin()) is not None:
+            self._live_again, self._live = self._live_again or self._live, False
+            self._tell(running=True)
+            may_move = self._take(run)
+            if may_move and self._live_again and not self._queue.can_begin:
+                self._live_again = False
+                self._controller.restore_settings()
+                self._live = True
+
+    def _take(self, run: QueuedRun) -> bool:
+        """One run from its begin to its end; whether the bench may be moved after it."""
+        try:
+            ended = self._acquisition.take_run(run)
+        except Exception as error:
+            said = describe_failure(error, self._controller)
+            self._queue.end(run, State.FAILED, said.message)
+            self._channel.send(said)
+            # The run couldn't begin, so nothing was moved.
+            return isinstance(error, UserError | OSError)
+        self._queue.end(run, ended.state, ended.message, ended.bench_seconds)
+        self._channel.send(ended)
+        # After anything but success the bench stays safe until somebody says otherwise.
+        return ended.path is None or ended.state is State.COMPLETE

@@ -1,0 +1,28 @@
+"""The engine's process, from start to end; labapp.window.engine_connection starts it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from drivers.hosted.message_socket import MessageSocket
+from labapp.common.memory import keep_freed_memory
+from labapp.window.engine.channel import Channel
+from labapp.window.messages import OpeningFailed
+
+
+def run_engine(line: MessageSocket, files: dict[str, Path | None]) -> None:
+    """Open the bench, scene, image and faults of these files, and obey until the window is gone."""
+    keep_freed_memory()
+    channel = Channel(line)
+    from drivers.errors import DeviceError
+    from labapp.bench.opening import BenchFiles, open_bench
+    from labapp.common.errors import UserError
+    from labapp.window.engine.engine_loop import Engine
+
+    try:
+        with open_bench(BenchFiles.with_defaults(**files)) as opened:
+            Engine(opened, channel).run()
+    except (DeviceError, UserError, ValueError) as error:
+        channel.send(OpeningFailed(str(error)))
+        sys.exit(1)

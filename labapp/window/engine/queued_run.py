@@ -1,0 +1,118 @@
+"""One run of the queue: what it will take, and how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.interfaces import Frame
+from labapp.runs.acquisition.runner import RunOutcome
+from labapp.runs.state import State
+from labapp.runs.steps import Shot
+from labapp.window.engine.timing import RunTiming
+from labapp.window.messages import RunInfo
+from optics.progress import Progress
+
+TakeRun = Callable[..., RunOutcome]
+"""run_plan() or resume_run(), with all given but progress, on_frame and ask."""
+
+_PAUSED_PREFIX = "PAUSED: "
+"""How a run begins to say that it rests, and why."""
+
+_UNPLUGGED_PREFIX = "UNPLUGGED: "
+"""How it begins to say which devices aren't there, while they aren't."""
+
+
+class QueuedRun:
+    """What a run reports goes into `info`, which any thread may ask for.
+
+    planned_frames, stored_frames: frames of the record, and those that it has. timing: of those
+    that it lacks. on_change: is called after each change; in the thread that has the bench,
+    on_pause: when the run begins to rest, and on_plug_change: when a device was unplugged or
+    plugged in.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        path: Path,
+        take: TakeRun,
+        timing: RunTiming,
+        *,
+        planned_frames: int,
+        stored_frames: int,
+    ) -> None:
+        self.title, self.path, self.take = title, path, take
+        self.number = 0
+        self.state = State.WAITING
+        self.progress = Progress(self._on_progress)
+        self.on_change: Callable[[], None] = lambda: None
+        self.on_pause: Callable[[], None] = lambda: None
+        self.on_plug_change: Callable[[], None] = lambda: None
+        self._unplugged = False
+        self._planned, self._stored = planned_frames, stored_frames
+        self._timing = timing
+        self._message, self._fraction, self._took = "", 0.0, 0.0
+
+    def mark_started(self) -> None:
+        self.state, self._message = State.RUNNING, "starting the run …"
+        self._timing.begin()
+
+    def mark_paused(self, message: str) -> None:
+        self.state, self._message = State.PAUSED, message
+        self._timing.rest()
+        self.on_change()
+        self.on_pause()
+
+    def mark_resumed(self) -> None:
+        self.state, self._message = State.RUNNING, "goes on …"
+        self.on_change()
+
+    def set_paused(self, on: bool) -> None:
+        """Let the run rest after its frame, or go on; from any thread."""
+        if not on and self.progress.is_paused and self.state is State.PAUSED:
+            self.mark_resumed()
+        (self.progress.pause if on else self.progress.resume)()
+        self.on_change()
+
+    def count_stored_frame(self, shot: Shot, frame: Frame) -> None:
+        """A frame is on the disk."""
+        self.state = State.RUNNING
+        self._stored += 1
+        self._timing.count_frame(shot.duration)
+        self.on_change()
+
+    def mark_ended(self, state: State, message: str, took: float = 0.0) -> None:
+        self.state, self._message, self._took = state, message, took
+        self._fraction = 1.0 if state is State.COMPLETE else self._fraction
+        self._timing.end()
+
+    @property
+    def info(self) -> RunInfo:
+        under_way = self.state.is_under_way
+        return RunInfo(
+            number=self.number,
+            title=self.title,
+            path=self.path,
+            state=self.state,
+            message=self._message,
+            stored_frames=self._stored,
+            planned_frames=self._planned,
+            fraction=self._fraction,
+            expected_bench_seconds=self._timing.expected_bench_seconds,
+            bench_seconds=self._took,
+            elapsed_seconds=self._timing.elapsed_seconds,
+            seconds_left=self._timing.seconds_left if under_way else None,
+            pause_requested=under_way and self.progress.is_paused,
+        )
+
+    def _on_progress(self, fraction: float, message: str) -> None:
+        self._fraction = fraction
+        if message.startswith(_PAUSED_PREFIX):
+            self.mark_paused(message.removeprefix(_PAUSED_PREFIX))
+        else:
+            self.state, self._message = State.RUNNING, message
+            self.on_change()
+        if (unplugged := message.startswith(_UNPLUGGED_PREFIX)) != self._unplugged:
+            self._unplugged = unplugged
+            self.on_plug_change()

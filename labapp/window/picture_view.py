@@ -1,0 +1,78 @@
+"""A picture that can be zoomed and moved, with whole pixels and no smoothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from labapp.window.theme import FIELD
+from labapp.window.widgets import fill_layout
+
+
+class PictureView(QWidget):
+    """Shows an index or grey picture through a palette; a double click fits it again.
+
+    pixel_hovered: row and column under the mouse, (-1, -1) beyond the picture.
+    """
+
+    pixel_hovered = Signal(int, int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._view = pg.GraphicsView(self, background=FIELD)
+        self.box = pg.ViewBox(lockAspect=True, invertY=True, enableMenu=False)
+        self._view.setCentralItem(self.box)
+        self._item = pg.ImageItem(axisOrder="row-major")
+        self.box.addItem(self._item)
+        self._shape = (0, 0)
+        fill_layout(QVBoxLayout(self), self._view)
+        scene = self._view.scene()
+        scene.sigMouseMoved.connect(self._hover)
+        scene.sigMouseClicked.connect(self._click)
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, 200)
+
+    def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
+        """(rows, columns) uint8, each the number of a colour in a (256, 3) palette."""
+        self._item.setImage(indices, levels=(0, 255), lut=palette, autoLevels=False)
+        if indices.shape != self._shape:
+            self._shape = (indices.shape[0], indices.shape[1])
+            self.fit()
+
+    def fit(self) -> None:
+        rows, columns = self._shape
+        self.box.setRange(xRange=(0, columns), yRange=(0, rows), padding=0)
+
+    @property
+    def reduction(self) -> int:
+        """Picture pixels that share one pixel of the screen along an axis, 1 if none do."""
+        width, height = self.box.viewPixelSize()
+        # A pixel of tolerance: a picture at its own size is at 1, not just above it.
+        return max(1, math.ceil(max(width, height) - 0.01))
+
+    def link(self, other: PictureView) -> None:
+        """Zoom and move together with another picture."""
+        self.box.setXLink(other.box)
+        self.box.setYLink(other.box)
+
+    def pixel_position(self, row: int, column: int) -> QPointF:
+        """Where the middle of a pixel is on this widget."""
+        scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
+        return QPointF(self._view.mapFromScene(scene))
+
+    def _hover(self, position: Any) -> None:
+        point = self.box.mapSceneToView(position)
+        row, column = int(np.floor(point.y())), int(np.floor(point.x()))
+        inside = 0 <= row < self._shape[0] and 0 <= column < self._shape[1]
+        self.pixel_hovered.emit(*((row, column) if inside else (-1, -1)))
+
+    def _click(self, event: Any) -> None:
+        if event.double() and event.button() == Qt.MouseButton.LeftButton:
+            self.fit()

@@ -1,0 +1,68 @@
+"""What waits for the person: a prompt of a run, or a run that rests and why."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
+
+from labapp.runs.state import State
+from labapp.window.messages import Prompt, QueueState
+from labapp.window.widgets import fill_layout, make_label, make_tool_button
+
+
+class PromptBar(QWidget):
+    """Stands above the picture while somebody is waited for. prompt_done: number of the prompt."""
+
+    prompt_done = Signal(int)
+
+    def __init__(self, pause: QAction, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("call")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._label = make_label(self, wrap=True)
+        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self.done_button = QPushButton("Done  Enter", self)
+        self.resume_button = make_tool_button(self, pause)
+        self._prompt: Prompt | None = None
+        parts = (self._label, 1), self.done_button, self.resume_button
+        fill_layout(QHBoxLayout(self), *parts, margins=(10, 6, 6, 6))
+        self.done_button.clicked.connect(self._confirm_prompt)
+        self.hide()
+
+    @property
+    def text(self) -> str:
+        return self._label.text() if self.isVisible() else ""
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether Enter means that it is done."""
+        return self.isVisible() and self.done_button.isVisible()
+
+    def show_queue(self, queue: QueueState) -> None:
+        run = queue.current_run
+        if queue.prompt is not None:
+            self._ask(queue.prompt)
+        elif run is not None and run.state is State.PAUSED:
+            self._show(
+                f"PAUSED: {run.message}", self.resume_button if run.pause_requested else None
+            )
+        else:
+            self.hide()
+
+    def _ask(self, prompt: Prompt) -> None:
+        if prompt != self._prompt:
+            self._prompt = prompt
+            self.done_button.setEnabled(True)
+        self._show(prompt.text, self.done_button)
+
+    def _show(self, text: str, button: QWidget | None) -> None:
+        self._label.setText(text)
+        for one in (self.done_button, self.resume_button):
+            one.setVisible(one is button)
+        self.show()
+
+    def _confirm_prompt(self) -> None:
+        if self._prompt is not None:
+            self.done_button.setEnabled(False)
+            self.prompt_done.emit(self._prompt.number)

@@ -1,0 +1,83 @@
+"""What the window remembers from one session to the next."""
+
+from __future__ import annotations
+
+import logging
+import math
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+
+log = logging.getLogger(__name__)
+
+
+def default_settings_file() -> Path:
+    """The person's own settings file."""
+    where = QStandardPaths.StandardLocation.GenericConfigLocation
+    return Path(QStandardPaths.writableLocation(where)) / "labapp" / "window.ini"
+
+
+class RememberedSettings:
+    """Values of fields and the layout, in a file that may be missing, old or broken.
+
+    Nothing in the file can keep the window from opening: what can't be used is left out.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._settings = QSettings(str(file), QSettings.Format.IniFormat)
+
+    def text(self, key: str) -> str:
+        value = self._settings.value(key)
+        return value if isinstance(value, str) else ""
+
+    def layout(self, key: str) -> QByteArray:
+        value = self._settings.value(key)
+        return value if isinstance(value, QByteArray) else QByteArray()
+
+    def put(self, key: str, value: Any) -> None:
+        self._settings.setValue(key, value)
+
+    def restore_fields(self, fields: dict[str, QWidget]) -> None:
+        """Set every field to what it was; a value that doesn't fit is left out."""
+        for key, field in fields.items():
+            text = self.text(key)
+            if not text:
+                continue
+            try:
+                _set(field, text)
+            except ValueError:
+                log.warning("the settings file has %s = %r, which is left out", key, text)
+
+    def store_fields(self, fields: dict[str, QWidget]) -> None:
+        for key, field in fields.items():
+            self._settings.setValue(key, _get(field))
+
+    def save(self) -> None:
+        """Write the file; where it can't be written, the log says so."""
+        self._settings.sync()
+        if self._settings.status() != QSettings.Status.NoError:
+            log.warning("%s: the settings could not be kept", self._settings.fileName())
+
+
+def _set(field: QWidget, text: str) -> None:
+    if isinstance(field, QDoubleSpinBox):
+        value = float(text)
+        if not math.isfinite(value):
+            raise ValueError(f"{text} is no setting")
+        field.setValue(value)
+    elif isinstance(field, QSpinBox):
+        field.setValue(int(text))
+    elif isinstance(field, QLineEdit):
+        field.setText(text)
+    elif isinstance(field, QComboBox) and field.findText(text) >= 0:
+        field.setCurrentText(text)
+
+
+def _get(field: QWidget) -> str:
+    if isinstance(field, QDoubleSpinBox | QSpinBox):
+        return str(field.value())
+    if isinstance(field, QLineEdit):
+        return field.text()
+    return field.currentText() if isinstance(field, QComboBox) else ""

@@ -1,0 +1,183 @@
+"""What the engine reports, shown on the panels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from labapp.runs.state import State
+from labapp.window.device_list import DEVICE_TITLES
+from labapp.window.messages import (
+    BenchOpened,
+    BenchState,
+    CancelAcknowledged,
+    DeviceReconnected,
+    EffectsReport,
+    FailureReport,
+    JobEnded,
+    JobProgress,
+    LiveFrame,
+    OpeningFailed,
+    PatternPreview,
+    PictureSaved,
+    QueueState,
+    ReconstructionResult,
+    RunEnded,
+)
+from labapp.window.tone_mapping import DigitalScale
+
+if TYPE_CHECKING:
+    from labapp.window.main_window import MainWindow
+    from labapp.window.session import Session
+
+_HINT = (
+    "First steps: choose a pattern and show it on the SLM, acquire a bracket (F6), "
+    "then reconstruct (F7)."
+)
+
+
+class ReportDisplay:
+    """One method a report; `session` keeps what follows from them."""
+
+    def __init__(self, window: MainWindow, session: Session) -> None:
+        self._window, self._session = window, session
+        self._why_not_open = ""
+        self._under_way = 0
+        self._show: dict[type, Callable[[Any], None]] = {
+            BenchOpened: self._bench_opened,
+            BenchState: self._bench_state,
+            LiveFrame: window.live_view.show_frame,
+            EffectsReport: window.effects.show_effects,
+            PatternPreview: window.pattern.show_preview,
+            JobProgress: self._job_progress,
+            JobEnded: self._job_ended,
+            CancelAcknowledged: lambda _: window.run.message.setText("cancelling …"),
+            QueueState: self._queue_state,
+            DeviceReconnected: self._device_reconnected,
+            RunEnded: self._run_ended,
+            ReconstructionResult: self._reconstruction_result,
+            PictureSaved: lambda report: window.message.show_message(f"Saved: {report.path}."),
+            FailureReport: lambda report: window.message.show_error(report.message),
+            OpeningFailed: self._opening_failed,
+        }
+
+    def show_report(self, report: object) -> None:
+        self._show[type(report)](report)
+
+    def show_engine_death(self, how: str) -> None:
+        """The engine ended by itself: nothing on the screen may look as if it still stood."""
+        window = self._window
+        window.bar.badge.show_bench_closed()
+        window.settings.clear_read_back()
+        window.pattern.show_displayed("unknown, the engine is gone")
+        window.actions_["live"].setChecked(False)
+        window.live_view.set_running(False)
+        window.run.show_end("", done=False)
+        window.devices.clear("the engine is not running")
+        window.effects.clear("The engine is not running.")
+        window.queue.show_queue(QueueState(()))
+        window.prompt_bar.show_queue(QueueState(()))
+        window.message.show_error(self._why_dead(how), restart=True)
+        self._why_not_open = ""
+
+    def _why_dead(self, how: str) -> str:
+        if self._why_not_open:
+            return f"The bench didn't open. {self._why_not_open}"
+        queue = self._session.queue
+        text = f"{how} Frames that were stored are safe. Restart the engine to go on"
+        if (run := queue.current_run) is not None:
+            text += f", then resume {run.path} (Ctrl+R)"
+        if queue.waiting_count:
+            text += f", and put in line again what waited: {queue.waiting_count}"
+        return text + "."
+
+    def _bench_opened(self, report: BenchOpened) -> None:
+        window = self._window
+        window.setWindowTitle(f"labapp – {report.name}")
+        window.bar.badge.show_devices(report.devices)
+        window.devices.show_devices(report.devices)
+        window.effects.show_bench(report.devices)
+        window.live_view.set_scale(DigitalScale(report.full_scale))
+        window.run.set_frame_shape(report.camera_shape)
+        window.run.times.set_virtual(report.virtual)
+        window.message.show_message(_HINT)
+        self._session.on_bench_opened(report)
+
+    def _bench_state(self, report: BenchState) -> None:
+        window = self._window
+        window.devices.show_devices(report.devices)
+        window.settings.show_state(report)
+        window.pattern.show_displayed(
+            report.pattern + (" ?" if "slm" in report.failed_devices else "")
+        )
+        window.actions_["live"].setChecked(report.live)
+        window.live_view.set_running(report.live)
+        self._session.send_pending_wavelength()
+
+    def _job_progress(self, report: JobProgress) -> None:
+        if report.job == "reconstruction":
+            self._window.run.show_progress(report)
+
+    def _job_ended(self, report: JobEnded) -> None:
+        if report.job == "preview":
+            self._window.pattern.show_no_preview()
+        if report.job == self._session.job:
+            self._session.on_job_ended()
+            self._window.run.show_end("", done=False)
+
+    def _queue_state(self, report: QueueState) -> None:
+        window = self._window
+        if report.hold_reason and not self._session.queue.hold_reason:
+            window.show_queue()
+        window.queue.show_queue(report)
+        window.prompt_bar.show_queue(report)
+        ended = [run for run in report.runs if run.state.has_ended]
+        if (run := report.current_run) is not None:
+            window.run.show_run(run)
+            if run.number != self._under_way:
+                self._under_way = run.number
+                window.message.show_message(f"{run.title}: taken into {run.path} …")
+        elif ended and not self._session.job:
+            window.run.show_run(ended[-1])
+        self._session.show_queue(report)
+
+    def _run_ended(self, report: RunEnded) -> None:
+        window = self._window
+        if report.path is not None:
+            window.run.show_last_run(report.path)
+        if report.state is State.COMPLETE and report.path is not None:
+            self._session.on_run_completed(report.path)
+            window.message.show_message(
+                f"The run is complete: {report.path}. Reconstruct it with F7."
+            )
+        elif report.state is State.CANCELLED:
+            window.message.show_message(f"The run was cancelled. {_rest(report)}")
+        else:
+            window.message.show_error(f"The run failed: {report.message}. {_rest(report)}")
+
+    def _device_reconnected(self, report: DeviceReconnected) -> None:
+        name = DEVICE_TITLES.get(report.device, report.device)
+        self._window.message.show_message(f"{name} is open again. Live view starts with F5.")
+
+    def _reconstruction_result(self, report: ReconstructionResult) -> None:
+        """A result came from a record: its tab comes to the front."""
+        window = self._window
+        window.reconstruction.show_result(report)
+        window.side_by_side.show_result(report)
+        self._session.on_job_ended()
+        window.run.show_end("reconstructed", done=True)
+        window.show_reconstruction()
+        window.message.show_message(f"Reconstructed from {report.path}.")
+
+    def _opening_failed(self, report: OpeningFailed) -> None:
+        self._why_not_open = report.message
+
+
+def _rest(report: RunEnded) -> str:
+    """What is left on disk, and how the bench stands."""
+    if report.path is None:
+        return "Nothing was moved or written."
+    return (
+        f"{report.missing_frames} frames are missing in {report.path}: resume it with Ctrl+R. "
+        "The bench is safe; live view starts again with F5."
+    )

@@ -1,0 +1,124 @@
+"""The light in the first orders of every region's grating, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.calibration.registration import Registration
+from optics.calibration.spots import frame_variance
+from optics.camera import Sensor
+
+Array = NDArray[np.float64]
+
+_SPOT_LINE_WIDTHS = 3.0
+"""Line widths of a region's grating around a spot that count as the spot."""
+
+_STAR_MARGIN = 2.0
+"""Pixels that a star, the filter's band and the lens add to that, at least."""
+
+_HOT_PIXEL_SIGMAS = 8.0
+"""Standard deviations of read noise by which a pixel in a dark frame is hot."""
+
+_MOST_CLIPPED = 0.2
+"""Of the frames, that may have clipped pixels in a spot."""
+
+
+@dataclass(frozen=True, eq=False)
+class FirstOrders:
+    """Light in one region's first orders, (frames,), its noise, and where it was gathered.
+
+    clipped: (frames,) whether a pixel there was at full scale. windows: (rows, columns) of both
+    spots, or of the one that is on the sensor.
+    """
+
+    light: Array
+    noise: Array
+    clipped: NDArray[np.bool_]
+    windows: tuple[tuple[slice, slice], ...]
+
+
+def measure_first_orders(
+    frames: Sequence[NDArray[np.uint16]],
+    dark: Array,
+    registration: Registration,
+    vectors: Array,
+    region_shape: tuple[int, int],
+    sensor: Sensor,
+    wavelength: float,
+) -> list[FirstOrders]:
+    """The light of every region in a sweep, weighted by the shape that its spots have.
+
+    frames: digital numbers as read. dark: the mean dark frame of their exposure. vectors: of
+    the regions' gratings, (regions, 2). region_shape: (rows, columns) of a region's panel pixels.
+
+    Pixels are weighted by how much brighter they are in the brighter half of the sweep than in
+    the dimmer one: all light of a spot comes and goes alike, so that any weights keep the law,
+    and these have the least noise. Hot pixels have no weight. Raises ValueError if a region's
+    spots lie outside of the frame, or are clipped in more than a fifth of the frames.
+    """
+    hot = dark - np.median(dark) > _HOT_PIXEL_SIGMAS * sensor.read_noise / sensor.gain + 1
+    found = []
+    for number, vector in enumerate(vectors):
+        windows = _windows(registration, vector, region_shape, dark.shape, wavelength)
+        if not windows:
+            raise ValueError(
+                f"both first orders of region {number + 1} fall outside of the frame; choose "
+                "longer periods, or let more of the sensor be read"
+            )
+        found.append(_measure_region(frames, dark, hot, tuple(windows), sensor, number))
+    return found
+
+
+def _windows(
+    registration: Registration,
+    vector: Array,
+    region_shape: tuple[int, int],
+    shape: tuple[int, ...],
+    wavelength: float,
+) -> list[tuple[slice, slice]]:
+    """Around the two first orders, where they lie on the sensor with all their light."""
+    stretch = wavelength / registration.wavelength
+    line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
+    reach = np.ceil(_SPOT_LINE_WIDTHS * line + _STAR_MARGIN).astype(int)
+    found = []
+    for order in (1, -1):
+        middle = np.rint(registration.to_pixels(order * vector, wavelength)).astype(int)
+        low, high = middle - reach, middle + reach + 1
+        if (low >= 0).all() and (high <= np.array(shape)).all():
+            found.append((slice(low[0], high[0]), slice(low[1], high[1])))
+    return found
+
+
+def _measure_region(
+    frames: Sequence[NDArray[np.uint16]],
+    dark: Array,
+    hot: NDArray[np.bool_],
+    windows: tuple[tuple[slice, slice], ...],
+    sensor: Sensor,
+    number: int,
+) -> FirstOrders:
+    def cut(frame: NDArray[Any]) -> Array:
+        return np.concatenate([frame[window].ravel() for window in windows]).astype(np.float64)
+
+    raw = np.stack([cut(frame) for frame in frames])
+    usable = cut(hot) == 0
+    light = raw - cut(dark)
+    clipped = ((raw >= sensor.full_scale) & usable).any(axis=1)
+    if clipped.mean() > _MOST_CLIPPED:
+        raise ValueError(
+            f"the spots of region {number + 1} are clipped in {clipped.sum()} of {len(frames)} "
+            "frames; expose them shorter"
+        )
+    order = np.argsort(light[:, usable].sum(axis=1))
+    half = len(order) // 2
+    shape = light[order[half:]].mean(axis=0) - light[order[:half]].mean(axis=0)
+    weight = np.where(usable, np.clip(shape, 0, None), 0.0)
+    weight /= math.sqrt(float((weight**2).sum())) or 1.0
+    variance = frame_variance(raw, sensor)
+    return FirstOrders(light @ weight, np.sqrt(variance @ weight**2), clipped, windows)

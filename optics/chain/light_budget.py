@@ -1,0 +1,131 @@
+"""Where the light of a point gets to: the stop's blades, or through them, or the window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from optics.accuracy import ToleranceError
+from optics.camera import Camera
+from optics.chain.panel_to_lens import PanelToLensPropagator
+from optics.chain.propagator_axes import (
+    LensGrid,
+    fresnel_area,
+    lens_plane,
+    plan_propagator_axes,
+    stop_extent,
+)
+from optics.chain.stop_mask import BlockwiseStopMask
+from optics.point.request import PSFRequest
+from optics.pupil import numeric_camera, open_area, pupil_amplitude
+
+_MAX_PIXEL_ORDER = 16.0
+"""Of a pixel's own diffraction that are followed to either side; about 1 % of its light goes
+farther, if the stop lets it get so far, and counts as the rest does."""
+
+_MIN_STOP_SAMPLES = 1024
+"""Across the stop at the least: noise of speckles between them averages out."""
+
+
+@dataclass(frozen=True)
+class LightBudget:
+    """Shares of a point's light, in the units of a PSF: of what panel and stop would pass on the
+    axis if they stood in one plane.
+
+    panel: what leaves the panel's pixels. through_stop: what gets through the stop. blocked: what
+    meets its blades or goes past them. window: what the pixels asked for receive. vignetting:
+    through_stop, over what would pass for a point on the axis.
+    """
+
+    panel: float
+    through_stop: float
+    blocked: float
+    window: float
+    vignetting: float
+
+
+def compute_light_budget(
+    request: PSFRequest,
+    camera: Camera,
+    fields: Sequence[tuple[float, torch.Tensor]],
+    window: float,
+) -> LightBudget:
+    """Where the light of a panel goes, whose fields (rows, columns) add in intensity.
+
+    fields: with the share of each. window: what its pixels receive. Energy at the lens is the
+    sum of |field|² over its samples, by Parseval's theorem, of all frequencies that get from any
+    of the panel to any of the stop by geometric optics.
+    """
+    n, plain = request.numeric, numeric_camera(camera)
+    panel, passed = _panel_and_stop_light(n, plain, fields)
+    axis = passed
+    if any(n.field) and n.separation:
+        axis = _panel_and_stop_light(replace(n, field=(0.0, 0.0)), plain, fields)[1]
+    return LightBudget(
+        panel, passed, panel - passed, window, passed / axis if axis > 0 else math.nan
+    )
+
+
+def _panel_and_stop_light(
+    n: PSFRequest, camera: Camera, fields: Sequence[tuple[float, torch.Tensor]]
+) -> tuple[float, float]:
+    parts = [(share, _light_through_stop(n, camera, field)) for share, field in fields]
+    return sum(s * panel for s, (panel, _) in parts), sum(s * passed for s, (_, passed) in parts)
+
+
+def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> tuple[float, float]:
+    """What leaves the panel, and what gets through the stop."""
+    light = (field.real**2 + field.imag**2).to(torch.float64)
+    pixel = camera.panel.pitch**2 / open_area(camera)
+    panel = float(light.sum()) * pixel
+    if not n.separation:
+        return panel, float((light * pupil_amplitude(camera)).sum()) * pixel
+    try:
+        return panel, _light_at_lens(n, camera, field)
+    except ToleranceError:
+        # Nothing gets from any of the panel to any of the stop.
+        return panel, 0.0
+
+
+def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
+    grid, followed = _reachable_lens_grid(n, camera)
+    axes = plan_propagator_axes(n, camera, grid)
+    relay, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
+    real = torch.zeros((), dtype=field.dtype).real.dtype
+    openings = BlockwiseStopMask(camera.lens.stop, n.radius, plane, real)
+    arriving = relay.fields_at_lens(relay.spectrum(field), openings.row_blocks)
+    power = sum(openings.open_power(part, block) for block, (_, part) in enumerate(arriving))
+    area = plane.pitch[0] * plane.pitch[1] / float(n.shadow_magnification) ** 2
+    return power * area / (open_area(camera) * camera.panel.fill_factor) / followed
+
+
+def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float]:
+    """Frequencies that get to the stop, and the share of a pixel's light that is followed."""
+    bend = fresnel_area(n)
+    most, low, high, followed = _MAX_PIXEL_ORDER / camera.panel.active_side, [], [], 1.0
+    for axis in (0, 1):
+        line = camera.panel.plane.coordinates(axis)
+        half = camera.panel.pitch / 2
+        shift = float(n.chief_ray_slopes[axis]) * n.separation
+        stop = [
+            place * n.radius / float(n.shadow_magnification) - shift
+            for place in stop_extent(camera, axis)
+        ]
+        zone = 1 / math.sqrt(bend)
+        first = (stop[0] - float(line[-1]) - half) / bend - zone
+        last = (stop[1] - float(line[0]) + half) / bend + zone
+        low.append(max(first, -most))
+        high.append(min(last, most))
+        if first < -most or last > most:
+            followed *= _pixel_light_share(camera, max(first, -most), min(last, most))
+    rate = _MIN_STOP_SAMPLES / (2 * n.radius)
+    return LensGrid((low[0], low[1]), (high[0], high[1]), (rate, rate), 0.0), followed
+
+
+def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
+    """Of a pixel's light, what goes to frequencies between two along an axis."""
+    f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
+    return float(torch.trapezoid(torch.sinc(f) ** 2, f))

@@ -1,0 +1,448 @@
+"""From a panel's pixels through Fresnel's space to a grid in the lens' plane, by FFTs.
+
+The spectrum of square pixels of one modulation is known in closed form at every frequency, the
+space beyond multiplies it by a phase, and both factor into y and x. So each axis takes one FFT
+over the pixels, its product with what the space does to every frequency of a band, and one FFT
+back to the grid wanted. Frequencies beyond the panel's Nyquist rate are those below it again,
+under another part of the pixel's envelope; those beyond the grid's are folded into it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import scipy.fft
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.fourier import fft, unit_phasor
+from optics.fourier.fft import fft_operations
+from optics.fourier.transform import apply_function, apply_linear_map
+
+
+@dataclass(frozen=True)
+class TaperedBand:
+    """Frequencies along an axis, cycles per metre, and how smoothly they end.
+
+    low, high: where the light has fallen to one half. taper_sigma: standard deviation of the
+    Gaussian that smooths the ends. taper_sigmas: standard deviations beyond low and high where
+    nothing is left.
+    """
+
+    low: float
+    high: float
+    taper_sigma: float
+    taper_sigmas: float
+
+    @property
+    def outer_limits(self) -> tuple[float, float]:
+        return (
+            self.low - self.taper_sigmas * self.taper_sigma,
+            self.high + self.taper_sigmas * self.taper_sigma,
+        )
+
+    def taper(self, frequency: torch.Tensor) -> torch.Tensor:
+        """Between 0 and 1, float64."""
+        width = math.sqrt(2) * self.taper_sigma
+        above = torch.erfc((self.low - frequency) / width)
+        below = torch.erfc((frequency - self.high) / width)
+        return above * below / 4
+
+
+@dataclass(frozen=True)
+class PropagatorAxis:
+    """One axis of a propagator from the panel to samples at the lens; SI.
+
+    pixel_count: of a pitch. fft_length: points of the FFT, which make one period. sample_count: at
+    the lens, `folded_length` of which make the same period. pixel_side: of a pixel's active square.
+    fresnel_area: wavelength times the distance in free space, over the beam's spread.
+    first_sample_position: where the first sample lies, in the panel's coordinates. band: of the
+    frequencies that go on. shared_range: numbers (first, last) of the frequencies that a spectrum
+    holds, which other propagators want as well; the band's own if None. has_pixel_slope: whether a
+    pixel's wave rises by one cycle a metre, to the first order, instead of being flat.
+    """
+
+    pixel_count: int
+    pitch: float
+    pixel_side: float
+    fft_length: int
+    sample_count: int
+    folded_length: int
+    fresnel_area: float
+    first_sample_position: float
+    band: TaperedBand
+    shared_range: tuple[int, int] | None = None
+    has_pixel_slope: bool = False
+
+    @property
+    def period(self) -> float:
+        return self.fft_length * self.pitch
+
+    @property
+    def step(self) -> float:
+        """Metres between the samples at the lens, in the panel's coordinates."""
+        return self.period / self.folded_length
+
+    @property
+    def first_frequency_number(self) -> int:
+        """Number of the band's first frequency."""
+        return math.ceil(self.band.outer_limits[0] * self.period)
+
+    @property
+    def frequency_count(self) -> int:
+        return math.floor(self.band.outer_limits[1] * self.period) - self.first_frequency_number + 1
+
+    @property
+    def spectrum_range(self) -> tuple[int, int]:
+        """Numbers of the first and the last frequency that a spectrum holds."""
+        return self.shared_range or (
+            self.first_frequency_number,
+            self.first_frequency_number + self.frequency_count - 1,
+        )
+
+    @property
+    def spectrum_length(self) -> int:
+        """Values in a spectrum: what it holds, or one whole turn of the panel's."""
+        first, last = self.spectrum_range
+        return min(last - first + 1, self.fft_length)
+
+    @cached_property
+    def band_frequencies(self) -> torch.Tensor:
+        """Cycles per metre, float64."""
+        number = (
+            torch.arange(self.frequency_count, dtype=torch.float64) + self.first_frequency_number
+        )
+        return number / self.period
+
+    def transfer(self, dtype: torch.dtype) -> torch.Tensor:
+        """What becomes of every frequency from the panel's first pixel to the first sample."""
+        f = self.band_frequencies
+        strength = (
+            self._envelope(f * self.pixel_side)
+            * self.band.taper(f)
+            * (self.pixel_side / self.period)
+        )
+        # Turns are reduced in float64.
+        turns = (
+            f * (self.first_sample_position + self.pixel_count // 2 * self.pitch)
+            - self.fresnel_area * f**2 / 2
+        )
+        return (unit_phasor(turns, torch.complex128) * strength).to(dtype)
+
+    def _envelope(self, turns: torch.Tensor) -> torch.Tensor:
+        """What a pixel sends to frequencies, in cycles across it.
+
+        A wave that rises by g cycles a metre moves it: sinc(side (f - g)) is about
+        sinc(side f) - side g sinc'(side f).
+        """
+        if not self.has_pixel_slope:
+            return torch.sinc(turns)
+        near = turns.abs() < 1e-3
+        safe = torch.where(near, torch.ones_like(turns), turns)
+        slope = (torch.cos(math.pi * safe) - torch.sinc(safe)) / safe
+        return -self.pixel_side * torch.where(near, -(math.pi**2) / 3 * turns, slope)
+
+    def spectrum(self, field: torch.Tensor, dim: int) -> torch.Tensor:
+        whole = fft(field, self.fft_length, dim)
+        if self.spectrum_length == self.fft_length:
+            return whole
+        parts = [whole.narrow(dim, start, size) for start, size in self._spectrum_pieces()]
+        return parts[0] if len(parts) == 1 else torch.cat(parts, dim)
+
+    def spectrum_adjoint(self, spectrum: torch.Tensor, dim: int) -> torch.Tensor:
+        if self.spectrum_length == self.fft_length:
+            whole = spectrum
+        else:
+            shape = list(spectrum.shape)
+            shape[dim] = self.fft_length
+            whole, at = spectrum.new_zeros(shape), 0
+            for start, size in self._spectrum_pieces():
+                whole.narrow(dim, start, size).add_(spectrum.narrow(dim, at, size))
+                at += size
+        return fft(whole, self.fft_length, dim, inverse=True, scaled=False).narrow(
+            dim, 0, self.pixel_count
+        )
+
+    def to_lens(
+        self,
+        spectrum: torch.Tensor,
+        transfer: torch.Tensor,
+        dim: int,
+        scratch: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """scratch: (`folded_length` along dim), in whose memory the answer comes; new memory takes
+        time."""
+        shape = list(spectrum.shape)
+        shape[dim] = self.folded_length
+        folded = spectrum.new_empty(shape) if scratch is None else scratch
+        if self.frequency_count < self.folded_length:
+            folded.zero_()
+        for source, target, at, size in self._folding_runs():
+            weight = _broadcast_along(transfer[at : at + size], dim)
+            part, into = spectrum.narrow(dim, source, size), folded.narrow(dim, target, size)
+            if at < self.folded_length:
+                torch.mul(part, weight, out=into)
+            else:
+                into.addcmul_(part, weight)
+        grid = fft(folded, self.folded_length, dim, inverse=True, scaled=False, overwrite=True)
+        return grid.narrow(dim, 0, self.sample_count)
+
+    def to_lens_adjoint(self, grid: torch.Tensor, transfer: torch.Tensor, dim: int) -> torch.Tensor:
+        folded = fft(grid, self.folded_length, dim)
+        shape = list(grid.shape)
+        shape[dim] = self.spectrum_length
+        spectrum = grid.new_zeros(shape)
+        for source, target, at, size in self._folding_runs():
+            weight = _broadcast_along(transfer[at : at + size].conj(), dim)
+            spectrum.narrow(dim, source, size).addcmul_(folded.narrow(dim, target, size), weight)
+        return spectrum
+
+    def _spectrum_pieces(self) -> Iterator[tuple[int, int]]:
+        """Start and size of the stretches of the panel's spectrum that are held."""
+        first, last = self.spectrum_range
+        at = first
+        while at <= last:
+            start = at % self.fft_length
+            size = min(self.fft_length - start, last + 1 - at)
+            yield start, size
+            at += size
+
+    def slices_in_band(self, low: float, high: float) -> list[slice]:
+        """Where a spectrum holds the frequencies from low to high."""
+        first, last = math.ceil(low * self.period), math.floor(high * self.period)
+        if self.spectrum_length < self.fft_length:
+            start = self.spectrum_range[0]
+            return [slice(max(first - start, 0), max(last + 1 - start, 0))]
+        if last - first + 1 >= self.fft_length:
+            return [slice(0, self.fft_length)]
+        first, end = first % self.fft_length, (last + 1) % self.fft_length
+        return (
+            [slice(first, end)] if first <= end else [slice(0, end), slice(first, self.fft_length)]
+        )
+
+    def _folding_runs(self) -> Iterator[tuple[int, int, int, int]]:
+        """Stretches of the band that are whole in the kept spectrum and in the folded one: where
+        they begin in each and in the band, and their size."""
+        at, whole = 0, self.spectrum_length == self.fft_length
+        while at < self.frequency_count:
+            number = self.first_frequency_number + at
+            source = number % self.fft_length if whole else number - self.spectrum_range[0]
+            target = number % self.folded_length
+            # The first turn of the folded spectrum ends where the second begins.
+            end = (
+                self.frequency_count
+                if at >= self.folded_length
+                else min(self.frequency_count, self.folded_length)
+            )
+            size = min(self.spectrum_length - source, self.folded_length - target, end - at)
+            yield source, target, at, size
+            at += size
+
+
+def _broadcast_along(values: torch.Tensor, dim: int) -> torch.Tensor:
+    return values[:, None] if dim == -2 else values
+
+
+class PanelToLensPropagator:
+    """The field on the lens' grid, (..., y, x), of a modulation (..., rows, columns).
+
+    Both ways, and in two steps: the spectrum depends on the panel and the bands alone, and
+    serves several distances. Differentiable in the modulation and in what `PropagatorVariables`
+    names.
+    """
+
+    def __init__(self, y: PropagatorAxis, x: PropagatorAxis, dtype: torch.dtype) -> None:
+        self.axes, self.dtype = (y, x), dtype
+        self._transfers: tuple[torch.Tensor, torch.Tensor] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.axes[0].sample_count, self.axes[1].sample_count
+
+    def transfers(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+        if self._transfers is None or self._transfers[0].device != device:
+            y, x = (axis.transfer(self.dtype).to(device) for axis in self.axes)
+            self._transfers = (y, x)
+        return self._transfers
+
+    def spectrum(self, field: torch.Tensor) -> torch.Tensor:
+        y, x = self.axes
+        return y.spectrum(x.spectrum(field.to(self.dtype), -1), -2)
+
+    def mean_band_power(
+        self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
+    ) -> torch.Tensor:
+        """Mean square of a spectrum (..., y, x) over frequencies of a band, from low to high
+        along y and x: of light that is sent everywhere alike, the sum of its squares."""
+        y, x = (
+            axis.slices_in_band(*ends) for axis, *ends in zip(self.axes, low, high, strict=True)
+        )
+        found, count = spectrum.real.new_zeros(spectrum.shape[:-2]), 0
+        for rows in y:
+            for columns in x:
+                part = spectrum[..., rows, columns]
+                found = found + torch.linalg.vector_norm(part, dim=(-2, -1)) ** 2
+                count += part.shape[-2] * part.shape[-1]
+        return found / max(count, 1)
+
+    def spectrum_adjoint(self, spectrum: torch.Tensor) -> torch.Tensor:
+        y, x = self.axes
+        return x.spectrum_adjoint(y.spectrum_adjoint(spectrum, -2), -1)
+
+    def to_lens(
+        self,
+        spectrum: torch.Tensor,
+        extra_y: torch.Tensor | None = None,
+        extra_x: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """extra_y, extra_x: factors on the frequencies, besides what space does."""
+        y, x = (
+            transfer if also is None else (transfer * also.to(spectrum.device)).to(self.dtype)
+            for transfer, also in zip(
+                self.transfers(spectrum.device), (extra_y, extra_x), strict=True
+            )
+        )
+        return self.axes[1].to_lens(self.axes[0].to_lens(spectrum, y, -2), x, -1)
+
+    def __call__(self, field: torch.Tensor) -> torch.Tensor:
+        """The field on the lens' grid, without derivatives."""
+        return self.to_lens(self.spectrum(field))
+
+    def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
+        """The conjugate transpose of a call."""
+        y, x = self.transfers(grid.device)
+        lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
+        return self.spectrum_adjoint(self.axes[0].to_lens_adjoint(lines, y, -2))
+
+    def fields_at_lens(
+        self, spectrum: torch.Tensor, blocks: Sequence[slice]
+    ) -> Iterator[tuple[slice, torch.Tensor]]:
+        """Some rows of the field at the lens after the others, (rows, columns), all in the same
+        memory."""
+        y, x = self.transfers(spectrum.device)
+        lines = self.axes[0].to_lens(spectrum, y, -2)
+        scratch = lines.new_empty(
+            (max(_row_count(rows) for rows in blocks), self.axes[1].folded_length)
+        )
+        for rows in blocks:
+            yield rows, self.axes[1].to_lens(lines[rows], x, -1, scratch[: _row_count(rows)])
+
+    @property
+    def bytes(self) -> int:
+        y, x = self.axes
+        spectrum = y.spectrum_length * x.spectrum_length
+        between = y.folded_length * x.spectrum_length
+        return self.dtype.itemsize * (spectrum + 2 * between + 2 * y.sample_count * x.folded_length)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        y, x = self.axes
+        first = y.pixel_count * fft_operations(x.fft_length) + x.spectrum_length * fft_operations(
+            y.fft_length
+        )
+        second = x.spectrum_length * fft_operations(
+            y.folded_length
+        ) + y.sample_count * fft_operations(x.folded_length)
+        touched = (
+            y.pixel_count * x.fft_length
+            + x.spectrum_length * (y.fft_length + 3 * y.folded_length)
+            + 3 * y.sample_count * x.folded_length
+        )
+        slow = speed.double if self.dtype == torch.complex128 else 1.0
+        seconds = (first + second) * speed.fft + touched * speed.touch
+        return speed.call + seconds * slow + self.bytes * speed.fresh
+
+
+@dataclass(frozen=True)
+class PropagatorVariables:
+    """Numbers that stand for what a propagator was planned with, and carry derivatives.
+
+    fresnel_area: square metres; both axes'. stretch: 1, of the samples' places about the panel's
+    middle less the shift. shift: metres (y, x) by which all places move.
+    """
+
+    fresnel_area: torch.Tensor
+    stretch: torch.Tensor
+    shift: tuple[torch.Tensor, torch.Tensor]
+
+
+def propagate_to_lens(
+    propagator: PanelToLensPropagator,
+    field: torch.Tensor,
+    variables: PropagatorVariables | None = None,
+) -> torch.Tensor:
+    """The field on the lens' grid, with all derivatives that are asked for."""
+    if variables is None or not torch.is_grad_enabled():
+        return apply_linear_map(propagator, propagator.adjoint, field)
+    return apply_function(
+        _PropagateToLens,
+        propagator,
+        field,
+        variables.fresnel_area,
+        variables.stretch,
+        *variables.shift,
+    )
+
+
+class _PropagateToLens(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any, relay: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
+    ) -> torch.Tensor:
+        ctx.propagator, ctx.dtype = relay, field.dtype
+        spectrum = relay.spectrum(field)
+        ctx.numbers = numbers
+        ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
+        return relay.to_lens(spectrum)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        relay: PanelToLensPropagator = ctx.propagator
+        gradient = gradient.resolve_conj()
+        answers: list[Any] = [None] * 5
+        if ctx.needs_input_grad[1]:
+            answers[0] = relay.adjoint(gradient).to(ctx.dtype)
+        if any(ctx.needs_input_grad[2:]):
+            (spectrum,) = ctx.saved_tensors
+            found = _variable_gradients(relay, spectrum, gradient)
+            answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
+        return (None, *answers)
+
+
+def _variable_gradients(
+    relay: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
+) -> tuple[torch.Tensor, ...]:
+    """What fresnel_area, stretch and shift change, weighed by the gradient."""
+    fy, fx = (axis.band_frequencies for axis in relay.axes)
+    turned = 2j * math.pi
+
+    def weigh_by_gradient(also_y: torch.Tensor | None, also_x: torch.Tensor | None) -> torch.Tensor:
+        change = relay.to_lens(spectrum, also_y, also_x)
+        # Sums of many samples are kept in double precision.
+        product = gradient.to(torch.complex128).conj() * change
+        return product.real.reshape(-1, *relay.shape).sum(0)
+
+    along_y, along_x = weigh_by_gradient(turned * fy, None), weigh_by_gradient(None, turned * fx)
+    bend = weigh_by_gradient(-0.5 * turned * fy**2, None) + weigh_by_gradient(
+        None, -0.5 * turned * fx**2
+    )
+    y, x = (
+        axis.first_sample_position
+        + axis.step * torch.arange(axis.sample_count, dtype=torch.float64, device=along_y.device)
+        for axis in relay.axes
+    )
+    stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
+    return bend.sum(), stretch, along_y.sum(), along_x.sum()
+
+
+def _row_count(rows: slice) -> int:
+    return int(rows.stop - rows.start)
+
+
+def fast_fft_length(least: float) -> int:
+    """The shortest FFT that is at least so long, and fast."""
+    return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

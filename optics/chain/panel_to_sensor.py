@@ -1,0 +1,157 @@
+"""From a panel's spectrum through the stop to the sensor, a few rows of the lens at a time."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+
+import torch
+
+from optics.accuracy import Budget, MachineSpeed, cheapest_candidate
+from optics.chain.lens_wave import LensWave
+from optics.chain.panel_to_lens import PanelToLensPropagator
+from optics.chain.stop_mask import BlockwiseStopMask
+from optics.fourier import FourierGeometry, valid_transforms
+from optics.fourier.separable import SeparableTransform
+from optics.fourier.transform import apply_linear_map
+
+PictureMap = Callable[[torch.Tensor], torch.Tensor]
+
+
+class PanelToSensorMap:
+    """A linear map from a panel's field to samples at the sensor, and its adjoint.
+
+    The lens' plane never stands in memory as a whole: space to the lens, the stop, the lens and
+    the Fourier integral onward all work along one axis after the other, but for the stop's
+    edge and for aberrations. So each block of rows goes all the way along x before the next.
+
+    turn_y, turn_x: the lens' wave along each axis. wave: what of it isn't their product, at the
+    lens' samples, or None. geometry: of the Fourier integral from the lens.
+    """
+
+    def __init__(
+        self,
+        propagator: PanelToLensPropagator,
+        stop_mask: BlockwiseStopMask,
+        geometry: FourierGeometry,
+        error: float,
+        budget: Budget,
+    ) -> None:
+        self.propagator, self._stop_mask = propagator, stop_mask
+        offered = valid_transforms(geometry, propagator.dtype, error)
+        separable = [one for one in offered if isinstance(one, SeparableTransform)]
+        self.sensor_transform = cheapest_candidate(
+            separable, budget, "light from the lens to the sensor"
+        )
+        self._lens_factors: tuple[torch.Tensor, torch.Tensor] | None = None
+        self._wave: LensWave | None = None
+
+    def set_lens_wave(
+        self, turn: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
+    ) -> None:
+        """Set the lens' wave: its factors along y and x, and what isn't their product."""
+        geometry, dtype = self.sensor_transform.geometry, self.propagator.dtype
+        tilts = [geometry.pupil_tilt(axis, torch.complex128) for axis in (0, 1)]
+        y, x = (
+            (factor if tilt is None else factor * tilt).to(dtype)[:, None]
+            for factor, tilt in zip(turn, tilts, strict=True)
+        )
+        self._lens_factors, self._wave = (y, x), wave
+        self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
+
+    def with_relay_propagator(self, relay: PanelToLensPropagator) -> PanelToSensorMap:
+        """The same behind another propagator to the same samples."""
+        other = copy.copy(self)
+        other.propagator = relay
+        return other
+
+    def _lens_factors_on(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+        assert self._lens_factors is not None
+        y, x = self._lens_factors
+        return y.to(device), x.to(device)
+
+    def __call__(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """The field at the sensor, (rows, columns) of samples, of one panel's spectrum."""
+        y_rule, x_rule = self.sensor_transform.axis_rules(spectrum.device)
+        turn_y, _ = self._lens_factors_on(spectrum.device)
+        found = spectrum.new_empty((self.sensor_transform.image.shape[1], self.propagator.shape[0]))
+        for rows, field in self._fields_behind_stop(spectrum):
+            found[:, rows] = x_rule.forward(field.mT.contiguous())
+        if self._image_tilts[1] is not None:
+            found *= self._image_tilts[1].to(found.device)[:, None]
+        field = y_rule.forward(found.mT * turn_y)
+        return (
+            field
+            if self._image_tilts[0] is None
+            else field * self._image_tilts[0].to(field.device)[:, None]
+        )
+
+    def _fields_behind_stop(self, spectrum: torch.Tensor) -> Iterator[tuple[slice, torch.Tensor]]:
+        """Behind the stop, block by block, (rows, columns); without the wave along y."""
+        turn_x = self._lens_factors_on(spectrum.device)[1][:, 0]
+        arriving = self.propagator.fields_at_lens(spectrum, self._stop_mask.row_blocks)
+        for block, (rows, field) in enumerate(arriving):
+            field *= turn_x
+            if self._wave is not None:
+                field *= self._wave.wave_on_rows(rows).to(field.device)
+            self._stop_mask.apply(field, block)
+            yield rows, field
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        """The conjugate transpose: a panel's spectrum from a field at the sensor."""
+        field = field.to(self.propagator.dtype)
+        y_rule, x_rule = self.sensor_transform.axis_rules(field.device)
+        turn_y, turn_x = (
+            line.conj().resolve_conj() for line in self._lens_factors_on(field.device)
+        )
+        y_axis, x_axis = self.propagator.axes
+        y_transfer, x_transfer = self.propagator.transfers(field.device)
+        if self._image_tilts[0] is not None:
+            field = field * self._image_tilts[0].to(field.device).conj()[:, None]
+        back = (y_rule.adjoint(field) * turn_y).mT
+        if self._image_tilts[1] is not None:
+            back = back * self._image_tilts[1].to(field.device).conj()[:, None]
+        lines = field.new_empty((y_axis.sample_count, x_axis.spectrum_length))
+        for block, rows in enumerate(self._stop_mask.row_blocks):
+            part = x_rule.adjoint(back[:, rows].contiguous()).mT * turn_x[:, 0]
+            if self._wave is not None:
+                part *= self._wave.wave_on_rows(rows).to(field.device).conj()
+            self._stop_mask.apply(part, block)
+            lines[rows] = x_axis.to_lens_adjoint(part, x_transfer, -1)
+        return y_axis.to_lens_adjoint(lines, y_transfer, -2)
+
+    @property
+    def bytes(self) -> int:
+        y, x = self.propagator.axes
+        rows, columns = self.sensor_transform.image.shape
+        between = x.spectrum_length * y.sample_count + columns * y.sample_count + rows * columns
+        spectrum = x.spectrum_length * (y.spectrum_length + y.fft_length + y.folded_length)
+        block = 6 * 16 * max(x.folded_length, x.sample_count)
+        return self.propagator.dtype.itemsize * (2 * between + spectrum + block)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        return self.propagator.cpu_seconds(speed) + self.sensor_transform.cpu_seconds(speed)
+
+
+def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
+    """A panel's spectrum, (..., y, x); differentiable in its field."""
+    return apply_linear_map(relay.spectrum, relay.spectrum_adjoint, field)
+
+
+def propagate_to_sensor(lens_pass: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
+    """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
+    return apply_linear_map(
+        _apply_per_picture(lens_pass), _apply_per_picture(lens_pass.adjoint), spectrum
+    )
+
+
+def _apply_per_picture(function: PictureMap) -> PictureMap:
+    """One picture at a time: a batch takes no more memory than its answers."""
+
+    def each(fields: torch.Tensor) -> torch.Tensor:
+        if fields.ndim == 2:
+            return function(fields)
+        done = torch.stack([function(one) for one in fields.reshape(-1, *fields.shape[-2:])])
+        return done.reshape(*fields.shape[:-2], *done.shape[-2:])
+
+    return each

@@ -1,0 +1,305 @@
+"""The chain of panel, space, stop, space and sensor by exact quadrature over the stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from optics.accuracy import (
+    FLOAT64_ARITHMETIC,
+    ErrorEstimate,
+    MachineSpeed,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
+from optics.camera import Camera
+from optics.chain.engine import ChainEngine
+from optics.chain.panel_to_lens import PropagatorAxis, TaperedBand, fast_fft_length
+from optics.chain.propagator_axes import fresnel_area, stop_extent
+from optics.fourier.nonuniform import (
+    FINEST_NUFFT,
+    NonuniformTransform,
+    nonuniform_bytes,
+    nonuniform_seconds,
+)
+from optics.fourier.transform import apply_function
+from optics.plane import Plane
+from optics.point.engine import wrap_phase
+from optics.point.request import PSFRequest
+from optics.pupil import pupil_phase
+from optics.stop.quadrature import (
+    PhaseSlopeBound,
+    QuadratureNodes,
+    count_nodes,
+    stop_rule,
+    stop_rule_blocks,
+)
+from optics.validation import needs_gradient
+
+_BAND_TOL_SHARE, _QUADRATURE_TOL_SHARE, _TRANSFORM_TOL_SHARE = 0.5, 0.05, 0.02
+"""Of the tolerance: for light left out; and in the field for the nodes and each transform."""
+
+_TAPER_TOL_SHARE = 1e-2
+"""Of the tolerance: what a band's ends may change within the light's reach."""
+
+_BYTES_PER_NODE = 400
+_MOST_NODES = 200_000_000
+"""Some minutes of work."""
+
+
+class QuadratureEngine(ChainEngine):
+    """Gauss-Legendre nodes that follow the stop's boundary, and non-uniform FFTs to them from
+    the panel's spectrum, and from them to the sensor.
+
+    A frequency f goes from a place on the panel to one fresnel_area f beside it. Those that get
+    from no place of the panel to any of the stop are left out, by a smooth end of the band. Against
+    the chirp exp(-i pi A (f - f0)²), A being the fresnel_area, a Gaussian step of standard
+    deviation s at the distance D from the stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 +
+    (2 pi A s²)²)); the best s² = 1 / (2 pi A) makes that exp(-pi A D² / 2). So nothing else is left
+    out than what the tolerance allows (see StopEdgeScatter), and the error falls faster than any
+    power.
+    """
+
+    name = "chain, quadrature"
+    precision = "float64"
+    _dtype = torch.complex128
+
+    def _plan(self, n: PSFRequest) -> None:
+        self.arithmetic = 10 * FLOAT64_ARITHMETIC
+        rough = self._sphere_error()
+        allowed = _BAND_TOL_SHARE * n.tol - rough
+        if not allowed > 0:
+            raise unreachable_tolerance_error(n.tol, 1.1 * (rough + 0.2 * n.tol) / _BAND_TOL_SHARE)
+        low, high = self._search.find_band(allowed, np.zeros(2))
+        ends = zip(low, high, strict=True)
+        self._axes = [_plan_axis(n, self._camera, k, *pair) for k, pair in enumerate(ends)]
+        self._window_amplitude = min(1.0, self._edge_scatter.window_share) ** 0.5
+        self._transform_tol = max(
+            _TRANSFORM_TOL_SHARE * n.tol * self._window_amplitude, FINEST_NUFFT
+        )
+        used = 2 * (
+            _QUADRATURE_TOL_SHARE * n.tol + 2 * self._transform_tol / self._window_amplitude
+        )
+        left = rough + allowed + 2 * _TAPER_TOL_SHARE * n.tol + used
+        self.error = ErrorEstimate(left, "estimate, for an evenly lit panel")
+        self._slope_bound = self._build_slope_bound(n)
+        self._node_count = count_nodes(
+            n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol
+        )
+        self.sampling = f"{self._node_count} nodes in the stop"
+        self._full_block: _StopNodeBlock | None = None
+        self._nodes_in_memory = self._node_count * _BYTES_PER_NODE <= n.budget.memory / 2
+        if self._node_count > _MOST_NODES or (
+            self._request.differentiable and not self._nodes_in_memory
+        ):
+            raise ToleranceError(
+                f"tol {n.tol:g} can't be kept: the light at the lens turns so fast that it takes "
+                f"{self._node_count:.1e} nodes in the stop; ask for a larger tol, or stop the "
+                "lens down"
+            )
+
+    def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
+        """The lens' own, and that of all the light that gets there."""
+        turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
+        tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
+        at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
+        return at_lens.phase_slope_bound
+
+    @property
+    def _frequency_plane(self) -> Plane:
+        """The band as a plane, cycles per metre."""
+        counts = [axis.frequency_count for axis in self._axes]
+        steps = [1 / axis.period for axis in self._axes]
+        middles = [
+            (axis.first_frequency_number + count // 2) * step
+            for axis, count, step in zip(self._axes, counts, steps, strict=True)
+        ]
+        return Plane((counts[0], counts[1]), (steps[0], steps[1]), (middles[0], middles[1]))
+
+    @property
+    def bytes(self) -> int:
+        nodes = (
+            min(self._node_count, self._max_block_nodes)
+            if not self._nodes_in_memory
+            else self._node_count
+        )
+        plane, samples = self._frequency_plane, self._request.samples
+        each = nonuniform_bytes(0, plane) + nonuniform_bytes(0, samples)
+        return each + 32 * plane.shape[0] * plane.shape[1] + _BYTES_PER_NODE * nodes
+
+    @property
+    def _max_block_nodes(self) -> int:
+        return max(1 << 18, self._request.budget.memory // 4 // _BYTES_PER_NODE)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        there = nonuniform_seconds(
+            self._node_count, self._frequency_plane, self._transform_tol, speed
+        )
+        on = nonuniform_seconds(self._node_count, self._request.samples, self._transform_tol, speed)
+        return (there + on) * (1.0 if self._nodes_in_memory else 3.0)
+
+    def prepare(self) -> None:
+        n = self._request.numeric
+        if not self.error.value + self.arithmetic <= n.tol:
+            raise unreachable_tolerance_error(n.tol, self.error.value + self.arithmetic)
+        if self._nodes_in_memory:
+            rule = stop_rule(n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol)
+            self._full_block = _StopNodeBlock(rule, self)
+            self.sampling = f"{rule.count} nodes in the stop"
+
+    def _blocks(self) -> Iterator[_StopNodeBlock]:
+        if self._full_block is not None:
+            yield self._full_block
+            return
+        n = self._request.numeric
+        for nodes in stop_rule_blocks(
+            n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol, self._max_block_nodes
+        ):
+            yield _StopNodeBlock(nodes, self)
+
+    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        modulated = self.panel_field(phase, amplitude)
+        if not modulated.numel():
+            return self.empty_intensity(modulated)
+        if self._full_block is None and modulated.requires_grad and torch.is_grad_enabled():
+            raise ValueError(
+                f"a stop of {self._node_count} nodes gives no derivatives; allow more memory, or "
+                'take method="chain"'
+            )
+        light = self._spectrum_at_lens(modulated, self._axes)
+        for axis, part in self.wavefront_slope_fields(modulated):
+            axes = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self._axes)]
+            light = light + self._spectrum_at_lens(part, axes)
+        field = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
+        power = (field.real**2 + field.imag**2) * self.intensity_scale()
+        return self._intensity_or_replan(power, phase, amplitude)
+
+    def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
+        """All frequencies of the band after the space, (..., y, x)."""
+        y, x = axes
+        for axis, dim in ((y, -2), (x, -1)):
+            field = torch.fft.fft(field, axis.fft_length, dim)
+            number = (
+                torch.arange(axis.frequency_count) + axis.first_frequency_number
+            ) % axis.fft_length
+            field = field.index_select(dim, number.to(field.device))
+        moved = self._propagator_variables()
+        weights = [axis.transfer(self._dtype).to(field.device) for axis in axes]
+        if moved is not None:
+            # The Fresnel area's derivative comes by a factor that is 1.
+            weights = [
+                w * torch.polar(torch.ones_like(a), a)
+                for w, a in (
+                    (
+                        w,
+                        -math.pi
+                        * axis.band_frequencies**2
+                        * (moved.fresnel_area - moved.fresnel_area.detach()),
+                    )
+                    for w, axis in zip(weights, axes, strict=True)
+                )
+            ]
+        return field * weights[0][:, None] * weights[1]
+
+
+def _plan_axis(n: PSFRequest, camera: Camera, axis: int, low: float, high: float) -> PropagatorAxis:
+    """Frequencies from `low` to `high`, or as far as light gets from the panel to the stop."""
+    panel, spread = camera.panel, float(n.shadow_magnification)
+    bend = fresnel_area(n)
+    line = panel.plane.coordinates(axis)
+    ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
+    shift = float(n.chief_ray_slopes[axis]) * n.separation
+    stop = [place * n.radius / spread - shift for place in stop_extent(camera, axis)]
+    steps = math.sqrt(2 * math.log(1 / (_TAPER_TOL_SHARE * n.tol)))
+    room = steps / math.sqrt(math.pi * bend)
+    soft = 1 / math.sqrt(2 * math.pi * bend)
+    low = max(low - room, (stop[0] - ends[1]) / bend - room)
+    high = min(high + room, (stop[1] - ends[0]) / bend + room)
+    band = TaperedBand(low, high, soft, steps)
+    margin = steps / (2 * math.pi * soft)
+    reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
+    least = max(reach[1] - stop[0], stop[1] - reach[0], ends[1] - ends[0]) + margin
+    length = fast_fft_length(least / panel.pitch)
+    return PropagatorAxis(
+        panel.shape[axis], panel.pitch, panel.active_side, length, 1, length, bend, 0.0, band
+    )
+
+
+class _StopNodeBlock:
+    """Some nodes, what the lens does there, and the transforms to them and onwards."""
+
+    def __init__(self, nodes: QuadratureNodes, engine: QuadratureEngine) -> None:
+        self._nodes, self._engine = nodes, engine
+        q = engine._request
+        n = q.numeric
+        grow = n.radius / float(n.shadow_magnification)
+        shifts = [float(sine) * n.separation for sine in n.chief_ray_slopes]
+        self._places = (nodes.y * grow, nodes.x * grow)
+        y, x = (p - s for p, s in zip(self._places, shifts, strict=True))
+        self._to_lens = NonuniformTransform(
+            y, x, engine._frequency_plane, 1.0, engine._transform_tol
+        )
+        self._to_sensor = NonuniformTransform(
+            nodes.y * n.radius, nodes.x * n.radius, n.samples, n.scale, engine._transform_tol
+        )
+
+    def field(self, light: torch.Tensor) -> torch.Tensor:
+        """On the samples, in square stop radii."""
+        q = self._engine._request
+        moved, onward = self._engine._propagator_variables(), q.transform_variables
+        numbers = (moved.stretch, *moved.shift) if moved is not None else (None, None, None)
+        arriving = _field_at_nodes(self._to_lens, light, *numbers)
+        phase = pupil_phase(
+            q.lens, q.object_to_lens_distance, q.wavelength, self._nodes.y, self._nodes.x
+        )
+        phase = wrap_phase(phase)
+        wave = torch.polar(torch.ones_like(phase), phase) * self._nodes.weight
+        return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
+
+
+def _field_at_nodes(
+    transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
+) -> torch.Tensor:
+    """The field at the transform's points, from the light's frequencies on its image plane."""
+    wanted = light.requires_grad or any(map(needs_gradient, numbers))
+    if not (wanted and torch.is_grad_enabled()):
+        return transform.adjoint(light.detach())
+    return apply_function(_FieldAtNodes, transform, light, *numbers)
+
+
+class _FieldAtNodes(torch.autograd.Function):
+    """The sum of light exp(2 pi i f (stretch y + shift)) over all frequencies f, at nodes y."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
+    ) -> torch.Tensor:
+        ctx.transform, ctx.numbers = transform, numbers
+        ctx.save_for_backward(light)
+        return transform._adjoint(light)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        transform: NonuniformTransform = ctx.transform
+        answers: list[Any] = [None] * 4
+        if ctx.needs_input_grad[1]:
+            answers[0] = transform._forward(gradient)
+        if any(ctx.needs_input_grad[2:]):
+            (light,) = ctx.saved_tensors
+            f = (transform.image.coordinates(0)[:, None], transform.image.coordinates(1)[None, :])
+            turned = [transform._adjoint(light * (2j * math.pi * one)) for one in f]
+            # How much the answer changes for a metre along each axis, at every node.
+            y, x = (
+                (gradient.conj() * one).real.reshape(-1, one.shape[-1]).sum(0) for one in turned
+            )
+            at_y, at_x = transform.positions()
+            found = ((y * at_y).sum() + (x * at_x).sum(), y.sum(), x.sum())
+            for place, (number, value) in enumerate(zip(ctx.numbers, found, strict=True), start=1):
+                answers[place] = value.to(number) if number is not None else None
+        return (None, *answers)

@@ -1,0 +1,78 @@
+"""The field in the back focal plane of a lens (thesis Eq. 2.13 to 2.15)."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from optics.fourier import FourierGeometry, plan_transform
+from optics.plane import Plane
+from optics.validation import accepts_numpy, require_finite, require_positive, rounded_down
+
+
+@accepts_numpy
+def focal_field(
+    field: torch.Tensor,
+    pupil_plane: Plane,
+    image_plane: Plane,
+    focal_length: float,
+    wavelength: float,
+    *,
+    distance_before_lens: float = 0.0,
+) -> torch.Tensor:
+    """The complex field that a lens makes of a field before it, in its back focal plane.
+
+        U_f(u) = exp(i k / (2 f) (1 - d / f) |u|²) / (i wavelength f)
+                 x integral of U(x) exp(-2 pi i x u / (wavelength f)) dx
+
+    (Goodman, Introduction to Fourier Optics, 5.2; thesis Eq. 2.15). The factor exp(i k (d + f)),
+    which is the same everywhere, is left out. With d = f (a 2f system) the answer is the Fourier
+    transform itself, without curvature.
+
+    field: (..., rows, columns) on `pupil_plane`; each sample stands for its area. image_plane:
+    where the answer is wanted. distance_before_lens: d, from the field to the lens, 0 or more.
+    Lengths in metres, focal_length positive. |U|² is light per square metre in both planes.
+    complex64, or complex128 from a field in double precision; differentiable in the field.
+
+    Model: a thin lens, paraxial, that cuts nothing off; one sum over the samples, exact where
+    they resolve the field. Raises ValueError for an image plane that reaches out of
+    wavelength f / pitch, where the same light would show again, and for bad numbers.
+    """
+    require_positive("focal_length", focal_length, "m")
+    require_positive("wavelength", wavelength, "m")
+    if not 0 <= distance_before_lens < math.inf:
+        raise ValueError(
+            f"distance_before_lens is {distance_before_lens:g} m; the field must be in front of "
+            "the lens, 0 m or more"
+        )
+    if field.shape[-2:] != pupil_plane.shape:
+        raise ValueError(
+            f"field is {tuple(field.shape)}; its pupil_plane has {pupil_plane.shape} samples"
+        )
+    require_finite("field", field)
+    scale = wavelength * focal_length
+    for axis in (0, 1):
+        _require_no_aliasing(pupil_plane, image_plane, scale, axis)
+    dtype = torch.promote_types(field.dtype, torch.complex64)
+    transform = plan_transform(FourierGeometry(pupil_plane, image_plane, scale), dtype)
+    y, x = image_plane.mesh()
+    curvature = (math.pi / scale * (1 - distance_before_lens / focal_length)) * (
+        y**2 + x**2
+    ) - math.pi / 2
+    strength = torch.full_like(curvature, pupil_plane.pitch[0] * pupil_plane.pitch[1] / scale)
+    # Reduced to one turn before it is stored in single precision.
+    factor = torch.polar(strength, curvature.remainder(2 * math.pi))
+    return transform(field) * factor.to(device=field.device, dtype=dtype)
+
+
+def _require_no_aliasing(pupil: Plane, image: Plane, scale: float, axis: int) -> None:
+    """Samples can't tell the light beyond half a cell, on either side, from that within."""
+    half = scale / pupil.pitch[axis] / 2
+    reach = float(image.coordinates(axis).abs().max())
+    if reach > half * (1 + 1e-9):
+        raise ValueError(
+            f"image_plane reaches {reach:.4g} m in {'yx'[axis]}, and the field's samples resolve "
+            f"light to {half:.4g} m; make the image plane smaller or pupil_plane's pitch "
+            f"{rounded_down(scale / reach / 2)} m or finer"
+        )

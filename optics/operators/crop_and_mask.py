@@ -1,0 +1,71 @@
+"""Operators that take pixels as they are: a window, a mask."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from optics.operators.base import Operator
+from optics.operators.gram import GramOperator
+from optics.plane import centred_crop, centred_pad
+from optics.validation import accepts_numpy, require_finite
+
+
+class CentredCrop(Operator):
+    """The middle of a larger picture: what a frame sees of the scene. Its transpose surrounds a
+    picture by darkness.
+
+    whole, shape: (rows, columns) before and after; bands: axes before them.
+    """
+
+    def __init__(
+        self, whole: Sequence[int], shape: Sequence[int], bands: Sequence[int] = ()
+    ) -> None:
+        self._whole, self._shape = (tuple(map(int, one)) for one in (whole, shape))
+        if any(n > m for n, m in zip(self._shape, self._whole, strict=True)):
+            raise ValueError(f"shape is {self._shape}; a window of {self._whole} is no larger")
+        self.domain = (*bands, *self._whole)
+        self.codomain = (*bands, *self._shape)
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        return centred_crop(x, self._shape)
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        return centred_pad(y, self._whole)
+
+    @property
+    def bytes(self) -> int:
+        return 0
+
+    @property
+    def gram(self) -> GramOperator:
+        inside = centred_pad(torch.ones(self._shape), self._whole)
+        return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
+
+
+class Mask(Operator):
+    """Each pixel times a weight: 0 where it is dead or clipped, else 1; or a share of the light.
+
+    weights: (rows, columns), or with bands before; finite.
+    """
+
+    @accepts_numpy
+    def __init__(self, weights: torch.Tensor) -> None:
+        require_finite("weights", weights)
+        self.weights = weights if weights.is_floating_point() else weights.to(torch.float32)
+        self.domain = self.codomain = tuple(weights.shape)
+
+    def _forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x * self.weights
+
+    def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
+        return y * self.weights
+
+    @property
+    def bytes(self) -> int:
+        return 0
+
+    @property
+    def gram(self) -> GramOperator:
+        return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))

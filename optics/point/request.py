@@ -1,0 +1,153 @@
+"""What is asked of a PSF: a lens, a point, a wavelength, samples, a tolerance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
+
+import torch
+
+from optics.accuracy import Budget
+from optics.camera import Lens
+from optics.plane import Plane
+from optics.point.spherical_wave import SphericalWaveCorrection
+from optics.pupil import Scalar, phase_slope_bound, require_valid_source
+from optics.stop.quadrature import PhaseSlopeBound
+from optics.validation import (
+    as_number,
+    needs_gradient,
+    require_unchanged_attributes,
+    to_plain_numbers,
+)
+
+
+@dataclass(frozen=True)
+class PSFRequest:
+    """A point's light behind a lens, sampled on a plane at the sensor.
+
+    lens, distance, wavelength: SI; numbers, or 0-d tensors in which the answer shall be
+    differentiable. samples: the plane; its centre may hold tensors. tol: relative L2 error
+    of the intensity on the samples. margin: samples at each side that only help to integrate
+    those inside. phase_slope: radians per stop radius by which phases that are added to a
+    lens' wave may turn.
+
+    separation: metres from a panel to the lens; `distance` is the object's from the panel.
+    field: metres (y, x) on the sensor from the axis to the point's geometric image, around
+    which the samples lie. sphere: what the point's wave over the panel has besides a parabola.
+    pixel: metres (y, x) of the pixels over which the samples are integrated afterwards; 0 where
+    the samples themselves are wanted.
+    """
+
+    lens: Lens
+    distance: Scalar
+    wavelength: Scalar
+    samples: Plane
+    tol: float
+    budget: Budget
+    margin: int = 0
+    phase_slope: float = 0.0
+    separation: Scalar = 0.0
+    field: tuple[Scalar, Scalar] = (0.0, 0.0)
+    sphere: SphericalWaveCorrection | None = None
+    pixel: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_valid_source(as_number(self.distance), as_number(self.wavelength))
+
+    @cached_property
+    def numeric(self) -> PSFRequest:
+        """The same in plain numbers."""
+        return cast(PSFRequest, to_plain_numbers(self))
+
+    @property
+    def window_slices(self) -> tuple[slice, slice]:
+        """Rows and columns of the samples that aren't margin."""
+        rows, columns = self.samples.shape
+        return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
+
+    @property
+    def shadow_magnification(self) -> Scalar:
+        """How much wider than the panel its shadow at the lens is, 1 + separation / distance."""
+        return 1 + self.separation / self.distance
+
+    @property
+    def object_to_lens_distance(self) -> Scalar:
+        """Metres from the object to the lens."""
+        return self.distance + self.separation
+
+    @property
+    def chief_ray_slopes(self) -> tuple[Scalar, Scalar]:
+        """Slopes (y, x) of the chief ray through the middle of the lens."""
+        z = self.lens.image_distance
+        return self.field[0] / z, self.field[1] / z
+
+    @property
+    def scale(self) -> Scalar:
+        """Wavelength times image distance, m²."""
+        return self.wavelength * self.lens.image_distance
+
+    @property
+    def radius(self) -> Scalar:
+        """Of the stop, metres."""
+        return self.lens.stop_diameter / 2
+
+    @property
+    def intensity_scale(self) -> Scalar:
+        """What turns |integral over the stop in stop radii|² into shares of the light a sample."""
+        area = self.samples.pitch[0] * self.samples.pitch[1]
+        return area * self.radius**2 / (self.scale**2 * self.lens.stop.area)
+
+    @cached_property
+    def farthest_sample_radius(self) -> float:
+        """Metres from the axis to the farthest sample."""
+        y, x = self.numeric.samples.mesh()
+        return math.hypot(float(y.abs().max()), float(x.abs().max()))
+
+    @cached_property
+    def phase_slope_bound(self) -> PhaseSlopeBound:
+        """Of the wave in the stop and of the kernel towards the farthest sample."""
+        n = self.numeric
+        tilt = 2 * math.pi * n.radius * self.farthest_sample_radius / n.scale
+        return phase_slope_bound(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
+
+    @property
+    def transform_variables(self) -> TransformVariables:
+        """How the pupil stretches and the image shifts with what is differentiable."""
+        n = self.numeric
+        stretch = (self.radius / n.radius) * (n.scale / self.scale)
+        centre = self.samples.centre
+        shift = None
+        if any(needs_gradient(c) for c in centre):
+            shift = tuple(torch.as_tensor(c, dtype=torch.float64) - as_number(c) for c in centre)
+        return TransformVariables(stretch if needs_gradient(stretch) else None, shift)  # type: ignore[arg-type]
+
+    def require_unchanged(self) -> None:
+        """Raise ValueError if a tensor has got another value since the plan was made."""
+        names = ("lens", "distance", "wavelength", "samples", "separation", "field")
+        require_unchanged_attributes(names, self.numeric, replace(self).numeric, "PSFOperator")
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether any derivative is wanted."""
+        lens = self.lens
+        lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
+        aberrations = (path for _, _, path in lens.aberrations)
+        apart = (self.separation, *self.field)
+        lengths = (*lengths, lens.focus_distance, *aberrations, *apart)
+        return any(map(needs_gradient, lengths)) or self.needs_geometry_gradient
+
+    @property
+    def needs_geometry_gradient(self) -> bool:
+        """Whether derivatives are wanted that move the light on the samples."""
+        moving = (self.scale, self.radius, *self.samples.centre)
+        return any(needs_gradient(value) for value in moving)
+
+
+@dataclass(frozen=True)
+class TransformVariables:
+    """The numbers 1 and (0, 0) of optics.fourier.Transform, with what they depend on."""
+
+    stretch: torch.Tensor | None
+    shift: tuple[torch.Tensor, torch.Tensor] | None

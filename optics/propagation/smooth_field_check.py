@@ -1,0 +1,153 @@
+"""Whether a smooth field is what its samples promise: resolved by them, and dark at their edges."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from itertools import pairwise
+
+import torch
+
+from optics.fourier import fft
+from optics.propagation.light_power import power_shares, sum_squared_modulus
+from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.transfer_function import free_space_transfer_function
+
+_SHARE = 0.5
+"""Of the tolerance, that light outside the promise may be worth."""
+
+_SINGLE = 1e-5
+"""Tolerance from which on single precision judges: what is allowed is 2.5e-11 of the light
+there, and the rounding of an FFT is 1e-13 of it."""
+
+
+class SmoothFieldCheck:
+    """What the samples of a span's smooth field promise, held against a field at every call.
+
+    Which of an FFT's frequencies lie within carrier ± band is found once.
+    """
+
+    def __init__(self, span: FreeSpaceSpan) -> None:
+        self._span = span
+        inside = [_is_within_band(span, axis) for axis in (0, 1)]
+        self._within_x, self._beyond_x = _true_runs(inside[1]), _true_runs(~inside[1])
+        self._beyond_y = _true_runs(~inside[0])
+        self._dtype = torch.complex64 if span.tol >= _SINGLE else torch.complex128
+
+    def checked_spectrum(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """A field's spectrum, at the frequencies along x that are within its band.
+
+        field: (..., rows, columns) of ordinary strength. light: the sum of |u|² of each.
+        Raises ValueError for a field with light beyond its band or at the source's edges.
+        """
+        span, field = self._span, field.detach().to(self._dtype)
+        allowed = (_SHARE * span.tol) ** 2
+        edges = max(power_shares(_edge_light(span, field), light), default=0.0)
+        if edges > allowed:
+            raise ValueError(
+                f"field doesn't vanish at the source's edges: a share of {edges:.2g} of its "
+                "light stands there. Give a larger plane on which it does, or cells= if each "
+                "sample is a rectangle of constant field"
+            )
+        spectrum, beyond = self._spectrum(field)
+        outside = max(power_shares(beyond, light), default=0.0)
+        if outside > allowed:
+            raise ValueError(
+                f"field has a share of {outside:.2g} of its light outside carrier ± band "
+                f"({_format_pair(span.carrier)} ± {_format_pair(span.half_bandwidths)} cycles/m). "
+                "Sample it finer, give the carrier= of its fringes, or cells= if each sample is a "
+                "rectangle of constant field"
+            )
+        return spectrum
+
+    def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The spectrum, and the sum of |u|² of what is outside carrier ± band.
+
+        What is beyond it along x needn't be transformed along y (Parseval).
+        """
+        rows, columns = field.shape[-2:]
+        lines = fft(field, columns, -1)
+        spectrum = fft(_take_runs(lines, self._within_x), rows, -2)
+        beyond = torch.zeros(field.shape[:-2], dtype=torch.float64, device=field.device)
+        for run in self._beyond_x:
+            beyond = beyond + sum_squared_modulus(lines[..., run]) / columns
+        for run in self._beyond_y:
+            beyond = beyond + sum_squared_modulus(spectrum[..., run, :]) / (rows * columns)
+        return spectrum, beyond
+
+    def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
+        """Relative L2 error of Fresnel's transfer function, over the light of a smooth field.
+
+        spectrum: of the field, from checked_spectrum(). The largest of all fields' errors, 0 of a
+        dark one.
+        """
+        off = self._paraxial_deviation.to(spectrum.device)
+        power = spectrum.real**2 + spectrum.imag**2
+        total = power.sum(dim=(-2, -1), dtype=torch.float64)
+        wrong = (power * off).sum(dim=(-2, -1), dtype=torch.float64)
+        return math.sqrt(max(power_shares(wrong, total), default=0.0))
+
+    @cached_property
+    def _paraxial_deviation(self) -> torch.Tensor:
+        """|H - H'|² of the exact and Fresnel's transfer functions, at the frequencies kept."""
+        y, x = (_frequencies(self._span, axis) for axis in (0, 1))
+        x = _take_runs(x, self._within_x)
+        n = self._span.numeric
+        exact, fresnel = (
+            free_space_transfer_function(y[:, None], x, n.distance, n.wavelength, paraxial=paraxial)
+            for paraxial in (False, True)
+        )
+        return ((exact - fresnel).abs() ** 2).to(torch.float32)
+
+
+def _true_runs(mask: torch.Tensor) -> list[slice]:
+    """Where a mask is true, run by run: slices are faster than indices, by far."""
+    edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
+    return [slice(first, last) for first, last in pairwise(edges)][::2]
+
+
+def _take_runs(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
+    """Those of the last dimension that are in some runs."""
+    return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
+
+
+def _format_pair(pair: tuple[float, float]) -> str:
+    return f"({pair[0]:.4g}, {pair[1]:.4g})"
+
+
+def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
+    """What a jump at the edges, as high as the field is there, would send beyond the band.
+
+    Its samples' spectrum is 1 / (2 sin(pi f p)), and its square's integral from the band B to
+    the Nyquist rate cot(pi B p) / (2 pi) a sample; as much is taken to be beyond the window.
+    """
+    rows, columns = field.shape[-2:]
+    y, x = (
+        (1 + 1 / math.tan(math.pi * band * pitch)) / (2 * math.pi)
+        for band, pitch in zip(span.half_bandwidths, span.source.pitch, strict=True)
+    )
+    # A line that is alone is both edges.
+    y, x = y * (2 / min(rows, 2)), x * (2 / min(columns, 2))
+    first_last_y, first_last_x = (slice(None, None, max(n - 1, 1)) for n in (rows, columns))
+    return y * sum_squared_modulus(field[..., first_last_y, :]) + x * sum_squared_modulus(
+        field[..., first_last_x]
+    )
+
+
+def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
+    """Of an FFT's samples, the aliases that are nearest to the carrier; cycles per metre."""
+    return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
+
+
+def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
+    """Turns a sample from the carrier to an FFT's frequencies, as samples alias them."""
+    n, pitch = span.source.shape[axis], span.source.pitch[axis]
+    turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
+    return turns - torch.round(turns)
+
+
+def _is_within_band(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
+    """Which of an FFT's frequencies are within carrier ± band."""
+    return _offset_from_carrier(span, axis).abs() <= span.half_bandwidths[axis] * span.source.pitch[
+        axis
+    ] * (1 + 1e-9)

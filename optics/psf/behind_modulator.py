@@ -1,0 +1,90 @@
+"""The PSF behind a panel, with all that the panel does to the light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import torch
+
+from optics.camera import Camera
+from optics.psf.operator import PSFOperator
+from optics.pupil import pupil_amplitude
+from optics.slm.modulator import Modulator
+from optics.validation import as_number, to_plain_numbers
+
+
+def modulated_psf(
+    operator: PSFOperator, modulator: Modulator, timed_fields: Iterable[tuple[float, torch.Tensor]]
+) -> torch.Tensor:
+    """The PSF on the operator's pixels: the mean of all fields, and what the pattern can't turn.
+
+    operator: of a camera with the modulator's panel and wavelength, planned with
+    unmodulated=0: the modulator knows that share. timed_fields: shares of time and fields, as
+    `Modulator.still_fields` gives them, or `video_cycle_fields` without its frames; at least one.
+    Light that jitter scatters is spread like that of a single pixel (see `jitter_scatter_share`),
+    light that ignores the pattern is added in intensity (thesis §5.6).
+
+    Differentiable in the fields. Raises ValueError for an operator that adds unmodulated
+    light itself or that belongs to another panel, and if there are no fields.
+    """
+    camera = _require_matching_camera(operator, modulator)
+    scattered, time = modulator.jitter_scatter_share, 0.0
+    light: torch.Tensor | None = None
+    for share, field in timed_fields:
+        part = operator(None, field)
+        if scattered:
+            part = (1 - scattered) * part + scattered * _jitter_scattered_psf(
+                operator, camera, field
+            ).to(part)
+        light = share * part if light is None else light + share * part
+        time += share
+    if light is None:
+        raise ValueError("timed_fields is empty; give one share of time and its field at least")
+    light = (1 - modulator.unmodulated_share) * light
+    for share, straight in modulator.unmodulated_fields:
+        # The operator keeps what is the same for every pattern.
+        light = light + time * share * operator.unmodulated_psf(straight, cache_result=True).to(
+            light
+        )
+    return light
+
+
+def _jitter_scattered_psf(
+    operator: PSFOperator, camera: Camera, field: torch.Tensor
+) -> torch.Tensor:
+    """The light on the pixels if every panel pixel had any phase, of its own."""
+    lens, side = camera.lens, camera.panel.active_side
+    scale = operator.scale
+    y, x = (c.to(field.device) * (side / scale) for c in operator.pixels.mesh())
+    area = operator.pixels.pitch[0] * operator.pixels.pitch[1]
+    one = (torch.sinc(y) * torch.sinc(x)) ** 2 * (area * side**2 / scale**2)
+    # A pixel that the stop covers in part is as large as the others, and dimmer.
+    opened = pupil_amplitude(replace(camera, lens=to_plain_numbers(lens))).to(field.device)
+    power = ((field.real**2 + field.imag**2) * opened**2).sum((-2, -1)) / opened.sum()
+    return power[..., None, None] * one
+
+
+def _require_matching_camera(operator: PSFOperator, modulator: Modulator) -> Camera:
+    """The operator's, once it is known to be the modulator's as well."""
+    camera, panel = operator.camera, modulator.panel
+    if camera is None:
+        raise ValueError("operator is of a lens alone; plan it for a camera with the panel")
+    if (camera.panel.plane, camera.panel.fill_factor) != (panel.plane, panel.fill_factor):
+        raise ValueError(
+            f"operator's panel has {camera.panel.shape} pixels of {camera.panel.pitch:g} m and the "
+            f"modulator's {panel.shape} of {panel.pitch:g} m; plan it for the same panel"
+        )
+    wavelength = as_number(operator.wavelength)
+    if not math.isclose(wavelength, modulator.wavelength):
+        raise ValueError(
+            f"operator is planned for {wavelength * 1e9:g} nm and the modulator for "
+            f"{modulator.wavelength * 1e9:g} nm; take the same wavelength"
+        )
+    if operator.unmodulated:
+        raise ValueError(
+            f"operator adds {operator.unmodulated:g} of unmodulated light itself, and the "
+            "modulator would again; plan it with unmodulated=0"
+        )
+    return camera

@@ -1,0 +1,150 @@
+"""Which ways serve a request for a PSF, and which of them is the cheapest."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from optics.accuracy import (
+    MethodChoice,
+    ToleranceError,
+    select_methods,
+    unreachable_tolerance_error,
+)
+from optics.camera import Camera
+from optics.chain import CHAIN_METHODS, chain_engines
+from optics.point.engine import PSFEngine
+from optics.point.panel_engine import PANEL_METHODS, PanelEngine
+from optics.point.request import PSFRequest
+from optics.psf.axial import AxialEngine
+from optics.psf.reference_probe import ReferenceProbe
+from optics.psf.sampled import SampledEngine
+from optics.psf.scattered_nodes import ScatteredNodesEngine
+from optics.validation import rounded_up
+
+METHODS = ("axial", "scattered", "sampled")
+"""For a lens; behind a panel the methods are those of the Fourier transform."""
+
+
+_ADVICE_HEADROOM = 10.0
+"""Between a tolerance that is advised and one that can be planned for: a twentieth to a tenth of
+an even panel's light is enough then."""
+
+
+def require_method(method: str | None, camera: Camera | None) -> None:
+    """Raise ValueError for a name that isn't one of a lens' methods, or of a chain's."""
+    if camera is None:
+        select_methods(METHODS, method, "a lens")
+    elif camera.separation:
+        select_methods(CHAIN_METHODS + PANEL_METHODS, method, "a panel apart from its lens")
+
+
+def _build_choice(
+    request: PSFRequest,
+    camera: Camera | None,
+    method: str | None,
+    tried_engines: Iterable[PSFEngine] = (),
+) -> MethodChoice[PSFEngine]:
+    """The engines that offer to serve, but for those of the kinds that were tried."""
+    makers = _engine_factories(request, camera, method)
+    kinds = {one.name for one in tried_engines}
+    return MethodChoice(
+        [make for name, make in makers.items() if name not in kinds],
+        request.budget,
+        "a PSF",
+        remedy="ask for fewer pixels, or bring the object closer to the plane in focus",
+    )
+
+
+def _engine_factories(
+    request: PSFRequest, camera: Camera | None, method: str | None
+) -> dict[str, Callable[[], PSFEngine]]:
+    """What makes every engine that may serve a request."""
+    makers: dict[str, Callable[[], PSFEngine]]
+    if camera is None:
+        probe = ReferenceProbe(request)
+        makers = {
+            "axial": lambda: AxialEngine(request),
+            "scattered": lambda: ScatteredNodesEngine(request, probe),
+        }
+        if method or request.tol >= SampledEngine.MIN_TOLERANCE:
+            makers["sampled"] = lambda: SampledEngine(request, probe)
+        return {name: makers[name] for name in select_methods(makers, method)}
+    if not camera.separation:
+        return {"panel": lambda: PanelEngine(request, camera, transform=method)}
+    return chain_engines(request, camera, method)
+
+
+def prepare_cheapest_engine(
+    request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
+) -> PSFEngine:
+    """The cheapest engine that fits the memory and keeps the tolerance, prepared.
+
+    reserved_tol: what is left out of the request's tolerance. Raises ToleranceError with a
+    tolerance that can be kept, or with what else would help.
+    """
+    choice = _build_choice(request, camera, method)
+    for engine in choice.prepared_candidates():
+        return engine
+    refusal = choice.refusal(request.tol + reserved_tol)
+    if isinstance(refusal, ToleranceError) and refusal.floor is not None:
+        raise tolerance_error_with_advice(
+            request, camera, method, reserved_tol, refusal.floor + reserved_tol
+        )
+    raise refusal
+
+
+def fallback_engines(
+    request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
+) -> Iterator[PSFEngine]:
+    """Engines of other kinds than those that were tried, which promise the tolerance too, the
+    cheapest first; each is prepared when it is asked for."""
+    return _build_choice(request, camera, None, tried_engines).prepared_candidates()
+
+
+def tolerance_error_with_advice(
+    request: PSFRequest,
+    camera: Camera | None,
+    method: str | None,
+    reserved_tol: float,
+    floor: float,
+) -> ToleranceError:
+    """A refusal that names a tolerance, from `floor` upwards, which can be kept.
+
+    An engine plans anew for another tolerance, and knows only roughly what that leaves out. So
+    for a panel apart from its lens, whose engines are cheap to plan, the advice is tried out;
+    with room for patterns that send less light into the window than an even one, where there is
+    any. Planning takes a tenth of a second, so the tolerances are bisected: whoever keeps one
+    keeps a larger one, too. reserved_tol: what is left out of the request's tolerance.
+    """
+    promised = request.tol + reserved_tol
+    if camera is None or not camera.separation or math.isnan(promised):
+        return unreachable_tolerance_error(promised, floor)
+    candidates = list(_candidate_tolerances(floor))
+    for room in (_ADVICE_HEADROOM, 1.0):
+
+        def can_keep(tol: float, room: float = room) -> bool:
+            asked = (replace(request, tol=(tol - reserved_tol) / part) for part in (room, 1.0))
+            return all(_can_keep_tolerance(one, camera, method) for one in asked)
+
+        first = bisect_left(candidates, True, key=can_keep)
+        if first < len(candidates):
+            return unreachable_tolerance_error(promised, candidates[first])
+    return unreachable_tolerance_error(promised, math.inf)
+
+
+def _can_keep_tolerance(request: PSFRequest, camera: Camera, method: str | None) -> bool:
+    """Whether any engine promises to."""
+    offers = _build_choice(request, camera, method).candidates
+    return any(one.error.value + one.arithmetic <= request.tol for one in offers)
+
+
+def _candidate_tolerances(floor: float) -> Iterator[float]:
+    """Tolerances as they are written in advice, in ever larger steps."""
+    step = 1.0
+    while floor < 1:
+        yield float(rounded_up(floor))
+        step = min(2.0, step + 0.125)
+        floor *= step

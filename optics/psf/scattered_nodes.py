@@ -1,0 +1,165 @@
+"""Any smooth wave in any stop: exact quadrature, and a non-uniform FFT to the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+
+from optics.accuracy import MachineSpeed, ToleranceError, unreachable_tolerance_error
+from optics.fourier.nonuniform import (
+    FINEST_NUFFT,
+    NonuniformTransform,
+    nonuniform_bytes,
+    nonuniform_seconds,
+)
+from optics.point.engine import CachedPupilWave, PSFEngine, double_precision_error
+from optics.point.request import PSFRequest
+from optics.psf.reference_probe import ReferenceProbe
+from optics.pupil import pupil_phase
+from optics.stop.quadrature import QuadratureNodes, count_nodes, stop_rule, stop_rule_blocks
+
+_STEP_TOL_SHARE = 0.1
+"""Of the tolerance that quadrature and transform may each use, in the field."""
+
+_TRIES = 4
+
+_BYTES_PER_NODE = 340
+"""Its position and weight, its wave, and what its transform keeps of it."""
+
+_REBUILD_COST_FACTOR = 6.0
+"""Times as long a call takes that makes its nodes anew."""
+
+_LEAST_BLOCK = 1 << 20
+_MOST_NODES = 300_000_000
+"""Some minutes of work."""
+
+
+class ScatteredNodesEngine(PSFEngine):
+    """Nodes that follow the stop's boundary, and finufft from them to the samples.
+
+    Whole circles of nodes in round stops, rows and columns in rectangles, and arcs in all
+    others. The error is spectral in the nodes: two digits cost a few percent. Where the
+    nodes fit no memory they are made anew at every call, block by block.
+    """
+
+    name = "quadrature and non-uniform FFT"
+    precision = "float64"
+
+    def __init__(self, request: PSFRequest, probe: ReferenceProbe) -> None:
+        self._request, self._probe = request, probe
+        q = request.numeric
+        self.arithmetic = double_precision_error(q)
+        self._transform_tol = max(_STEP_TOL_SHARE * q.tol, FINEST_NUFFT)
+        self._node_count = count_nodes(q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol)
+        self._window = nonuniform_bytes(0, q.samples)
+        allowed = (q.budget.memory - self._window) // _BYTES_PER_NODE
+        self._max_block_nodes = max(allowed, _LEAST_BLOCK)
+        # Derivatives need all nodes at once.
+        self._nodes_in_memory = self._node_count <= self._max_block_nodes or request.differentiable
+        self._full_block: _NodeBlock | None = None
+        if self._node_count > _MOST_NODES:
+            raise ToleranceError(
+                f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
+                f"{self._node_count:.1e} nodes in the stop; bring the object closer to the "
+                "plane in focus, or ask for a smaller window"
+            )
+
+    @property
+    def bytes(self) -> int:
+        nodes = (
+            self._node_count
+            if self._nodes_in_memory
+            else min(self._node_count, self._max_block_nodes)
+        )
+        return self._window + _BYTES_PER_NODE * nodes
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        seconds = nonuniform_seconds(
+            self._node_count, self._request.samples, self._transform_tol, speed
+        )
+        return seconds if self._nodes_in_memory else _REBUILD_COST_FACTOR * seconds
+
+    def prepare(self) -> None:
+        q = self._request.numeric
+        nodes = (
+            stop_rule(q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol)
+            if self._nodes_in_memory
+            else None
+        )
+        if nodes is not None:
+            self._node_count = nodes.count
+        self.sampling = f"{self._node_count} nodes in the stop"
+        for _ in range(_TRIES):
+            if nodes is not None:
+                self._full_block = _NodeBlock(nodes, self._request, self._transform_tol)
+            with torch.no_grad():
+                self.error = self._probe.measure_error(self.intensity(None, None))
+            wanted = q.tol - self.arithmetic
+            if self.error.value <= wanted:
+                return
+            # A window in the dark: the transform's error is one of all the light.
+            if self._transform_tol <= FINEST_NUFFT:
+                break
+            self._transform_tol = max(
+                self._transform_tol * min(0.1, wanted / self.error.value), FINEST_NUFFT
+            )
+        raise unreachable_tolerance_error(q.tol, 1.5 * self.error.value + self.arithmetic)
+
+    def _blocks(self) -> Iterator[_NodeBlock]:
+        """Where all nodes don't fit the memory: some of them after the others."""
+        q = self._request.numeric
+        for nodes in stop_rule_blocks(
+            q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol, self._max_block_nodes
+        ):
+            yield _NodeBlock(nodes, self._request, self._transform_tol)
+
+    def points(self) -> tuple[torch.Tensor, torch.Tensor]:
+        if self._full_block is None:
+            empty = torch.zeros(0, dtype=torch.float64)
+            return empty, empty
+        return self._full_block.transform.positions()
+
+    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        if self._full_block is not None:
+            factor = self.modulation_factor(phase, amplitude, (self._node_count,))
+            self.require_phase_slope(phase)
+            field = self._full_block.field(factor)
+        else:
+            self._require_no_modulation(phase, amplitude)
+            field = sum((block.field(None) for block in self._blocks()), torch.zeros(()))
+        return (field.real**2 + field.imag**2) * self._request.intensity_scale
+
+    def _require_no_modulation(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> None:
+        if phase is not None or amplitude is not None:
+            raise ValueError(
+                f"a pupil of {self._node_count} nodes takes no extra phase or amplitude; give the "
+                "lens aberrations, or bring the object closer to the plane in focus"
+            )
+
+
+class _NodeBlock(CachedPupilWave):
+    """Some nodes, the light of a point on them, and the transform to the samples."""
+
+    def __init__(self, nodes: QuadratureNodes, request: PSFRequest, error: float) -> None:
+        q = request.numeric
+        self._nodes, self._request = nodes, request
+        self.transform = NonuniformTransform(
+            nodes.y * q.radius, nodes.x * q.radius, q.samples, q.scale, error
+        )
+
+    def field(self, factor: torch.Tensor | None) -> torch.Tensor:
+        """On the samples, in square stop radii; factor: of the modulation, on the nodes."""
+        q, wave = self._request, self._pupil_wave()
+        if factor is not None:
+            wave = wave.to(factor.device) * factor
+        moved = q.transform_variables
+        return self.transform(wave, moved.stretch, moved.shift)
+
+    def _compute_pupil_wave(self) -> torch.Tensor:
+        """Weights and phases."""
+        q, nodes = self._request, self._nodes
+        phase = pupil_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
+        return torch.polar(torch.ones_like(phase), phase) * nodes.weight

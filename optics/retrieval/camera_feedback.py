@@ -1,0 +1,135 @@
+"""A camera in the loop: what it sees corrects what is asked for.
+
+No model knows a bench: flatness, response, neighbours and light that isn't modulated leave
+their traces in the PSF. Its picture on the camera, laid on the design grid, takes the place of
+the computed mean (as feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from optics.metrics import scaled_nrmse
+from optics.progress import Progress
+from optics.retrieval.frame_averaging import correct_request, mean_intensity, scale_to_mean
+from optics.retrieval.gerchberg_saxton import over_compensated_constraint
+from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.superpixel import coarsest_superpixels
+from optics.threads import single_threaded
+
+MeasurePSF = Callable[[torch.Tensor, Progress], torch.Tensor]
+"""From phases (frames, rows, columns) as they are to be shown to their mean PSF on the goal's
+plane, any scale, nowhere negative: a bench with its camera."""
+
+CameraBlur = Callable[[torch.Tensor], torch.Tensor]
+"""From a PSF on the goal's plane to how a camera sees it: its pixels and the star are wide."""
+
+_MODEL_ITERATIONS = 5
+"""Iterations of the model for each picture."""
+
+_FIRST_MODEL_ITERATIONS = 20
+"""The same before the first correction."""
+
+_SINGLE_FRAME_GAIN = 0.5
+"""Of the over-compensation of a single frame: pictures correct it as well."""
+
+JUDGED_TARGET_SHARE = 0.02
+"""Share of the target's peak from which a picture is judged: unmodulated light is beside it."""
+
+
+@dataclass(frozen=True)
+class RefinementResult:
+    """The phases of the best picture, (frames, rows, columns) float32, and what all of them
+    showed: NRMSE where the target exceeds 2 % of its peak, picture by picture."""
+
+    phases: torch.Tensor
+    errors: list[float]
+
+    @property
+    def best(self) -> int:
+        """Which picture was the best one; 0 is the start."""
+        return min(range(len(self.errors)), key=self.errors.__getitem__)
+
+
+@single_threaded
+def refine(
+    goal: RetrievalGoal,
+    phases: torch.Tensor,
+    measure: MeasurePSF,
+    pictures: int,
+    *,
+    blur: CameraBlur | None = None,
+    progress: Progress | None = None,
+) -> RefinementResult:
+    """Phases that pictures have corrected, or the ones given if that made nothing better.
+
+    phases: (frames, rows, columns), a solution without the camera, as retrieve() gives it.
+    pictures: 2 or more; the first shows the start, the last only judges. Videos gain most: they
+    can make any mean, where a single frame can't. Calibrate the wavefront first: this corrects
+    what is left, and not a quarter of a wave. Raises ValueError for a picture of another shape,
+    or one that is dark, negative or not finite.
+    """
+    if pictures < 2:
+        raise ValueError(f"pictures is {pictures}; two at least: before a correction and after")
+    progress = progress or Progress()
+    pixels = coarsest_superpixels(goal)
+    target = pixels.target_intensity
+    seen_target = target if blur is None else blur(target)
+    bright = seen_target > JUDGED_TARGET_SHARE * seen_target.max()
+    wanted = target
+    # A superpixel counts as one sample.
+    fields = (
+        pixels.to_superpixel_origin(
+            torch.stack([_field_on_window(goal, phase) for phase in phases])
+        )
+        / pixels.side**2
+    )
+    for _ in range(_FIRST_MODEL_ITERATIONS if len(fields) > 1 else 0):
+        # What has to be asked for so that the model gives the target: phases don't tell it.
+        wanted = correct_request(wanted, target, mean_intensity(fields))
+        fields = pixels.far_field.round_trip(
+            _constrained_fields(fields, wanted), pixels.uneven_amplitude
+        )
+    shown, errors = [phases.to(torch.float32)], list[float]()
+    for number in range(pictures):
+        part = progress.part(number / pictures, (number + 1) / pictures)
+        seen = _validate_picture(measure(shown[-1], part), target).to(torch.float32)
+        errors.append(scaled_nrmse(seen[bright], seen_target[bright]))
+        # Only the best and the latest are kept: videos are large.
+        shown = [shown[0] if errors[-1] > min(errors) else shown[-1]]
+        if number == pictures - 1:
+            break
+        wanted = correct_request(wanted, seen_target, seen)
+        for _ in range(_MODEL_ITERATIONS):
+            asked = _constrained_fields(fields, wanted)
+            fields = pixels.far_field.round_trip(asked, pixels.uneven_amplitude)
+        shown.append(pixels.pixel_phases(asked))
+    return RefinementResult(shown[0], errors)
+
+
+def _constrained_fields(fields: torch.Tensor, request: torch.Tensor) -> torch.Tensor:
+    """Fields that are to come nearer to a mean intensity; a single one can't just be scaled."""
+    if len(fields) == 1:
+        return over_compensated_constraint(request, _SINGLE_FRAME_GAIN)(fields)
+    return torch.stack(scale_to_mean(fields, mean_intensity(fields), request))
+
+
+def _field_on_window(goal: RetrievalGoal, phase: torch.Tensor) -> torch.Tensor:
+    return goal.far_field.forward(torch.polar(goal.amplitude, phase.to(torch.float32)))
+
+
+def _validate_picture(picture: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    if picture.shape != target.shape:
+        raise ValueError(
+            f"the camera's picture is {tuple(picture.shape)} and the target {tuple(target.shape)}; "
+            "lay it on the design grid first"
+        )
+    if not (torch.isfinite(picture).all() and picture.min() >= 0 and picture[target > 0].sum() > 0):
+        raise ValueError(
+            "the camera's picture must be finite, nowhere negative, and lit where the target is; "
+            "subtract a dark frame, cut at zero, and look whether the pattern is shown"
+        )
+    return picture

@@ -1,0 +1,125 @@
+"""What all targets are: a brightness on a plane, a box that holds it, and the checks."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, ParamSpec, Protocol, TypeVar
+
+import torch
+
+from optics.plane import Plane
+
+P = ParamSpec("P")
+
+_ROOM_WIDTHS = 2.0
+"""Widths around a stroke that must fit on the plane: an eighth of its peak is left there."""
+
+_REACH_WIDTHS = 3.0
+"""Widths around a stroke for which room is asked: a hundredth of its peak is left there."""
+
+
+class Renderable(Protocol):
+    """Something that can be put on a plane."""
+
+    @property
+    def reach(self) -> float:
+        """Metres from the axis, along y or x, within which its light is."""
+
+    def render(self, plane: Plane) -> torch.Tensor:
+        """Its intensity there, sum one; ValueError if it doesn't fit or falls between samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A shape of some sizes.
+
+    bounding_box: lowest and highest y, lowest and highest x of its strokes' middles, metres. width:
+    of its strokes, 0 without any. brightness: on a plane, of any scale. sizes, remedy: in words,
+    for whoever asks for one that doesn't fit.
+    """
+
+    bounding_box: tuple[float, float, float, float]
+    width: float
+    brightness: Callable[[Plane], torch.Tensor]
+    sizes: str
+    remedy: str
+
+    @property
+    def reach(self) -> float:
+        return max(map(abs, self.bounding_box)) + _REACH_WIDTHS * self.width
+
+    def render(self, plane: Plane) -> torch.Tensor:
+        self._require_samples(plane)
+        self._require_room(plane)
+        intensity = self.brightness(plane)
+        return intensity / intensity.sum()
+
+    def _require_samples(self, plane: Plane) -> None:
+        coarsest = max(plane.pitch)
+        if 0 < self.width < 0.5 * coarsest:
+            raise ValueError(
+                f"width {format_micrometres(self.width)} falls between samples of "
+                f"{format_micrometres(coarsest)}; choose at least half a sample"
+            )
+
+    def _require_room(self, plane: Plane) -> None:
+        margin = _ROOM_WIDTHS * self.width
+        for axis in (0, 1):
+            place = plane.coordinates(axis)
+            low, high = (
+                self.bounding_box[2 * axis] - margin,
+                self.bounding_box[2 * axis + 1] + margin,
+            )
+            room = max(0.0, min(-float(place[0]), float(place[-1])))
+            if low < float(place[0]) or high > float(place[-1]):
+                raise ValueError(
+                    f"{self.sizes} doesn't fit in the window, which reaches "
+                    f"{format_micrometres(room)}; {self.remedy}"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Drawings:
+    """Several, one after the other: (n, rows, columns), each with sum one."""
+
+    parts: Sequence[Drawing]
+
+    @property
+    def reach(self) -> float:
+        return max(part.reach for part in self.parts)
+
+    def render(self, plane: Plane) -> torch.Tensor:
+        return torch.stack([part.render(plane) for part in self.parts])
+
+
+D = TypeVar("D", bound=Renderable)
+
+
+class Target(Generic[P, D]):
+    """A shape as a function of a plane and its sizes, which knows how far it reaches.
+
+    draw: makes the drawing from the sizes, or raises ValueError.
+    """
+
+    def __init__(self, draw: Callable[P, D]) -> None:
+        self.draw = draw
+        functools.update_wrapper(self, draw)
+
+    def __call__(self, plane: Plane, /, *args: P.args, **kwargs: P.kwargs) -> torch.Tensor:
+        """Intensity on a plane, float64, sum one.
+
+        Raises ValueError for sizes that can't be, a shape that doesn't fit, or one that falls
+        between the plane's samples.
+        """
+        return self.draw(*args, **kwargs).render(plane)
+
+    def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
+        """Metres from the axis, along y or x, within which the light of these sizes is."""
+        return self.draw(*args, **kwargs).reach
+
+
+def format_micrometres(length: float) -> str:
+    """A length in metres, as people read it."""
+    return f"{length * 1e6:.4g} µm"

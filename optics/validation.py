@@ -1,0 +1,148 @@
+"""The public edge: numpy arrays are accepted and given back, tensors work inside."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+
+def _to_tensor(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        # Arrays read from files may be read-only, reversed or of a foreign byte order: torch
+        # shares none of them.
+        plain = (
+            value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0
+        )
+        native = value.dtype.newbyteorder("=")
+        return torch.from_numpy(value if plain else np.array(value, dtype=native, order="C"))
+    return value
+
+
+def _to_numpy(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return value.detach().cpu().numpy()
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return tuple(_to_numpy(item) for item in value)
+    return value
+
+
+def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a function of tensors take numpy arrays, and answer them with numpy arrays.
+
+    With no numpy array among the arguments the function is called as it is, so
+    gradients pass. Answers are converted where they are tensors or tuples of them.
+    """
+
+    @functools.wraps(function)
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
+        given = [*args, *kwargs.values()]
+        if not any(isinstance(value, np.ndarray) for value in given):
+            return function(*args, **kwargs)
+        inner_args = [_to_tensor(value) for value in args]
+        inner_kwargs = {name: _to_tensor(value) for name, value in kwargs.items()}
+        return _to_numpy(function(*inner_args, **inner_kwargs))
+
+    return wrapper
+
+
+def as_floating_point(value: torch.Tensor) -> torch.Tensor:
+    """The tensor itself, or whole numbers as float32."""
+    return value if value.is_floating_point() else value.to(torch.float32)
+
+
+def as_number(value: Any) -> float:
+    """A plain number from a number or a 0-d tensor; no derivative comes along."""
+    return float(value.detach() if isinstance(value, torch.Tensor) else value)
+
+
+def to_plain_numbers(value: Any) -> Any:
+    """The same with a number for every tensor in it, in its dataclasses and tuples as well."""
+    if isinstance(value, (torch.Tensor, np.ndarray, np.floating)):
+        return as_number(value)
+    if isinstance(value, tuple):
+        inner = tuple(map(to_plain_numbers, value))
+        return value if all(a is b for a, b in zip(inner, value, strict=True)) else inner
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    old_values = {one.name: getattr(value, one.name) for one in fields(value)}
+    new_values = {name: to_plain_numbers(one) for name, one in old_values.items()}
+    changed = {name: one for name, one in new_values.items() if one is not old_values[name]}
+    return replace(value, **changed) if changed else value
+
+
+def needs_gradient(value: object) -> bool:
+    """Whether a number is a tensor whose derivative is wanted."""
+    return isinstance(value, torch.Tensor) and value.requires_grad
+
+
+def require_unchanged_attributes(
+    names: Iterable[str], at_planning: object, now: object, kind: str
+) -> None:
+    """Raise a ValueError for what has changed since an operator of some kind was planned."""
+    for name in names:
+        was, is_ = getattr(at_planning, name), getattr(now, name)
+        if was != is_:
+            raise ValueError(
+                f"{name} has changed since this {kind} was planned, from {was} to {is_}; plan "
+                "another one for it"
+            )
+
+
+def require_positive(name: str, value: Any, unit: str) -> None:
+    """Raise a ValueError for a number that isn't positive and finite."""
+    value = as_number(value)
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
+
+
+def require_count(name: str, value: int) -> None:
+    """Raise ValueError for a number of steps below 1."""
+    if value < 1:
+        raise ValueError(f"{name} is {value}; at least 1 is needed")
+
+
+def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
+    """Raise ValueError for others, where they are given, of another shape than a picture's."""
+    for other, given in others.items():
+        if given is not None and given.shape != picture.shape:
+            raise ValueError(
+                f"{other} is {tuple(given.shape)} and {name} {tuple(picture.shape)}; they must be "
+                "alike"
+            )
+
+
+def require_share(name: str, value: Any) -> None:
+    """Raise a ValueError for a number that isn't between 0 and 1."""
+    value = as_number(value)
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
+
+
+def rounded_up(value: float) -> str:
+    """Three digits of a positive number, for advice of "at least": never below it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
+
+
+def rounded_down(value: float) -> str:
+    """Three digits of a positive number, for advice of "at most": never above it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
+
+
+def require_finite(name: str, value: torch.Tensor) -> None:
+    """Raise a ValueError that counts the NaN and infinite entries of an argument."""
+    # A sum is quick, and no NaN or infinity leaves it finite.
+    if bool(torch.isfinite(value.detach().sum())):
+        return
+    bad = int((~torch.isfinite(value)).sum())
+    if bad:
+        raise ValueError(
+            f"{name} has {bad} NaN or infinite values of {value.numel()}; give finite numbers"
+        )

@@ -1,0 +1,59 @@
+"""What all simulated devices share."""
+
+from __future__ import annotations
+
+import math
+from typing import Self
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Identity, Surroundings
+from simulator.faults import FaultInjector
+from simulator.world import World
+
+
+def require_duration(name: str, milliseconds: float) -> None:
+    """Raise ValueError for a duration that is negative or not finite."""
+    if not 0 <= milliseconds < math.inf:
+        raise ValueError(f"{name} is {milliseconds}; it must be finite and not negative")
+
+
+class SimulatedDevice:
+    """What all simulated devices share: a world, a clock, bad luck, and no pretence."""
+
+    model = ""
+    role = ""
+    settling = 0.0
+    reply_time = 0.5
+
+    def __init__(self, surroundings: Surroundings) -> None:
+        if not isinstance(surroundings.world, World):
+            raise DeviceError(
+                self.model,
+                "open",
+                "this bench has no virtual world",
+                "Name a scene in the bench file",
+            )
+        self._world = surroundings.world
+        self._clock = surroundings.clock
+        self._faults = FaultInjector(self._world.faults, self.role, self.model, self._clock)
+
+    @property
+    def identity(self) -> Identity:
+        return Identity(self.model, "simulated", simulated=True)
+
+    def make_safe(self) -> None:
+        """Nothing of a simulated device is left to be made safe, unless it says so."""
+
+    def kill(self) -> None:
+        """End a call that hangs."""
+        self._faults.kill()
+
+    def __enter__(self) -> Self:
+        self._faults.require_plugged()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.make_safe()
+
+    def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        return DeviceError(self.model, command, reply, remedy)

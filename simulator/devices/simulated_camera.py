@@ -1,0 +1,122 @@
+"""The camera: where the light ends, as frames with numbers, times and checksums."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.interfaces import Frame, Setting, Surroundings, checksum
+from optics.validation import require_positive
+from simulator.devices.base import SimulatedDevice, require_duration
+
+
+class SimulatedCamera(SimulatedDevice):
+    """A camera whose every picture follows from the state of the world and a seed.
+
+    What its pictures share is computed once, as long as nothing changes; each has its own noise.
+
+    readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
+    beyond the exposure, that a step of a picture's computation may take; by default 15, and
+    5 more a megapixel.
+    """
+
+    model = "simulated camera"
+    role = "camera"
+
+    def __init__(
+        self, surroundings: Surroundings, readout_ms: float = 8.0, reply_s: float | None = None
+    ) -> None:
+        super().__init__(surroundings)
+        require_duration("readout_ms", readout_ms)
+        if reply_s is not None:
+            require_positive("reply_s", reply_s, "s")
+        self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
+        self.alive_at = 0.0
+        self.frame_time = readout_ms * 1e-3
+        self._exposure = 0.01
+        self._number = 0
+        self._queue: list[Frame] = []
+        self._last: Frame | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self._world.camera.sensor.shape
+
+    @property
+    def full_scale(self) -> int:
+        return self._world.camera.sensor.full_scale
+
+    @property
+    def exposure_range(self) -> tuple[float, float]:
+        return self._world.camera.sensor.exposure_range
+
+    def set_exposure(self, exposure: float) -> Setting[float]:
+        low, high = self.exposure_range
+        self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
+        if not low <= exposure <= high:
+            raise self._refuse(
+                f"expose {exposure * 1e3:g} ms",
+                f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
+                "Choose an exposure in the range",
+            )
+        # Whole microseconds, as cameras count.
+        self._exposure = round(exposure * 1e6) / 1e6
+        return Setting(exposure, self._exposure, self._clock.now())
+
+    def capture(self, cancelled: Callable[[], bool]) -> Frame:
+        """The next picture in the host's queue, which is this one unless one came too late."""
+        fault = self._faults.begin("capture", self.reply_time, frame=True)
+        kind = fault.kind if fault else ""
+        if fault and kind == "stale frame":
+            if self._last is not None:
+                return self._last
+            # A first frame can't be an old one; the next one can.
+            self._faults.put_off(fault)
+        frame = self._expose(cancelled, self._wrong_exposure() if kind == "wrong exposure" else 0)
+        if kind == "dropped frame":
+            raise self._refuse("capture", f"frame {frame.number} was lost", "Check the network")
+        self._queue.append(_corrupt_frame(frame) if kind == "corrupt frame" else frame)
+        if kind == "late frame":
+            raise self._refuse("capture", f"frame {frame.number} is late", "Check the network")
+        self._last = self._queue.pop(0)
+        return self._last
+
+    def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
+        """A picture of the set exposure, or of another one if that isn't 0."""
+        began, seconds = self._clock.now(), other or self._exposure
+
+        def check() -> None:
+            self.alive_at = time.monotonic()
+            if cancelled():
+                raise self._refuse("capture", "it was cancelled", "Take it again")
+            self._faults.require_alive("capture")
+
+        try:
+            stream, _ = self._world.stream(seconds, check)
+        except ValueError as error:
+            raise self._refuse("capture", str(error), "Change the scene or the bench") from error
+        # The world's chance is for those who are alive.
+        self._faults.require_alive("capture")
+        image = stream.frame(self._world.random_generator())
+        self._clock.wait_until(
+            began + seconds + self.frame_time, lambda: cancelled() or self._faults.is_killed
+        )
+        self._faults.require_alive("capture")
+        self._number += 1
+        gain = self._world.camera.sensor.gain
+        return Frame(image, seconds, gain, began, self._number, checksum(image))
+
+    def _wrong_exposure(self) -> float:
+        """What a camera exposes that hasn't heard of its new setting yet."""
+        low, high = self.exposure_range
+        return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
+
+
+def _corrupt_frame(frame: Frame) -> Frame:
+    """A frame of which the lower half is what was in memory before: a packet was lost."""
+    image = frame.image.copy()
+    lower = image[len(image) // 2 :]
+    lower[:] = 0 if lower.any() else 1
+    return replace(frame, image=image)

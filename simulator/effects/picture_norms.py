@@ -1,0 +1,211 @@
+"""The least that a picture with every effect has in it: what errors are relative to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+import torch
+from scipy.ndimage import minimum_filter1d
+
+from optics.formation import spectrum_of_samples
+from optics.plane import centred_crop
+from optics.sensor.shutter import row_starts
+from simulator.effects.psf_bounds import has_occlusion, vignetting_samples
+from simulator.effects.result_cache import cached_across_exposures
+from simulator.effects.spectra import spectral_measure
+from simulator.planning.bound import MinimumNorms
+from simulator.probing.picture_probe import MARGIN
+from simulator.probing.radial import RadialProfile
+from simulator.situation import Situation
+
+T = TypeVar("T")
+
+_MARGIN = 0.8
+"""Audited: of what is estimated, what is counted on, for effects that blur besides."""
+
+_PARTS = 4
+
+_SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
+"""Of the light that may fall beyond a square around each point."""
+
+
+def minimum_norms(s: Situation) -> MinimumNorms:
+    """Lower bounds of the norms of mean, variance and σ, electrons over the sensor's pixels.
+
+    Of the mean: the largest of three. A pixel has the light of the darkest place that its own
+    light may come from, at least. The light that surely stays on the sensor is least of all seen
+    if it is even (Cauchy-Schwarz); and by frequency no less is left of the sharp picture than
+    the least of its transfer function lets through. All that attenuates counts. Noise: shot noise
+    of that light, dark current and read noise. Of wells that are full, what they would hold if
+    they were deeper: a picture that is burnt has the errors of one that isn't.
+    """
+    sensor = s.camera.sensor
+    pixels = sensor.shape[0] * sensor.shape[1]
+    dark = sensor.dark_current * s.exposure
+    total, norm = 0.0, 0.0
+    if not s.picture_probe.is_dark:
+        seconds = s.exposure * _min_lamp_light(s)
+        total, norm = (
+            seconds * one for one in cached_across_exposures(s, "floor", lambda: _min_light(s))
+        )
+    noise = dark + sensor.read_noise**2
+    return MinimumNorms(
+        math.hypot(norm, dark * math.sqrt(pixels)),
+        math.hypot(norm, noise * math.sqrt(pixels)),
+        math.sqrt(total + noise * pixels),
+    )
+
+
+def _min_light(s: Situation) -> tuple[float, float]:
+    """Sum and norm of the picture's light at least, electrons per second."""
+    attenuated, spread = _MARGIN * _min_attenuation(s), _min_light_by_area(s)
+    total = max((one for one, _ in spread), default=0.0)
+    norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
+    return attenuated * total, attenuated * max(
+        norm, _norm_by_frequency(s), _norm_by_neighbourhood(s)
+    )
+
+
+def _min_attenuation(s: Situation) -> float:
+    """The least of vignetting in the frame, and of what a mosaic's channels see of the light that
+    the best one sees."""
+    least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
+    return float(least) * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+
+
+def _min_channel_share(s: Situation) -> float:
+    colour = s.camera.sensor.colour
+    if colour is None:
+        return 1.0
+    masses = spectral_measure(s, "band").electrons.sum(-1)[: len(colour.channels)]
+    letters = "".join(colour.pattern)
+    shares = np.array([letters.count(name) / len(letters) for name in colour.channels])
+    best = masses.max(0)
+    lit = best > 0
+    if not lit.any():
+        return 0.0
+    relative = masses[:, lit] / best[lit]
+    return float((shares @ relative).min())
+
+
+def _min_lamp_light(s: Situation) -> float:
+    """The least mean light of the lamp that any row sees."""
+    lamp = s.target.lamp
+    if lamp is None or lamp.is_constant:
+        return 1.0
+    begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
+    return float(lamp.mean(begins, begins + s.exposure).min())
+
+
+def _blur_margin(s: Situation, share: float) -> int:
+    """Pixels from a point's image beyond which less than a share of its light falls, with what a
+    moving object adds; rounded up to one of four in an octave, so that other patterns share what
+    is found of the picture."""
+    reach = (
+        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength + s.image_motion
+    )
+    pixels = max(reach / s.camera.sensor.pitch, 1.0)
+    return math.ceil(2 ** (math.ceil(_PARTS * math.log2(pixels)) / _PARTS))
+
+
+def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
+    """What follows from the sharp picture alone, found once for each edge."""
+    causes = (what, edge, s.camera.sensor.shape)
+    if causes not in s.picture_probe.results:
+        s.picture_probe.results[causes] = find(edge)
+    found: T = s.picture_probe.results[causes]
+    return found
+
+
+def _inner(s: Situation, edge: int) -> torch.Tensor:
+    """The sharp picture in the frame, but for a margin of `edge` pixels; electrons per second."""
+    rows, columns = s.camera.sensor.shape
+    picture = s.picture_probe.sharp_picture
+    y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
+    kept = torch.zeros_like(picture)
+    if rows > 2 * edge and columns > 2 * edge:
+        part = slice(y, y + rows - 2 * edge), slice(x, x + columns - 2 * edge)
+        kept[part] = picture[part].clamp(min=0)
+    return kept
+
+
+def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
+    """Electrons per second that surely fall on so many pixels."""
+    found = []
+    for share in _SHARES:
+        edge = _blur_margin(s, share)
+        total, sides = _cached_for_margin(
+            s, "lit", edge, lambda edge: _sum_and_sides(_inner(s, edge))
+        )
+        if not total:
+            continue
+        kept = 1 - share - s.pattern_probe.side_order_share
+        frame = zip(s.camera.sensor.shape, sides, strict=True)
+        wide = [min(n, side + 2 * edge + 2) for n, side in frame]
+        found.append((max(kept, 0.0) * total, float(wide[0] * wide[1])))
+    return found
+
+
+def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
+    """The sum of a picture, and how many rows and columns it lies on."""
+    rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
+    if not len(rows):
+        return 0.0, (0, 0)
+    sides = tuple(int(one[-1] - one[0]) + 1 for one in (rows, columns))
+    return float(light.sum(dtype=torch.float64)), (sides[0], sides[1])
+
+
+def _norm_by_neighbourhood(s: Situation) -> float:
+    """Norm, electrons per second, if every pixel had the least light of those around it."""
+    if has_occlusion(s):
+        return 0.0
+    best = 0.0
+    for share in _SHARES:
+        edge = _blur_margin(s, share)
+        if edge <= MARGIN:
+            kept = max(1 - share - s.pattern_probe.side_order_share, 0.0)
+            best = max(
+                best,
+                kept
+                * _cached_for_margin(
+                    s, "least", edge, lambda edge: _neighbourhood_min_norm(s, edge)
+                ),
+            )
+    return best
+
+
+def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
+    """The norm of the frame of which each pixel has the least of all up to an edge around it."""
+    least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
+    for axis in (0, 1):
+        least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
+    frame = centred_crop(torch.from_numpy(least), s.camera.sensor.shape)
+    return float(torch.linalg.vector_norm(frame, dtype=torch.float64))
+
+
+def _norm_by_frequency(s: Situation) -> float:
+    """Norm, electrons per second, that the transfer function surely leaves of the picture."""
+    if s.target.is_moving or has_occlusion(s):
+        return 0.0
+    transfer, best = s.pattern_probe.transfer_bounds, 0.0
+    for share in _SHARES[2:]:
+        edge = _blur_margin(s, share)
+        power = _cached_for_margin(s, "power", edge, lambda edge: _power(s, _inner(s, edge)))
+        if power is None:
+            continue
+        least = transfer.least_between(power.low, power.high)
+        mean = transfer.mean_square_between(power.low, power.high)
+        pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+        squares = np.maximum(power.power * least**2, power.least * mean) * pixel
+        # What falls beyond the frame isn't seen.
+        best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
+    return best
+
+
+def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
+    return (
+        RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
+    )

@@ -1,0 +1,191 @@
+"""From layers to the light on the sensor's samples: added up, or the near before the far."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from simulator.formation.exposure_cells import ExposureCell
+from simulator.formation.layer_psfs import LayerPSFs
+from simulator.formation.objects import ObjectSpectra
+from simulator.formation.sample_grid import SampleGrid
+
+_ONE = np.ones((1, 1))
+
+
+class LightPath(Protocol):
+    """A way on which a layer's light comes to the sensor: straight, or by the panel's grid.
+
+    number: of the layer. node: of wavelength. count: of the cell. Spectra are of light on samples,
+    electrons per second and pixel.
+    """
+
+    def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        """Of all wavelengths, one spectrum for each channel."""
+        ...
+
+    def wavelength_spectra(
+        self, number: int, node: int, cell: ExposureCell, count: int
+    ) -> list[torch.Tensor]:
+        """Of one wavelength, one spectrum for each channel."""
+        ...
+
+    def cover_spectrum(
+        self, number: int, node: int, cell: ExposureCell, count: int
+    ) -> torch.Tensor:
+        """Of the blurred share that a layer hides, at one wavelength."""
+        ...
+
+
+class ZerothOrderPath:
+    """The light that the panel's grid doesn't send aside."""
+
+    def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
+        self._gathering, self._objects, self._spreading = gathering, objects, spreading
+
+    def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        """PSFs of all wavelengths are added before anything is convolved."""
+        layer, weights = self._spreading.layers[number], self._spreading.weights(number)
+        total = self._gathering.zero_spectra(self._spreading.channels)
+        where = self._objects.placement(layer, cell)
+        if not layer.parts or where is None:
+            return total
+        for index, one in enumerate(layer.parts):
+            evenly = self._objects.uniform_dc_term(one.picture)
+            for spectrum, seen in zip(total, weights[:, index].sum(1), strict=True):
+                spectrum[0, 0] += float(seen) * evenly
+        shining = [self._objects.light_spectra(part.picture, layer, where) for part in layer.parts]
+        uneven = [index for index, spectra in enumerate(shining) if spectra]
+        if not uneven:
+            return total
+        flat = weights[:, uneven].reshape(-1, weights.shape[2])
+        for at, place in enumerate(self._objects.places):
+            psfs = [
+                self._spreading.psf(number, node, place, cell, count)
+                for node in range(weights.shape[2])
+            ]
+            transfers = iter(self._gathering.transfers(psfs, flat, "picture"))
+            for spectrum in total:
+                for index in uneven:
+                    spectrum += next(transfers) * shining[index][at]
+        return total
+
+    def wavelength_spectra(
+        self, number: int, node: int, cell: ExposureCell, count: int
+    ) -> list[torch.Tensor]:
+        layer, weights = self._spreading.layers[number], self._spreading.weights(number)
+        total = self._gathering.zero_spectra(self._spreading.channels)
+        where = self._objects.placement(layer, cell)
+        assert where is not None
+        transfers = self._transfers(number, node, cell, count)
+        for part, one in enumerate(layer.parts):
+            shining = self._objects.light_spectra(one.picture, layer, where)
+            light = _through(transfers, shining)
+            for channel in range(self._spreading.channels):
+                total[channel] += float(weights[channel, part, node]) * light
+        return total
+
+    def cover_spectrum(
+        self, number: int, node: int, cell: ExposureCell, count: int
+    ) -> torch.Tensor:
+        layer = self._spreading.layers[number]
+        where = self._objects.placement(layer, cell)
+        assert where is not None
+        assert layer.cover is not None
+        covers = self._objects.cover_spectra(layer.cover, where)
+        return _through(self._transfers(number, node, cell, count), covers)
+
+    def _transfers(
+        self, number: int, node: int, cell: ExposureCell, count: int
+    ) -> list[torch.Tensor]:
+        """One for each place."""
+        return [
+            self._gathering.transfers(
+                [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
+            )[0]
+            for place in self._objects.places
+        ]
+
+
+def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]) -> torch.Tensor:
+    total = transfers[0] * spectra[0]
+    for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
+        total += transfer * spectrum
+    return total
+
+
+@dataclass(frozen=True)
+class Compositor(ABC):
+    """All layers of a target, by all ways on which their light comes."""
+
+    gathering: SampleGrid
+    spreading: LayerPSFs
+    paths: Sequence[LightPath]
+
+    @abstractmethod
+    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        """Of the light on samples, one for each channel."""
+
+
+class AdditiveCompositor(Compositor):
+    """Every layer's light, as if all were transparent."""
+
+    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        total = self.gathering.zero_spectra(self.spreading.channels)
+        for number in range(len(self.spreading.layers)):
+            for way in self.paths:
+                for channel, light in enumerate(way.layer_spectra(number, cell, count)):
+                    total[channel] += light
+        return total
+
+
+class OccludingCompositor(Compositor):
+    """From the farthest layer to the nearest, each before what lies behind.
+
+    That is a product of blurred pictures, and so is formed wavelength by wavelength.
+    """
+
+    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        total: list[torch.Tensor] = []
+        for node in range(len(self.spreading.nodes)):
+            light = self._wavelength_light(node, cell, count)
+            total = light if not total else [a + b for a, b in zip(total, light, strict=True)]
+        return [self.gathering.transform_samples(light, "occlusion") for light in total]
+
+    def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+        """Light on samples of one wavelength, for each channel."""
+        samples, layers = self.gathering.samples, self.spreading.layers
+        behind: list[torch.Tensor] = []
+        for number in reversed(range(len(layers))):
+            fronts = [way.wavelength_spectra(number, node, cell, count) for way in self.paths]
+            front = [
+                samples(sum(one[1:], one[0]), "occlusion") for one in zip(*fronts, strict=True)
+            ]
+            if not behind:
+                behind = front
+            elif layers[number].cover is None:
+                behind = [a + b for a, b in zip(behind, front, strict=True)]
+            else:
+                hidden = [way.cover_spectrum(number, node, cell, count) for way in self.paths]
+                share = samples(sum(hidden[1:], hidden[0]), "occlusion")
+                behind = [composite_over(a, b, share) for a, b in zip(behind, front, strict=True)]
+        return behind
+
+
+def composite_over(
+    behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
+) -> torch.Tensor:
+    """Light on samples, of what lies behind with a nearer layer before it.
+
+    behind, front: blurred light of each. cover_share: the nearer layer's blurred cover, 0 to 1: of
+    the rays to a sample, the share that it stops. That those are as bright as the others of the
+    same sample is exact where either layer is in focus, and right to about a percent elsewhere
+    (Hasinoff and Kutulakos, A layer-based restoration framework for variable-aperture
+    photography, ICCV 2007).
+    """
+    return behind * (1 - cover_share.clamp(0, 1)) + front

@@ -1,0 +1,170 @@
+"""The exposure, cut into cells in which nothing needs to be told apart any more.
+
+What the panel shows, where the object is and how bright its lamp shines all change with time.
+A cell is light of one mean PSF and one path of the object; its weight is the time for which a
+pixel's row sees it, by the lamp's brightness meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.sensor.shutter import row_starts
+from simulator.panel_content import FrameSequence, PictureShares, Span
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+K = TypeVar("K")
+
+_PARTS_PER_FRAME = 8
+"""Parts of a video's frame for which rows, or a lamp, weigh a liquid crystal on its way."""
+
+_MOST_INTERVALS = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureCell:
+    """A part of an exposure.
+
+    panel_state: on the panel, whose PSFs' mean is the cell's. shift: (y, x) metres on the object,
+    of the middle of its path. path: (y, x) metres that it moves on. weight: seconds of the lamp's
+    mean light that each row sees, (rows,), or (1,) where all see the same.
+    """
+
+    panel_state: PictureShares | FrameSequence
+    shift: tuple[float, float]
+    path: tuple[float, float]
+    weight: Array
+
+
+def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
+    """Of an exposure. Raises ValueError for one that isn't positive and finite."""
+    if not 0 < s.exposure < math.inf:
+        raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
+    starts = row_starts(s.camera.sensor, s.exposure_start, rolling=recipe.rolling).numpy()
+    if starts[0] == starts[-1]:
+        starts = starts[:1]
+    crystal = recipe.crystal and s.panel_content.is_changing
+    found = []
+    for begin, end in _cuts(s, recipe, starts):
+        shift, path = _shift_and_path(s, recipe, begin, end)
+        if len(starts) == 1 and not recipe.lamp:
+            look = s.panel_content.frame_sequence if crystal else s.panel_content.picture_shares
+            found.append(
+                ExposureCell(look(begin, end - begin), shift, path, np.array([end - begin]))
+            )
+            continue
+        pieces = _PanelTimes(s, recipe, starts, begin, end)
+        follow = pieces.responding_frame_weights if crystal else pieces.still_picture_weights
+        found += [ExposureCell(seen, shift, path, weight) for seen, weight in follow()]
+    return found
+
+
+def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
+    """As many parts as a motion asks for of every exposure's length."""
+    first, whole = float(starts[0]), float(starts[-1] - starts[0]) + s.exposure
+    count = 1
+    if s.target.is_moving and recipe.motion > 1:
+        count = recipe.motion * max(1, math.ceil(whole / s.exposure))
+    ends = first + whole * (np.arange(count + 1) / count)
+    yield from zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+
+
+def _shift_and_path(
+    s: Situation, recipe: Recipe, begin: float, end: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    if not s.target.is_moving:
+        return (0.0, 0.0), (0.0, 0.0)
+    vy, vx = s.target.velocity
+    if recipe.motion == 1:
+        middle = s.exposure / 2
+        return (vy * middle, vx * middle), (0.0, 0.0)
+    middle, seconds = (begin + end) / 2 - s.exposure_start, end - begin
+    return (vy * middle, vx * middle), (vy * seconds, vx * seconds)
+
+
+@dataclass(frozen=True)
+class _PanelTimes:
+    """What each row sees of the panel between two times."""
+
+    s: Situation
+    recipe: Recipe
+    starts: Array
+    begin: float
+    end: float
+
+    def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
+        """Of pictures that stand while they last: all in one if all rows see them alike."""
+        present = self._row_weights(1, lambda frame: self.s.panel_content.names[frame])
+        if len(self.starts) > 1:
+            return [(PictureShares(((name, 1.0),)), w) for name, w in sorted(present.items())]
+        total = sum(float(w[0]) for w in present.values())
+        shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
+        return [(PictureShares(shares), np.array([total]))] if present else []
+
+    def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
+        """Of a crystal that is on its way: parts of frames."""
+        shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / _PARTS_PER_FRAME
+        weights = self._row_weights(_PARTS_PER_FRAME, lambda part: divmod(part, _PARTS_PER_FRAME))
+        spans = {
+            (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
+            for frame, part in sorted(weights)
+        }
+        if len(self.starts) > 1:
+            return [
+                (FrameSequence(shown.names, shown.frame_time, (span,)), weights[key])
+                for key, span in spans.items()
+            ]
+        total = sum(float(weights[key][0]) for key in spans)
+        shares = tuple(
+            replace(span, share=float(weights[key][0]) / total) for key, span in spans.items()
+        )
+        if not spans:
+            return []
+        return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
+
+    def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
+        """Seconds of mean light that each row sees of what parts of frames stand for, if any."""
+        weights: defaultdict[K, Array] = defaultdict(lambda: np.zeros(len(self.starts)))
+        for numbers, begins, ends in self._intervals(parts):
+            seen = self._light_seconds(begins, ends)
+            for number in np.unique(numbers):
+                key = of(int(number))
+                weights[key] = weights[key] + seen[:, numbers == number].sum(1)
+        return {key: weight for key, weight in weights.items() if weight.any()}
+
+    def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
+        """(which part of which frame, begins, ends), in batches, of all that is shown."""
+        shown = self.s.panel_content
+        if not shown.is_changing or math.isinf(shown.frame_time):
+            yield np.zeros(1, dtype=np.int64), np.array([self.begin]), np.array([self.end])
+            return
+        unit = shown.frame_time / parts
+        first, last = math.floor(self.begin / unit), math.ceil(self.end / unit)
+        if last - first > _MOST_INTERVALS:
+            raise ValueError(
+                f"the video shows {last - first} parts of frames within the exposure, more than "
+                "are weighed one by one; expose shorter, or without flicker and rolling shutter"
+            )
+        for low in range(first, last, 4096):
+            index = np.arange(low, min(low + 4096, last))
+            begins = np.maximum(index * unit, self.begin)
+            ends = np.minimum((index + 1) * unit, self.end)
+            yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
+
+    def _light_seconds(self, begins: Array, ends: Array) -> Array:
+        """Seconds of mean light that rows see of intervals, (rows, intervals)."""
+        low = np.maximum(begins, self.starts[:, None])
+        high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)
+        lamp = self.s.target.lamp
+        if not self.recipe.lamp or lamp is None:
+            return high - low
+        return (high - low) * lamp.mean(low, high)

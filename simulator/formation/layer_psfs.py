@@ -1,0 +1,88 @@
+"""Which PSFs a layer is blurred by: for each wavelength, of the depths that stand for its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from simulator.formation.exposure_cells import ExposureCell
+from simulator.formation.kernels import Kernels, Order, PointSource
+from simulator.formation.nodes import Wavelength, depth_nodes, electrons_per_radiance, wavelengths
+from simulator.formation.objects import ObjectSpectra, Place
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+
+
+class LayerPSFs:
+    """Nodes, weights and PSFs of a target's layers.
+
+    layers: the nearest first. nodes: of wavelength.
+    """
+
+    def __init__(
+        self, s: Situation, recipe: Recipe, kernels: Kernels, objects: ObjectSpectra
+    ) -> None:
+        self._recipe, self._kernels, self._places = recipe, kernels, objects.places
+        self.layers = s.target.for_camera(s.camera).layers
+        found = wavelengths(s, recipe, [part for layer in self.layers for part in layer.parts])
+        self.nodes = found.nodes
+        self.channels = len(found.weights)
+        self._weights: list[NDArray[np.float64]] = []
+        first = 0
+        for layer in self.layers:
+            part = found.weights[:, first : first + len(layer.parts)]
+            # A camera's light goes with the layer's own distance, whatever stands for its blur.
+            self._weights.append(part * electrons_per_radiance(kernels.camera, layer.distance))
+            first += len(layer.parts)
+        distances = [layer.distance for layer in self.layers]
+        self._depths = depth_nodes(distances, recipe.depths)
+        self._first = self._depths[distances[0]][0][0]
+
+    def weights(self, layer: int) -> NDArray[np.float64]:
+        """Electrons per second and pixel of white, (channels, parts, nodes)."""
+        return self._weights[layer]
+
+    def psf(
+        self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
+    ) -> torch.Tensor:
+        """Of one wavelength."""
+        wavelength = self.nodes[node]
+        order = self._kernels.central(wavelength.metres)
+        total: torch.Tensor | None = None
+        for distance, share in self._depths[self.layers[layer].distance]:
+            effect = self._effect(distance, node, place, number)
+            point = PointSource(wavelength.metres, distance, place)
+            part = share * self._kernels.psf(cell.panel_state, point, effect, order)
+            total = part if total is None else total + part
+        assert total is not None
+        return total
+
+    def order_psf(
+        self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
+    ) -> torch.Tensor:
+        """Of one wavelength, in an order of the panel's pixels, around its middle."""
+        total: torch.Tensor | None = None
+        for distance, share in self._depths[self.layers[layer].distance]:
+            point = PointSource(self.nodes[node].metres, distance, place)
+            part = share * self._kernels.psf(cell.panel_state, point, "panel orders", order)
+            total = part if total is None else total + part
+        assert total is not None
+        return total
+
+    def order_centre(self, node: Wavelength, order: Order) -> Place:
+        return self._kernels.order_centre(node.metres, order)
+
+    def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
+        """What a PSF is computed for, in the ledger."""
+        if self.nodes[node].leak:
+            return "out-of-band leak"
+        if place != self._places[0]:
+            return "field position"
+        if distance != self._first:
+            return "depth layers"
+        if node:
+            return "filter bandwidth"
+        if number:
+            return "rolling shutter" if self._recipe.rolling else "motion"
+        return "diffraction" if self._recipe.diffraction else "picture"

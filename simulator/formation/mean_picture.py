@@ -1,0 +1,128 @@
+"""The mean picture of a situation, as a recipe says: electrons on each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from optics.caching import ByteCache
+from simulator.formation.compositing import (
+    AdditiveCompositor,
+    LightPath,
+    OccludingCompositor,
+    ZerothOrderPath,
+)
+from simulator.formation.exposure_cells import ExposureCell, exposure_cells
+from simulator.formation.kernels import Kernels
+from simulator.formation.layer_psfs import LayerPSFs
+from simulator.formation.nodes import channel_efficiencies, wavelengths
+from simulator.formation.objects import ObjectSpectra
+from simulator.formation.sample_grid import SampleGrid
+from simulator.formation.side_orders import SideOrdersPath
+from simulator.formation.windows import picture_shape
+from simulator.ledger import Ledger
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+
+
+def expected_electrons(
+    s: Situation,
+    recipe: Recipe,
+    cache: ByteCache,
+    ledger: Ledger,
+    check: Callable[[], None] = lambda: None,
+) -> torch.Tensor:
+    """Photo-electrons on each pixel over the exposure, (rows, columns) float32, in the mean.
+
+    What the sensor does with them comes afterwards; its filters and its pixels' area are in it.
+    check: is called between the steps of a long computation, and may raise. Raises ValueError for
+    an exposure that isn't positive, and for a recipe that nothing can be rendered by.
+    """
+    _require(recipe)
+    target = s.target.for_camera(s.camera)
+    channels = len(channel_efficiencies(s, recipe))
+    total = torch.zeros((channels, *s.camera.sensor.shape), dtype=torch.float32)
+    found = wavelengths(s, recipe, [part for layer in target.layers for part in layer.parts])
+    if found.nodes and found.weights.any():
+        render = _Rendering(s, recipe, cache, ledger, check)
+        for number, cell in enumerate(exposure_cells(s, recipe)):
+            check()
+            light = render.light(cell, number)
+            total += light * torch.from_numpy(cell.weight).to(torch.float32)[:, None]
+    colour = s.camera.sensor.colour
+    if colour is not None and recipe.mosaic:
+        ledger.add("colour filter array", total[0].numel(), 4 * total[0].numel())
+        return colour.sample_channels(total).clamp(min=0)
+    return total[0].clamp(min=0)
+
+
+def _require(recipe: Recipe) -> None:
+    for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
+        if getattr(recipe, name) < 1:
+            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
+    for name in ("leak", "orders"):
+        if getattr(recipe, name) < 0:
+            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 0 at least")
+
+
+class _Rendering:
+    """What is the same for all cells of an exposure."""
+
+    def __init__(
+        self,
+        s: Situation,
+        recipe: Recipe,
+        cache: ByteCache,
+        ledger: Ledger,
+        check: Callable[[], None],
+    ) -> None:
+        self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
+        self._ledger = ledger
+        around = picture_shape(s, recipe.window, recipe.orders if recipe.diffraction else 0)
+        self._gathering = SampleGrid(
+            s.camera.sensor,
+            around,
+            recipe.samples_per_pixel,
+            ledger,
+            recipe.picture_samples_per_pixel,
+            check,
+        )
+        kernels = Kernels(s, recipe, cache, ledger, check)
+        objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
+        spreading = LayerPSFs(s, recipe, kernels, objects)
+        ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
+        if recipe.orders and recipe.diffraction:
+            ways.append(SideOrdersPath(self._gathering, objects, spreading, recipe.orders))
+        layered = OccludingCompositor if recipe.occlusion else AdditiveCompositor
+        self._layered = layered(self._gathering, spreading, ways)
+
+    def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+        """Electrons per second, (channels, rows, columns), of a cell."""
+        s, r = self._s, self._recipe
+        # Of the recipe, what a cell and the sensor's own stages don't already say.
+        axes = r.with_changes(
+            lamp=False, rolling=False, motion=1, crystal=False, dark_current=False,
+            fixed_pattern=False, shot="none", clipping=False, read_noise=False,
+            quantisation=False,
+        )  # fmt: skip
+        beats = complex(s.path.interference) if s.path else 0j
+        causes = (
+            "light", s.camera, s.mount, s.target, s.band, beats, s.numerics, axes,
+            cell.panel_state, cell.shift, cell.path,
+        )  # fmt: skip
+        return self._cache.get(causes, lambda: self._compute_light(cell, number))
+
+    def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+        aperture = self._recipe.pixel_aperture
+        light = []
+        for spectrum in self._layered.spectra(cell, number):
+            self._check()
+            light.append(self._gathering.light_on_pixels(spectrum, aperture))
+        return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
+
+    def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
+        """A part of the light, evenly over the sensor."""
+        self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
+        mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
+        return torch.lerp(light, mean, self._s.camera.glare)

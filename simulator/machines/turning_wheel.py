@@ -1,0 +1,74 @@
+"""How a simulated wheel turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class TurningWheel:
+    """A wheel of `count` slots that needs `step` seconds from one to the next.
+
+    It takes the shorter way, or turns forward alone. on_slot: told every slot that comes into
+    the light, one after the other. Times never go back.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        position: int = 1,
+        step: float = 0.5,
+        both_ways: bool = True,
+        on_slot: Callable[[int], None] | None = None,
+    ) -> None:
+        if count < 1 or not 1 <= position <= count:
+            raise ValueError(f"position is {position} of {count}; count from 1")
+        if not step > 0:
+            raise ValueError(f"step is {step}; it must be greater than 0")
+        self.count, self.step, self.both_ways = count, step, both_ways
+        self.stuck = self.never_arrives = False
+        self._turned = on_slot or (lambda slot: None)
+        self._at, self.target = position, position
+        self._way: list[int] = []
+        self._since = 0.0
+
+    def turn_to(self, slot: int, t: float) -> None:
+        """Begin to turn to a slot; from where it is, if it turns already."""
+        self.turn_through(shorter_path(self.slot_at(t), slot, self.count, self.both_ways), t)
+
+    def turn_through(self, way: list[int], t: float) -> None:
+        """Begin to turn through slots, one after the other."""
+        if self.stuck:
+            return
+        self._way, self._since = way, t
+        self.target = way[-1] if way else self._at
+
+    def jump_to(self, slot: int, t: float) -> None:
+        """Be somewhere at once."""
+        self._way, self._since, self._at, self.target = [], t, slot, slot
+        self._turned(slot)
+
+    def slot_at(self, t: float) -> int:
+        """The slot that is in the light, or was the last to be in it."""
+        while self._way and not self.stuck and t >= self._since + self.step:
+            self._since += self.step
+            self._at = self._way.pop(0)
+            self._turned(self._at)
+        return self._at
+
+    def resting_slot(self, t: float) -> int:
+        """The slot at which it really stands; 0 while it turns."""
+        at = self.slot_at(t)
+        return 0 if self._way and not self.stuck else at
+
+    def reported_slot(self, t: float) -> int:
+        """The slot at which it says that it stands; 0 while it says that it turns."""
+        at = self.resting_slot(t)
+        return 0 if self.never_arrives else at
+
+
+def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
+    """The slots that pass from one to another; forward where both ways are as long."""
+    ahead = (end - start) % count
+    back = count - ahead
+    steps, sign = (ahead, 1) if not both_ways or ahead <= back else (back, -1)
+    return [(start - 1 + sign * i) % count + 1 for i in range(1, steps + 1)]

@@ -1,0 +1,81 @@
+"""What lens and stop do to even light on the panel, whatever is shown there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import torch
+
+from optics.caching import ByteCache
+from optics.camera import Camera
+from optics.pupil import object_to_lens_distance, pupil_amplitude
+from optics.validation import as_number
+from optics.zernike import zernike
+from simulator.probing.far_field import FarField
+
+T = TypeVar("T")
+
+
+class LensProbe:
+    """A camera's lens and stop at a wavelength, for points at some distances; metres.
+
+    nearest: of the distances, whose light the stop's shadow on the panel is of. cache: where all
+    of it is kept, for other patterns too.
+    """
+
+    def __init__(self, camera: Camera, wavelength: float, nearest: float, cache: ByteCache) -> None:
+        self._camera, self._wavelength, self._nearest = camera, wavelength, nearest
+        self._cache = cache
+
+    @property
+    def aperture_share(self) -> torch.Tensor:
+        """Share of each of the panel's pixels that the stop leaves open, (rows, columns)
+        float64."""
+        return self._from_cache(self._compute_aperture_share, ())
+
+    def path(self, distance: float) -> torch.Tensor:
+        """Metres by which the lens' light of a point is late, (rows, columns) of the panel."""
+        return self._from_cache(self._late, (distance,))
+
+    def lens_phase(self, distance: float) -> torch.Tensor:
+        """The same in radians."""
+        return 2 * math.pi / self._wavelength * self.path(distance)
+
+    def field(self, distance: float) -> torch.Tensor:
+        """What lens and stop make of even light, complex64."""
+        return self._from_cache(self._compute_field, (distance, self._wavelength))
+
+    def unmodulated_far_field(self, distance: float) -> FarField:
+        """Of light that ignores what is on the panel."""
+        return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
+
+    def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
+        causes = (find.__name__, self._camera, self._nearest, *of)
+        return self._cache.get(causes, lambda: find(*of[:1]))
+
+    def _compute_aperture_share(self) -> torch.Tensor:
+        camera = self._camera
+        spread = 1 + as_number(camera.separation) / self._nearest
+        lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
+        return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
+
+    def _late(self, distance: float) -> torch.Tensor:
+        camera, lens = self._camera, self._camera.lens
+        spread = 1 + as_number(camera.separation) / distance
+        vergence = 1 / object_to_lens_distance(camera, distance) - 1 / lens.focus_distance
+        y, x = camera.panel.plane.mesh()
+        bent = spread * lens.image_distance / as_number(camera.ray_matrix_b) * vergence
+        path = bent / 2 * (y**2 + x**2)
+        radius = as_number(lens.stop_diameter) / 2 / spread
+        for n, m, strength in lens.aberrations:
+            path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
+        return torch.where(self.aperture_share > 0, path, 0.0)
+
+    def _compute_field(self, distance: float) -> torch.Tensor:
+        return torch.polar(self.aperture_share, self.lens_phase(distance)).to(torch.complex64)
+
+    def _compute_unmodulated_far_field(self, distance: float) -> FarField:
+        return FarField(self.field(distance), math.sqrt(self._camera.panel.fill_factor))

@@ -1,0 +1,82 @@
+"""A picture of pixels, as a print of some size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.plane import Plane
+from optics.validation import require_finite
+from simulator.scene.drawable import STILL, Drawable, Shift
+from simulator.scene.resampling import averaging_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class PixelPicture(Drawable):
+    """Values 0 to 1 with nothing around them; linear between the middles of pixels.
+
+    image: (rows, columns). side: of its pixels, metres on the object; or, where `on_sensor`, on
+    the sensor, whatever the distance. offset: (y, x) metres on the object from the axis to its
+    middle.
+    """
+
+    image: torch.Tensor
+    side: float
+    offset: tuple[float, float] = (0.0, 0.0)
+    on_sensor: bool = False
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 2 or self.image.numel() == 0:
+            raise ValueError(f"image is {tuple(self.image.shape)}; it needs rows and columns")
+        require_finite("image", self.image)
+        if not 0 < self.side < math.inf:
+            raise ValueError(f"side is {self.side:g} m; a pixel's must be positive and finite")
+        if not all(math.isfinite(part) for part in self.offset):
+            raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
+
+    def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
+        y, x = (self._half(axis, magnification, shift) for axis in (0, 1))
+        return y, x
+
+    def spectral_decay(self, magnification: float, frequency: float) -> int:
+        """Linear between its pixels, it falls with the square beyond what they resolve, if it is
+        dark at its rim, where it ends."""
+        side = self.side if self.on_sensor else self.side * magnification
+        return 2 if side * frequency >= 0.35 and not self._ends_in_light else 1
+
+    @cached_property
+    def _ends_in_light(self) -> bool:
+        return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
+
+    def _half(self, axis: int, magnification: float, shift: Shift) -> float:
+        side = self.side if self.on_sensor else self.side * magnification
+        aside = abs(self.offset[axis] + shift[axis]) * magnification
+        return aside + (self.image.shape[axis] + 1) * side / 2
+
+    def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
+        side = self.side if self.on_sensor else self.side * magnification
+        if side == 0:
+            return torch.zeros(plane.shape)
+        along = [
+            averaging_matrix(
+                self.image.shape[axis],
+                side,
+                (self.offset[axis] + shift[axis]) * magnification,
+                edges(plane, axis),
+            )
+            for axis in (0, 1)
+        ]
+        values = self.image.to(torch.float32).numpy()
+        return torch.from_numpy(np.ascontiguousarray((along[1] @ (along[0] @ values).T).T))
+
+
+def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
+    """Between the cells of a plane along an axis, in metres: one more than there are cells."""
+    n, pitch = plane.shape[axis], plane.pitch[axis]
+    index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5
+    return np.asarray(index * pitch + plane.centre[axis])
