@@ -22,8 +22,8 @@ from labapp.files.reading import bundled_path
 from labapp.pictures.reconstructing.psf_files import read_psf_file
 from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from optics import targets
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.metrics import psnr, ssim
 from optics.operators.blur import Border
 from optics.plane import Plane

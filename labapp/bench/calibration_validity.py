@@ -98,8 +98,8 @@ def _device_warnings(
     if (then.model, then.serial, then.simulated) == (now.model, now.serial, now.simulated):
         return []
     return [
-        f"the calibration was made with the {role} {_device_name(then.model, then.serial)}, and this "
-        f"is {_device_name(now.model, now.serial)}. {_REMEDY}"
+        f"the calibration was made with the {role} {_device_name(then.model, then.serial)}, and "
+        f"this is {_device_name(now.model, now.serial)}. {_REMEDY}"
     ]
 
 

@@ -56,9 +56,9 @@ class Bench:
     """Open devices and the description of the camera that they make up, calibrated.
 
     A run takes what has these attributes, so that a person's own script may bring another.
-    world is the virtual world behind simulated devices, None without one. supervised_devices: the same
-    devices by name, as those who open them again see them. calibration_warnings: why the calibration in force
-    may not hold any more, in words.
+    world is the virtual world behind simulated devices, None without one. supervised_devices: the
+    same devices by name, as those who open them again see them. calibration_warnings: why the
+    calibration in force may not hold any more, in words.
     """
 
     file: BenchFile
@@ -343,11 +343,13 @@ def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
     """What makes a device; UserError now if it never could."""
-    entry = installed_drivers().get(table.driver)
+    installed = installed_drivers()
+    entry = installed.get(table.driver)
     if entry is None:
         raise UserError(
             f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
-            f"{_suggest_spelling(table.driver, installed_drivers())}Choose one of {', '.join(sorted(installed_drivers()))}."
+            f"{_suggest_spelling(table.driver, installed)}"
+            f"Choose one of {', '.join(sorted(installed))}."
         )
     where = f"{source}: key 'devices.{name}"
     if table.own_process:

@@ -28,8 +28,8 @@ _VISIBLE_SHARE = 1e-3
 class SensorView:
     """A goal's plane seen by a sensor of a shape (rows, columns).
 
-    star_diameter: diameter of the star's image, sensor pixels. is_calibrated: whether the registration was
-    measured. UserError if a part of the target falls beside the sensor.
+    star_diameter: diameter of the star's image, sensor pixels. is_calibrated: whether the
+    registration was measured. UserError if a part of the target falls beside the sensor.
     """
 
     goal: RetrievalGoal

@@ -22,9 +22,9 @@ from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
 from labapp.studies.stars import acquisition_block, build_study_plan, correlation
 from optics.camera import Camera
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.layered_observation import build_layered_observation
 from optics.deconvolution.layered_restoration import paste_layers, restore_layers
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.separable import separable_parts
 from optics.deconvolution.total_variation import total_variation
@@ -233,7 +233,8 @@ def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
         "plate's PSF that no product of a column and a row has, L2",
         "rectangularly separable (section 2.5)",
         "0 without unmodulated light and noise",
-        f"{separability_residual(coded):.2f}; {found[best]:.2f} without {shares[best]:.1%} unmodulated light",
+        f"{separability_residual(coded):.2f}; {found[best]:.2f} without {shares[best]:.1%} "
+        "unmodulated light",
         found[best],
     )
 

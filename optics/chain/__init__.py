@@ -4,9 +4,16 @@ GridEngine goes with FFTs from plane to plane, QuadratureEngine by quadrature ov
 digits, and CollapsedEngine takes panel and lens as one plane while the difference is small.
 """
 
-from optics.chain.engine_choice import CHAIN_METHODS as CHAIN_METHODS
-from optics.chain.engine_choice import chain_engines as chain_engines
-from optics.chain.grid import GridEngine as GridEngine
-from optics.chain.light_budget import LightBudget as LightBudget
-from optics.chain.light_budget import compute_light_budget as compute_light_budget
-from optics.chain.panel_to_sensor import panel_spectrum as panel_spectrum
+from optics.chain.engine_choice import CHAIN_METHODS, chain_engines
+from optics.chain.grid import GridEngine
+from optics.chain.light_budget import LightBudget, compute_light_budget
+from optics.chain.panel_to_sensor import panel_spectrum
+
+__all__ = [
+    "CHAIN_METHODS",
+    "GridEngine",
+    "LightBudget",
+    "chain_engines",
+    "compute_light_budget",
+    "panel_spectrum",
+]

@@ -1,1 +1,42 @@
-"""Undoing a known blur."""
+"""Undoing a known blur: `restore` takes a photograph with its PSF and says what can be known.
+
+What is imported here is loaded when it is asked for: the names of the methods, which command line
+and window offer, stand in `method_names` and cost no second of loading torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optics.deconvolution.bounded import restore_within_bounds
+    from optics.deconvolution.layered_observation import build_layered_observation
+    from optics.deconvolution.observation import Observation
+    from optics.deconvolution.observation_builder import build_observation
+    from optics.deconvolution.restoration_choice import restore
+    from optics.deconvolution.restored_image import RestoredImage
+
+__all__ = [
+    "Observation",
+    "RestoredImage",
+    "build_layered_observation",
+    "build_observation",
+    "restore",
+    "restore_within_bounds",
+]
+
+_MODULES = {
+    "Observation": "observation",
+    "RestoredImage": "restored_image",
+    "build_layered_observation": "layered_observation",
+    "build_observation": "observation_builder",
+    "restore": "restoration_choice",
+    "restore_within_bounds": "bounded",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,5 +1,5 @@
 """All colours of each pixel, from a sensor whose pixels see one each."""
 
-from optics.demosaicing.demosaic import METHODS as METHODS
-from optics.demosaicing.demosaic import Method as Method
-from optics.demosaicing.demosaic import demosaic as demosaic
+from optics.demosaicing.demosaic import METHODS, Method, demosaic
+
+__all__ = ["METHODS", "Method", "demosaic"]

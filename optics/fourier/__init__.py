@@ -10,19 +10,31 @@ them share one contract: call, adjoint, bytes, predicted processor time, derivat
 Phases are reduced to one turn in float64 before they are stored in single precision.
 """
 
-from optics.fourier.chirp import ChirpTransform as ChirpTransform
-from optics.fourier.commensurate import CommensurateTransform as CommensurateTransform
-from optics.fourier.fft import fast_fft_length as fast_fft_length
-from optics.fourier.fft import fft as fft
-from optics.fourier.fft import irfft2 as irfft2
-from optics.fourier.fft import rfft as rfft
-from optics.fourier.fft import rfft2 as rfft2
-from optics.fourier.fft import rfft_column_weights as rfft_column_weights
-from optics.fourier.geometry import FourierGeometry as FourierGeometry
-from optics.fourier.geometry import unit_phasor as unit_phasor
-from optics.fourier.gridded import GriddedTransform as GriddedTransform
-from optics.fourier.matrix import MatrixTransform as MatrixTransform
-from optics.fourier.nonuniform import NonuniformTransform as NonuniformTransform
-from optics.fourier.transform import Transform as Transform
-from optics.fourier.transform_choice import plan_transform as plan_transform
-from optics.fourier.transform_choice import valid_transforms as valid_transforms
+from optics.fourier.chirp import ChirpTransform
+from optics.fourier.commensurate import CommensurateTransform
+from optics.fourier.fft import fast_fft_length, fft, irfft2, rfft, rfft2, rfft_column_weights
+from optics.fourier.geometry import FourierGeometry, unit_phasor
+from optics.fourier.gridded import GriddedTransform
+from optics.fourier.matrix import MatrixTransform
+from optics.fourier.nonuniform import NonuniformTransform
+from optics.fourier.transform import Transform
+from optics.fourier.transform_choice import plan_transform, valid_transforms
+
+__all__ = [
+    "ChirpTransform",
+    "CommensurateTransform",
+    "FourierGeometry",
+    "GriddedTransform",
+    "MatrixTransform",
+    "NonuniformTransform",
+    "Transform",
+    "fast_fft_length",
+    "fft",
+    "irfft2",
+    "plan_transform",
+    "rfft",
+    "rfft2",
+    "rfft_column_weights",
+    "unit_phasor",
+    "valid_transforms",
+]

@@ -5,8 +5,9 @@ by Fresnel's (thesis Eq. 2.12). Every method states from sampling and physics wh
 what it costs and how far off it may be; the operator takes the cheapest.
 """
 
-from optics.propagation.free_space_operator import FreeSpace as FreeSpace
-from optics.propagation.free_space_operator import propagate as propagate
-from optics.propagation.method_choice import METHODS as METHODS
-from optics.propagation.propagator import Propagator as Propagator
-from optics.propagation.span import FreeSpaceSpan as FreeSpaceSpan
+from optics.propagation.free_space_operator import FreeSpace, propagate
+from optics.propagation.method_choice import METHODS
+from optics.propagation.propagator import Propagator
+from optics.propagation.span import FreeSpaceSpan
+
+__all__ = ["METHODS", "FreeSpace", "FreeSpaceSpan", "Propagator", "propagate"]

@@ -6,13 +6,23 @@ A PSFOperator takes the cheapest engine that keeps its tolerance: `axial` for ro
 the engines are those of optics.chain.
 """
 
-from optics.chain import CHAIN_METHODS as CHAIN_METHODS
-from optics.chain import LightBudget as LightBudget
-from optics.point.panel_engine import PANEL_METHODS as PANEL_METHODS
-from optics.psf.behind_modulator import modulated_psf as modulated_psf
-from optics.psf.engine_choice import METHODS as METHODS
-from optics.psf.operator import PSFOperator as PSFOperator
-from optics.psf.operator import nyquist_samples_per_pixel as nyquist_samples_per_pixel
-from optics.psf.operator import psf as psf
-from optics.psf.polychromatic import PolychromaticPSF as PolychromaticPSF
-from optics.psf.stack import PSFStack as PSFStack
+from optics.chain import CHAIN_METHODS, LightBudget
+from optics.point.panel_engine import PANEL_METHODS
+from optics.psf.behind_modulator import modulated_psf
+from optics.psf.engine_choice import METHODS
+from optics.psf.operator import PSFOperator, nyquist_samples_per_pixel, psf
+from optics.psf.polychromatic import PolychromaticPSF
+from optics.psf.stack import PSFStack
+
+__all__ = [
+    "CHAIN_METHODS",
+    "METHODS",
+    "PANEL_METHODS",
+    "LightBudget",
+    "PSFOperator",
+    "PSFStack",
+    "PolychromaticPSF",
+    "modulated_psf",
+    "nyquist_samples_per_pixel",
+    "psf",
+]

@@ -6,11 +6,21 @@ time; flicker; the coupling of neighbours; the gap between pixels. `Modulator` p
 those that a panel has.
 """
 
-from optics.slm.grey_validation import require_grey as require_grey
-from optics.slm.lut import grey_to_phase as grey_to_phase
-from optics.slm.lut import phase_to_grey as phase_to_grey
-from optics.slm.maps import PanelMap as PanelMap
-from optics.slm.modulator import Modulator as Modulator
-from optics.slm.panel import Panel as Panel
-from optics.slm.phase_range import max_phase as max_phase
-from optics.slm.response import PhaseResponse as PhaseResponse
+from optics.slm.grey_validation import require_grey
+from optics.slm.lut import grey_to_phase, phase_to_grey
+from optics.slm.maps import PanelMap
+from optics.slm.modulator import Modulator
+from optics.slm.panel import Panel
+from optics.slm.phase_range import max_phase
+from optics.slm.response import PhaseResponse
+
+__all__ = [
+    "Modulator",
+    "Panel",
+    "PanelMap",
+    "PhaseResponse",
+    "grey_to_phase",
+    "max_phase",
+    "phase_to_grey",
+    "require_grey",
+]

@@ -8,17 +8,28 @@ deviation of a Gaussian across a stroke, or of a dot.
 
 from __future__ import annotations
 
-from optics.targets.curves import eye as eye
-from optics.targets.curves import heart as heart
-from optics.targets.curves import infinity as infinity
-from optics.targets.curves import spiral as spiral
-from optics.targets.dispersion import dispersed_positions as dispersed_positions
-from optics.targets.dispersion import linear_dispersion as linear_dispersion
-from optics.targets.dots import dots as dots
-from optics.targets.dots import grid_positions as grid_positions
-from optics.targets.dots import ring_positions as ring_positions
-from optics.targets.letters import letters as letters
-from optics.targets.logo import logo as logo
-from optics.targets.moving import shrinking_spiral as shrinking_spiral
-from optics.targets.ring import ring as ring
-from optics.targets.target import Target as Target
+from optics.targets.curves import eye, heart, infinity, spiral
+from optics.targets.dispersion import dispersed_positions, linear_dispersion
+from optics.targets.dots import dots, grid_positions, ring_positions
+from optics.targets.letters import letters
+from optics.targets.logo import logo
+from optics.targets.moving import shrinking_spiral
+from optics.targets.ring import ring
+from optics.targets.target import Target
+
+__all__ = [
+    "Target",
+    "dispersed_positions",
+    "dots",
+    "eye",
+    "grid_positions",
+    "heart",
+    "infinity",
+    "letters",
+    "linear_dispersion",
+    "logo",
+    "ring",
+    "ring_positions",
+    "shrinking_spiral",
+    "spiral",
+]

@@ -4,11 +4,19 @@ In the order in which light meets them: `targets`, `filters`, `slm` and `simulat
 the `spectroradiometer` stands beside. What they share is in `base`.
 """
 
-from simulator.devices.filters import SimulatedFilter as SimulatedFilter
-from simulator.devices.filters import SimulatedWheel as SimulatedWheel
-from simulator.devices.simulated_camera import SimulatedCamera as SimulatedCamera
-from simulator.devices.slm import SimulatedSLM as SimulatedSLM
+from simulator.devices.filters import SimulatedFilter, SimulatedWheel
+from simulator.devices.simulated_camera import SimulatedCamera
+from simulator.devices.slm import SimulatedSLM
 from simulator.devices.spectroradiometer import (
-    SimulatedSpectroradiometer as SimulatedSpectroradiometer,
+    SimulatedSpectroradiometer,
 )
-from simulator.devices.targets import SimulatedTargets as SimulatedTargets
+from simulator.devices.targets import SimulatedTargets
+
+__all__ = [
+    "SimulatedCamera",
+    "SimulatedFilter",
+    "SimulatedSLM",
+    "SimulatedSpectroradiometer",
+    "SimulatedTargets",
+    "SimulatedWheel",
+]

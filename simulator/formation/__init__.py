@@ -5,4 +5,6 @@
 order of the light.
 """
 
-from simulator.formation.mean_picture import expected_electrons as expected_electrons
+from simulator.formation.mean_picture import expected_electrons
+
+__all__ = ["expected_electrons"]

@@ -18,7 +18,7 @@ from labapp.accuracy.blurs import Array, shake, simulate_photograph
 from labapp.files.reading import bundled_path
 from optics.deconvolution.blind import find_kernel
 from optics.deconvolution.blind.kernel_estimate import FAIR
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.total_variation import total_variation
 from optics.threads import single_threaded
 

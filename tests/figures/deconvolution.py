@@ -23,8 +23,8 @@ from labapp.accuracy.blurs import (
 )
 from labapp.accuracy.deconvolve import psnr_away_from_border
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.plug_and_play import plug_and_play
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.richardson_lucy import richardson_lucy

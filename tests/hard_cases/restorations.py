@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
 from labapp.pictures.networks import bundled_denoiser
 from optics.deconvolution.bounded import restore_within_bounds
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.hyper_laplacian import hyper_laplacian
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.plug_and_play import plug_and_play
 from optics.deconvolution.poisson import poisson_total_variation
 from optics.deconvolution.richardson_lucy import richardson_lucy

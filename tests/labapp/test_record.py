@@ -67,7 +67,8 @@ def test_a_stored_frame_is_seen_by_a_reader_while_the_run_goes_on(path):
         # Another process, as a person's notebook would be.
         code = (
             "import sys; from pathlib import Path; from labapp.runs.record.reader import Record\n"
-            "with Record(Path(sys.argv[1])) as r: print(r.state, r.missing_frames(), r.image(1).sum())"
+            "with Record(Path(sys.argv[1])) as r:\n"
+            "    print(r.state, r.missing_frames(), r.image(1).sum())"
         )
         done = forked.run(
             [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True

@@ -11,8 +11,8 @@ from scipy.signal import convolve2d, fftconvolve
 from skimage import restoration
 
 from optics.deconvolution.border import extend_periodically
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.observation import require_psf
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.wiener import wiener
 from optics.operators.blur import blur_shape, transfer_function

@@ -10,7 +10,7 @@ from scipy.signal import fftconvolve
 from test_plug_and_play import chambolle
 
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.restoration_choice import METHODS, restore
 
 

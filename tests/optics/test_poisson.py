@@ -8,7 +8,7 @@ from scipy.ndimage import convolve
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.poisson import poisson_total_variation
 from optics.deconvolution.total_variation import total_variation
 

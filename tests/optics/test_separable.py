@@ -10,7 +10,7 @@ from scipy.ndimage import convolve1d
 from scipy.signal import convolve2d
 from skimage import data
 
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.separable import (
     SeparableFilter,
     blur_matrix,

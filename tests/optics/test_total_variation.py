@@ -11,7 +11,7 @@ from judges import gaussian_psf, natural_image
 from scipy.signal import convolve2d, fftconvolve
 from skimage import data
 
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.total_variation import initial_weight, total_variation
 from optics.progress import Cancelled, Progress
 

@@ -15,7 +15,8 @@ from optics.progress import Cancelled, Progress
 log = logging.getLogger(__name__)
 
 Check = tuple[str, Callable[[], str]]
-"""What is looked at, and what looks: it tells what it saw, or raises Wrong or DeviceError."""
+"""What is looked at, and what looks: it tells what it saw, or raises SelfTestFailure or
+DeviceError."""
 
 
 class SelfTestFailure(Exception):

@@ -123,7 +123,9 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
         took = time.perf_counter() - began
         _wait_until_ready(setting, clock)
         if device.displayed_pattern != name:
-            raise SelfTestFailure(f"{name} was shown, and {device.displayed_pattern} is on the panel")
+            raise SelfTestFailure(
+                f"{name} was shown, and {device.displayed_pattern} is on the panel"
+            )
         return f"on the panel after {took * 1e3:.0f} ms"
 
     def play() -> str:
@@ -131,8 +133,11 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
         setting = device.play("self-test video", video)
         clock.wait_until(setting.ready_at + 2 * _VIDEO * device.frame_time, lambda: False)
         if device.displayed_pattern != "self-test video":
-            raise SelfTestFailure(f"a video was shown, and {device.displayed_pattern} is on the panel")
-        return f"{_VIDEO} frames of {device.frame_time * 1e3:.2f} ms each{_presentation_summary(device)}"
+            raise SelfTestFailure(
+                f"a video was shown, and {device.displayed_pattern} is on the panel"
+            )
+        each = f"{device.frame_time * 1e3:.2f} ms each"
+        return f"{_VIDEO} frames of {each}{_presentation_summary(device)}"
 
     def other_shape() -> str:
         grey = np.zeros((rows, columns + 1), np.uint8)
@@ -220,7 +225,7 @@ def _spectroradiometer_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise Wrong for a frame that isn't what was asked for."""
+    """Raise SelfTestFailure for a frame that isn't what was asked for."""
     if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
         raise SelfTestFailure(
             f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"

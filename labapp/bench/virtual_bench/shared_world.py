@@ -37,7 +37,7 @@ class SharedWorld:
             yield self._world
 
     def render_frame(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """The sensor's picture, as FakeGigE wants it; each has its own noise.
+        """The sensor's picture, as FakeGigECamera wants it; each has its own noise.
 
         What can't be computed is told to whoever started the bench: of the camera, only a frame
         is missing.

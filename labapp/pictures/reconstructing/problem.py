@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from labapp.files.photograph_file import Light
 from labapp.pictures.analysis.score import ReferencePicture
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.operators.blur import Border
 
 _WHITE = 99.9

@@ -40,8 +40,8 @@ OnFrame = Callable[[Shot, Frame], None]
 class RunOutcome:
     """How a run ended. missing: indices of planned frames that aren't in the record.
 
-    expected_seconds, elapsed_seconds: seconds of the bench's time, without what persons and pauses took.
-    device_error: with the device that ended it, if one did.
+    expected_seconds, elapsed_seconds: seconds of the bench's time, without what persons and pauses
+    took. device_error: with the device that ended it, if one did.
     """
 
     path: Path
@@ -163,7 +163,7 @@ class ActiveRun:
         return self._progress.is_cancelled
 
     def _pause(self, message: str, is_over: Callable[[], bool]) -> None:
-        """Rest until `over()`, with the reason in the record; Cancelled ends it, too."""
+        """Rest until `is_over()`, with the reason in the record; Cancelled ends it, too."""
         log.warning("paused: %s", message)
         self._writer.set_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")

@@ -29,7 +29,8 @@ def effect_plans(
     """The plan of each different target, pattern, wavelength and exposure; None without a world.
 
     {"effects": what they are by name, "plans": [...]}, as plain data. Nothing is rendered.
-    check_cancelled: is called before each, and may raise. UserError for a picture that can't be made.
+    check_cancelled: is called before each, and may raise. UserError for a picture that can't be
+    made.
     """
     if bench.world is None:
         return None

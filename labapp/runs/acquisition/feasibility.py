@@ -91,7 +91,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
 
 
 def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> list[Shot]:
-    """Every frame of a plan that the bench can take; UserError as require_feasible_plan() says it."""
+    """Every frame of a plan that the bench can take; UserError as of require_feasible_plan()."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)
 

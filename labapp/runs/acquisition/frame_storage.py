@@ -52,8 +52,8 @@ def require_space(path: Path, needed: int) -> None:
 class FrameStore:
     """Puts frames into a record.
 
-    frame_bytes: of a picture. use_planned_times: whether frames keep the moment of the plan, as on a
-    virtual bench, instead of the clock's time. pause: is called when the disk is full.
+    frame_bytes: of a picture. use_planned_times: whether frames keep the moment of the plan, as on
+    a virtual bench, instead of the clock's time. pause: is called when the disk is full.
     """
 
     def __init__(

@@ -25,8 +25,8 @@ def build_record_contents(
     capabilities: BenchCapabilities,
     check_cancelled: Callable[[], None],
 ) -> RecordContents:
-    """patterns: grey levels by name. shots: every frame of the plan. check_cancelled: is called between
-    the steps of a long computation, and may raise."""
+    """patterns: grey levels by name. shots: every frame of the plan. check_cancelled: is called
+    between the steps of a long computation, and may raise."""
     scene = bench.scene_file
     return RecordContents(
         title=plan.title,

@@ -1,8 +1,8 @@
 """The checks of a record, also of a badly damaged one.
 
 HDF5 trusts what a file says of itself: a few bytes can make it search for ever, or end the
-process. `answer` therefore makes the checks in a process of its own, which whoever has started
-it ends when nothing has happened for long.
+process. `send_verification` therefore makes the checks in a process of its own, which whoever
+has started it ends when nothing has happened for long.
 """
 
 from __future__ import annotations
@@ -142,7 +142,8 @@ class _Checks:
         self._found.not_stored = missing = record.frames_not_stored()
         if not missing:
             return "ok", f"all {record.frame_count} are stored"
-        detail = f"{len(missing)} of {record.frame_count} were never stored: {format_frame_list(missing)}"
+        frames = format_frame_list(missing)
+        detail = f"{len(missing)} of {record.frame_count} were never stored: {frames}"
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
     def _check_checksums(self) -> StatusAndDetail:

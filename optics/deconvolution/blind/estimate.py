@@ -19,8 +19,8 @@ from optics.deconvolution.blind.kernel_uncertainty import align_kernel, kernel_d
 from optics.deconvolution.blind.naturalness import rank_by_naturalness, unnaturalness
 from optics.deconvolution.blind.scales import centred_window_start, cut_window, next_odd
 from optics.deconvolution.blind.specks import without_specks
-from optics.deconvolution.build_observation import build_observation
 from optics.deconvolution.observation import LEAST_NOISE
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -9,7 +9,7 @@ import torch
 
 from optics.deconvolution.blind.gradient_statistics import gradients
 from optics.deconvolution.blind.kernel_search import NormalisedPhotograph
-from optics.deconvolution.build_observation import build_observation
+from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 

@@ -1,0 +1,65 @@
+"""What a package's face exports has a docstring in NumPy style that says all of its parameters."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from numpydoc.validate import Validator, validate
+
+import drivers
+import optics
+import simulator
+
+CHECKED = {
+    "GL03",  # blank lines
+    "GL08",  # no docstring
+    "SS02",  # summary begins with a capital letter
+    "SS03",  # and ends with a full stop
+    "PR01",  # a parameter isn't described
+    "PR02",  # a described one isn't there
+    "PR03",  # another order
+    "PR04",  # no type
+    "PR07",  # no description
+    "RT01",  # what is returned isn't described
+    "RT03",
+    "YD01",
+}
+
+
+def faces() -> Iterator[str]:
+    """Packages that say what they export."""
+    for room in (optics, drivers, simulator):
+        for found in pkgutil.walk_packages(room.__path__, room.__name__ + "."):
+            if found.ispkg and hasattr(importlib.import_module(found.name), "__all__"):
+                yield found.name
+
+
+WITHOUT_NUMPY_STYLE = set(faces())
+"""Packages whose docstrings aren't in that style yet."""
+
+
+def exported() -> list[str]:
+    return sorted(
+        f"{face}.{name}"
+        for face in faces()
+        if face not in WITHOUT_NUMPY_STYLE
+        for name in importlib.import_module(face).__all__
+        if _is_documented(getattr(importlib.import_module(face), name))
+    )
+
+
+def _is_documented(thing: Any) -> bool:
+    """Constants and aliases of types have no docstring of their own."""
+    return inspect.isclass(thing) or inspect.isfunction(thing)
+
+
+@pytest.mark.parametrize("name", exported())
+def test_a_docstring_says_all_that_a_caller_gives_and_gets(name: str) -> None:
+    found = validate(name)["errors"]
+    wrong = [f"{code} {words}" for code, words in found if code in CHECKED]
+    assert not wrong, Validator._load_obj(name).__doc__
