@@ -15,17 +15,36 @@ from optics.zernike import require_zernike_indices
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens with its stop.
-
-    focal_length: metres. f_number: focal length over the stop's diameter.
-    focus_distance: metres from the lens to the plane in focus; math.inf is allowed.
-    stop: the opening's shape, in units of the stop's radius; a clear circle by default.
-    aberrations: triples (n, m, metres of optical path, root mean square over the disc) of
-    Zernike polynomials. kind: "thin" for a paraxial lens with a quadratic phase (thesis
-    Eq. 2.14), or "stigmatic" for one that unites all rays of the point in focus and obeys
-    the sine condition, so that its pupil's coordinate is the sine of a ray's angle.
+    """Describes a lens with its stop.
 
     Lengths and aberrations may be 0-d tensors: a PSF is differentiable in them.
+
+    Parameters
+    ----------
+    focal_length : float or 0-d torch.Tensor, optional
+        Metres.
+    f_number : float or 0-d torch.Tensor, optional
+        Focal length over the stop's diameter.
+    focus_distance : float or 0-d torch.Tensor, optional
+        Metres from the lens to the plane in focus; ``math.inf`` is allowed.
+    stop : Stop, optional
+        The shape of the opening, in units of the stop's radius; a clear circle by default.
+    aberrations : tuple of (int, int, float), optional
+        Triples (n, m, root-mean-square optical path over the disc in metres) of Zernike
+        polynomials. None by default.
+    kind : {"thin", "stigmatic"}, optional
+        "thin" is a paraxial lens with a quadratic phase (thesis Eq. 2.14). "stigmatic" is a lens
+        that unites all rays of the point in focus and obeys the sine condition, so that its
+        pupil coordinate is the sine of a ray's angle.
+
+    Raises
+    ------
+    ValueError
+        For lengths, aberrations or a kind that no such lens can have.
+
+    References
+    ----------
+    Thesis Eq. 2.14.
     """
 
     focal_length: float = 0.125
@@ -59,22 +78,26 @@ class Lens:
 
     @property
     def stop_diameter(self) -> float:
+        """The diameter of the stop in metres."""
         return self.focal_length / self.f_number
 
     @property
     def image_distance(self) -> float:
-        """Metres from the lens to the sensor: the thin-lens equation at focus_distance."""
+        """Metres from the lens to the sensor, by the thin-lens equation at `focus_distance`."""
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
     def image_numerical_aperture(self) -> float:
-        """Of the angle between the axis and the steepest ray behind the lens; a tangent where
-        the lens is thin, which is the same to the paraxial order."""
+        """The numerical aperture on the image side, from the steepest ray behind the lens.
+
+        It is the sine of that ray's angle to the axis. For a thin lens it is the tangent, which is
+        the same to paraxial order.
+        """
         return 0.5 * self.stop_diameter / self.image_distance
 
     @property
     def has_quadratic_phase(self) -> bool:
-        """Whether its wave is the parabola of defocus, and nothing else."""
+        """Whether the lens' wave is the parabola of defocus and nothing else."""
         return self.kind == "thin" and not self.aberrations
 
     @property
@@ -85,12 +108,33 @@ class Lens:
 
 @dataclass(frozen=True)
 class Camera:
-    """A panel in front of a lens in front of a sensor.
+    """Describes a programmable camera: a panel in front of a lens in front of a sensor.
 
-    transmission: of everything else. glare: share of the light that reflections and scatter
-    spread evenly over the sensor, the veiling glare index of ISO 9358; only the simulator
-    knows of it. separation: metres from the panel to the lens and its
-    stop (thesis z₁, §5.3); 0 where the two may count as one plane. It may be a 0-d tensor.
+    Parameters
+    ----------
+    panel : Panel, optional
+        The spatial light modulator.
+    lens : Lens, optional
+        The lens and its stop.
+    sensor : Sensor, optional
+        The image sensor.
+    transmission : float, optional
+        Share of the light, 0 to 1, that all other parts let through.
+    separation : float or 0-d torch.Tensor, optional
+        Metres from the panel to the lens and its stop (thesis z₁, §5.3). 0, the default, where the
+        two may count as one plane.
+    glare : float, optional
+        Share of the light that reflections and scatter spread evenly over the sensor, the veiling
+        glare index of ISO 9358. Only the simulator uses it.
+
+    Raises
+    ------
+    ValueError
+        For shares or lengths that no camera can have.
+
+    References
+    ----------
+    Thesis §5.3, Fig. 5.2; ISO 9358.
     """
 
     panel: Panel = field(default_factory=Panel)
@@ -113,16 +157,19 @@ class Camera:
     def ray_matrix_b(self) -> float:
         """Metres by which light moves on the sensor for a unit slope at the panel.
 
-        The element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis
-        Fig. 5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). The image
-        distance where the panel stands at the lens; not positive where the panel stands in the
+        It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
+        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It is the image
+        distance where the panel stands at the lens, and not positive where the panel stands in the
         plane in focus or beyond it.
         """
         lens = self.lens
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Metres on the sensor for a metre across the axis at an object, `distance` metres from
-        the panel: the chief ray's, through the middle of the lens. 0 for math.inf. The image
-        is inverted; the number is positive."""
+        """Compute the metres on the sensor for a metre across the axis at an object.
+
+        The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
+        is the magnification of the chief ray, through the middle of the lens. The image is
+        inverted; the number is positive.
+        """
         return self.lens.image_distance / (distance + self.separation)

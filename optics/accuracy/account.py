@@ -16,7 +16,15 @@ FLOAT64_ARITHMETIC = 1e-12
 
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """A relative L2 error and how it is known: "bound", "estimate", "measured"."""
+    """A relative L2 error and how it is known.
+
+    Parameters
+    ----------
+    value : float
+        The relative L2 error.
+    how : str
+        How it is known: "bound", "estimate" or "measured", with further words where they help.
+    """
 
     value: float
     how: str
@@ -24,12 +32,33 @@ class ErrorEstimate:
 
 @dataclass(frozen=True)
 class Account:
-    """The price and the promise of one result.
+    """What one result costs and how accurate it is.
 
-    method: how it was computed. sampling: the grid, in words. precision: dtype.
-    model, sampling_error, arithmetic: relative L2 errors. Only the last two are
-    bounded by `tol`; the error of the model stands beside them.
-    cpu_predicted, cpu_spent: seconds of processor time. bytes: largest arrays.
+    Only the errors from sampling and arithmetic are bounded by `tol`; the error of the model is
+    stated beside them.
+
+    Parameters
+    ----------
+    method : str
+        How the result is computed.
+    sampling : str
+        The grid, in words.
+    precision : str
+        The dtype.
+    tol : float
+        The relative L2 error that was allowed.
+    model : ErrorEstimate
+        Relative L2 error of the physical model.
+    sampling_error : ErrorEstimate
+        Relative L2 error from sampling.
+    arithmetic : ErrorEstimate
+        Relative L2 error from rounding.
+    cpu_predicted : float
+        Predicted processor time in seconds.
+    bytes : int
+        Size of the largest arrays.
+    cpu_spent : float, optional
+        Processor time that was spent, in seconds; None before.
     """
 
     method: str
@@ -45,23 +74,44 @@ class Account:
 
     @property
     def error(self) -> float:
-        """Predicted relative L2 error from sampling and arithmetic."""
+        """The predicted relative L2 error from sampling and arithmetic."""
         return self.sampling_error.value + self.arithmetic.value
 
     def with_cpu_spent(self, cpu_seconds: float) -> Account:
+        """Return a copy of the account with the processor time that was spent, in seconds."""
         return replace(self, cpu_spent=cpu_seconds)
 
 
 @dataclass(frozen=True)
 class Result(Generic[T]):
-    """A value and its account."""
+    """A value and its account.
+
+    Parameters
+    ----------
+    value : Any
+        What was computed, usually a tensor.
+    account : Account
+        What it cost and how accurate it is.
+    """
 
     value: T
     account: Account
 
 
 def account_as_dict(account: Account) -> dict[str, Any]:
-    """The account as plain data, for tables and files."""
+    """Convert an account to plain data, for tables and files.
+
+    Parameters
+    ----------
+    account : Account
+        The account.
+
+    Returns
+    -------
+    dict
+        Strings and numbers. Each error estimate becomes two entries, its value and how it is known;
+        times are in seconds.
+    """
     return {
         "method": account.method,
         "sampling": account.sampling,

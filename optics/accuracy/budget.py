@@ -7,16 +7,36 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class MachineSpeed:
-    """Seconds per operation on the machine at hand, one thread, float32.
+    """The seconds that basic operations take on the machine at hand, one thread, float32.
 
-    call: of any function called, whatever its size. multiply_add: in a product of matrices.
-    fft: a floating-point operation of one. touch: a complex number passed once; fresh: a byte
-    taken beyond what caches and allocators keep. gridding: a sample spread to one point of a
-    regular grid, row by row; spread: a scattered one, and point: what it costs besides.
-    stream: a matrix' element used once. gather: a value fetched from a place of its own. tap:
-    a fine sample's part in a whole pixel. double: how much longer double precision takes.
+    The defaults were measured on a 2-core server. Pass your own where you know them.
 
-    The defaults come from a 2-core server; who knows better passes its own.
+    Parameters
+    ----------
+    call : float, optional
+        Any function call, whatever its size.
+    multiply_add : float, optional
+        One multiplication and addition in a product of matrices.
+    fft : float, optional
+        A floating-point operation of an FFT.
+    touch : float, optional
+        Passing over a complex number once.
+    fresh : float, optional
+        A byte of memory beyond what caches and allocators retain.
+    gridding : float, optional
+        Spreading a sample to one point of a regular grid, row by row.
+    spread : float, optional
+        Spreading a scattered sample to one point of a regular grid.
+    point : float, optional
+        What a scattered sample costs besides.
+    stream : float, optional
+        Using an element of a matrix once.
+    gather : float, optional
+        Fetching a value from a place of its own.
+    tap : float, optional
+        Adding a fine sample's part to a whole pixel.
+    double : float, optional
+        How many times longer double precision takes.
     """
 
     call: float = 5e-4
@@ -35,7 +55,15 @@ class MachineSpeed:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a computation may use: memory in bytes, and the machine's speed."""
+    """What a computation may use: memory, on a machine of a given speed.
+
+    Parameters
+    ----------
+    memory : int, optional
+        Bytes; 4 GiB by default.
+    speed : MachineSpeed, optional
+        The machine's speed.
+    """
 
     memory: int = 4 << 30
     speed: MachineSpeed = field(default_factory=MachineSpeed)

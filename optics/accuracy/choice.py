@@ -22,30 +22,62 @@ _ROUNDING = 1e-9
 
 
 class CandidateMethod(ABC):
-    """A way to compute something, known by its name and predicted cost."""
+    """Base class of all methods to compute something, known by name and predicted cost.
+
+    A candidate is created before it is prepared: it knows its name, its bytes and its processor
+    time without having made anything large.
+
+    Attributes
+    ----------
+    name : str
+        The method's name.
+    """
 
     name: str
 
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The largest arrays."""
+        """The size of the largest arrays in bytes."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predicted processor time of one call, on a machine of such a speed."""
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
 
     def prepare(self) -> None:  # noqa: B027 (many keep nothing)
-        """Make what is kept between calls; ToleranceError if that doesn't keep the promise."""
+        """Make what is kept between calls.
+
+        Raises
+        ------
+        ToleranceError
+            If that shows that the method doesn't keep its tolerance.
+        """
 
 
 O = TypeVar("O", bound=CandidateMethod)  # noqa: E741
 
 
 def select_methods(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
-    """All methods, or the one that is asked for; ValueError with their names for any other.
+    """List all methods, or only the one that is requested.
 
-    what: that is computed, for the message.
+    Parameters
+    ----------
+    methods : collection of str
+        The names of all methods.
+    method : str or None
+        The requested one; None for all.
+    what : str, optional
+        What is computed, for the error message.
+
+    Returns
+    -------
+    list of str
+        The names, in the order given.
+
+    Raises
+    ------
+    ValueError
+        For a name that isn't among the methods; the message lists them.
     """
     if method is None:
         return list(methods)
@@ -59,10 +91,24 @@ def select_methods(methods: Collection[str], method: str | None, what: str = "")
 class MethodChoice(Generic[O]):
     """The candidates that fit a budget, the cheapest first, and why the others don't serve.
 
-    makers: what makes each offer; it raises ValueError where its method isn't made for the
-    request, and ToleranceError where it can't keep the promise. what: is computed. remedy: what
-    helps besides memory, as a command. longest: seconds of a call beyond which an offer is
-    refused.
+    Parameters
+    ----------
+    makers : iterable of callable
+        Each makes one candidate. It raises ValueError where its method isn't made for the request,
+        and ToleranceError where it can't keep the tolerance.
+    budget : Budget
+        The memory allowed, and the machine's speed.
+    what : str
+        What is computed, for error messages.
+    remedy : str, optional
+        What helps besides more memory, as a command.
+    longest : float, optional
+        Seconds of a call beyond which a candidate is refused; no limit by default.
+
+    Attributes
+    ----------
+    candidates : list of CandidateMethod
+        Those that fit, in order of predicted processor time.
     """
 
     def __init__(
@@ -102,11 +148,14 @@ class MethodChoice(Generic[O]):
 
     @property
     def seconds(self) -> float:
-        """Of the cheapest, in a call; infinite if none serves."""
+        """The predicted seconds of a call of the cheapest candidate; infinite if there is none."""
         return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
 
     def prepared_candidates(self) -> Iterator[O]:
-        """The candidates that keep their promise, each prepared when it's asked for."""
+        """Yield the candidates that keep their tolerance, the cheapest first.
+
+        Each is prepared only when the iteration reaches it.
+        """
         for offer in self.candidates:
             try:
                 offer.prepare()
@@ -116,14 +165,34 @@ class MethodChoice(Generic[O]):
             yield offer
 
     def refusal(self, tol: float) -> ValueError:
-        """Why no offer keeps a tolerance, with the one that could be kept or what it takes."""
+        """Return the error that says why no candidate keeps a tolerance.
+
+        It names the tolerance that could be kept, or what it takes.
+        """
         return combine_refusals(self._refusals, tol)
 
 
 def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
-    """The one of least predicted processor time that fits in memory.
+    """Choose the candidate of least predicted processor time that fits in memory.
 
-    Raises ToleranceError that names the memory the thriftiest needs.
+    Parameters
+    ----------
+    candidates : iterable of CandidateMethod
+        The candidates.
+    budget : Budget
+        The memory allowed, and the machine's speed.
+    what : str
+        What is computed, for the error message.
+
+    Returns
+    -------
+    CandidateMethod
+        The cheapest. It isn't prepared.
+
+    Raises
+    ------
+    ToleranceError
+        If none fits; the message names the memory that the smallest needs.
     """
     choice = MethodChoice([partial(_itself, one) for one in candidates], budget, what)
     if not choice.candidates:
@@ -137,8 +206,21 @@ def _itself(offer: O) -> O:
 
 @dataclass(frozen=True)
 class IterationOption:
-    """An iterative method with a number of iterations: what they take, and how much they gain
-    compared to other settings. description: for a person; the method's name if empty."""
+    """An iterative method with a number of iterations: what it takes and how much it gains.
+
+    Parameters
+    ----------
+    method : str
+        The method's name.
+    count : int
+        The number of iterations.
+    seconds : float
+        What they take.
+    gain : float
+        How much they gain, to be compared with other options.
+    description : str, optional
+        Words for a person; the method's name is used if it is empty.
+    """
 
     method: str
     count: int
@@ -148,9 +230,24 @@ class IterationOption:
 
 
 def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
-    """The setting that gains most in so many seconds.
+    """Choose the option that gains most in the seconds allowed.
 
-    Raises ValueError that names the quickest, and what it takes.
+    Parameters
+    ----------
+    budget : float
+        Seconds.
+    settings : sequence of IterationOption
+        The options, at least one.
+
+    Returns
+    -------
+    IterationOption
+        The one of the largest gain that takes no longer than `budget`.
+
+    Raises
+    ------
+    ValueError
+        If none is quick enough; the message names the quickest and what it takes.
     """
     fitting = [one for one in settings if one.seconds <= budget * (1 + _ROUNDING)]
     if not fitting:

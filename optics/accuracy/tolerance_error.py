@@ -8,10 +8,16 @@ from optics.validation import rounded_up
 
 
 class ToleranceError(ValueError):
-    """Nothing at hand keeps the promise; the message names the floor and the remedy.
+    """Raised where no method keeps the tolerance within the budget.
 
-    floor: the tolerance that would do, where the refusal is one of tolerance alone.
-    needed_bytes: bytes that would do, where it is one of memory.
+    The message names the smallest tolerance that can be kept, and the remedy.
+
+    Attributes
+    ----------
+    floor : float or None
+        The tolerance that could be kept, where only the tolerance is the obstacle.
+    needed_bytes : int or None
+        The bytes that would be enough, where memory is the obstacle.
     """
 
     floor: float | None = None
@@ -19,7 +25,21 @@ class ToleranceError(ValueError):
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
-    """The refusal of a tolerance below a floor, with the one that would do."""
+    """Build the error for a tolerance below what can be kept.
+
+    Parameters
+    ----------
+    tol : float
+        The tolerance that was requested.
+    floor : float
+        The smallest that can be kept. From 1 on, the message says that hardly any light reaches the
+        window.
+
+    Returns
+    -------
+    ToleranceError
+        The error, to be raised by the caller. Its `floor` is set if it is below 1.
+    """
     if not floor < 1:
         return ToleranceError(
             f"tol {tol:g} can't be kept: hardly any light reaches the window; ask for a larger "
@@ -31,9 +51,23 @@ def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
 
 
 def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: str) -> None:
-    """Raise ToleranceError for what needs more bytes than are allowed.
+    """Require that what a computation needs is no more than the memory allowed.
 
-    remedy: what else helps, as a command: "ask for fewer samples".
+    Parameters
+    ----------
+    what : str
+        What needs the memory, for the error message.
+    needed_bytes : float
+        Bytes that it needs.
+    allowed_bytes : int
+        Bytes that are allowed.
+    remedy : str
+        What else helps, as a command: "ask for fewer samples".
+
+    Raises
+    ------
+    ToleranceError
+        If more bytes are needed than are allowed.
     """
     if needed_bytes <= allowed_bytes:
         return

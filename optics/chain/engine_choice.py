@@ -24,9 +24,27 @@ CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)
 def chain_engines(
     request: PSFRequest, camera: Camera, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """What makes the engines that may serve, by their names; one of them if a method is named.
+    """List the engines that may compute the PSF of a panel apart from its lens.
 
-    Raises ValueError for a stop that leaves the panel dark.
+    Parameters
+    ----------
+    request : PSFRequest
+        The point, the pixels and the tolerance.
+    camera : Camera
+        The camera; its panel stands apart from its lens.
+    method : str or None
+        One of CHAIN_METHODS, or the name of a transform, which selects CollapsedEngine with it.
+        None for all engines.
+
+    Returns
+    -------
+    dict of str to callable
+        For each engine's name, a function without arguments that makes it.
+
+    Raises
+    ------
+    ValueError
+        For a stop that leaves the panel dark, or a method that isn't known.
     """
     require_open_pupil(numeric_camera(camera))
     # What the stop's edge scatters is looked at once for all of them.

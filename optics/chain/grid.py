@@ -37,10 +37,32 @@ _LENS_WAVE_MEMORY_SHARE = 0.25
 
 
 class GridEngine(ChainEngine):
-    """The lens' plane on a grid: FFTs from the panel, the stop's covered area, FFTs onward.
+    """Computes the PSF behind a panel and a lens with the lens' plane on a grid, by FFTs.
 
-    Light of frequencies that reach no more than the stop's edge is left out as far as the
-    tolerance allows; see `choose_lens_grid`.
+    FFTs lead from the panel to the lens, where each sample is weighted by the area that the stop
+    leaves open. FFTs lead onward to the sensor. Light of frequencies that reach no farther than
+    the stop's edge is left out as far as the tolerance allows; see `choose_lens_grid`.
+
+    Parameters
+    ----------
+    request : PSFRequest
+        The point, the pixels and the tolerance.
+    camera : Camera
+        The camera; its panel stands apart from its lens.
+    search : LensGridSearch
+        What finds the grid at the lens that keeps the tolerance.
+    promised_tol : float, optional
+        The relative L2 error that the caller was promised, where the request's own is stricter; the
+        request's own by default.
+
+    Raises
+    ------
+    ToleranceError
+        Where no grid keeps the tolerance.
+
+    References
+    ----------
+    Thesis Eq. 5.1 to 5.7; E. A. Sziklas and A. E. Siegman, 1975, doi 10.1364/AO.14.001874.
     """
 
     name = "chain"
@@ -66,14 +88,21 @@ class GridEngine(ChainEngine):
 
     @property
     def can_share_spectrum(self) -> bool:
-        """Whether a spectrum of the panel's modulation is all it needs."""
+        """Whether a spectrum of the panel's modulation is all that the engine needs."""
         return not self._request.differentiable and self._request.sphere is None
 
     def use_shared_spectrum(
         self, lengths: Sequence[int], frequency_ranges: Sequence[tuple[float, float]]
     ) -> None:
-        """Take spectra that other engines take as well, of FFTs so long that hold frequencies
-        (first, last) in cycles per metre along each axis; before prepare()."""
+        """Use spectra that other engines use as well; call it before `prepare`.
+
+        Parameters
+        ----------
+        lengths : sequence of int
+            The FFT lengths along y and x.
+        frequency_ranges : sequence of tuple of float
+            The (first, last) frequencies that the spectra hold along each axis, cycles per metre.
+        """
         axes = plan_propagator_axes(self._request.numeric, self._camera, self._grid, lengths)
         self._build_propagators(
             [
@@ -102,6 +131,7 @@ class GridEngine(ChainEngine):
 
     @property
     def bytes(self) -> int:
+        """The size of the largest arrays in bytes."""
         rows, columns = self._lens_plane.shape
         dense = 6 * self._dtype.itemsize * rows * columns if self._request.differentiable else 0
         panel = self._camera.panel.shape
@@ -109,10 +139,18 @@ class GridEngine(ChainEngine):
         return self._sensor_map.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         wave = self._lens_wave.cpu_seconds(speed) if self._lens_wave else 0.0
         return (self._sensor_map.cpu_seconds(speed) + wave) * (3 if self._request.sphere else 1)
 
     def prepare(self) -> None:
+        """Make what is kept between calls, and measure the error.
+
+        Raises
+        ------
+        ToleranceError
+            If the tolerance isn't kept.
+        """
         if not self.error.value + self.arithmetic <= self._request.tol:
             raise unreachable_tolerance_error(self._request.tol, self.error.value + self.arithmetic)
         if not self._request.differentiable:
@@ -136,6 +174,20 @@ class GridEngine(ChainEngine):
         return y, x
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        """Compute the light on every sample.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or None
+            Radians, (..., rows, columns) of the panel.
+        amplitude : torch.Tensor or None
+            Of the same shape.
+
+        Returns
+        -------
+        torch.Tensor
+            The share of the light on every sample, (..., rows, columns).
+        """
         modulated = self.panel_field(phase, amplitude)
         if not modulated.numel():
             return self.empty_intensity(modulated)
@@ -167,7 +219,22 @@ class GridEngine(ChainEngine):
     def intensity_from_spectrum(
         self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """intensity() of a panel whose spectrum is known already."""
+        """Compute the light on every sample, of a panel whose spectrum is known already.
+
+        Parameters
+        ----------
+        spectrum : torch.Tensor
+            The panel's spectrum; see `panel_spectrum`.
+        phase : torch.Tensor or None
+            Radians, as for `intensity`.
+        amplitude : torch.Tensor or None
+            As for `intensity`.
+
+        Returns
+        -------
+        torch.Tensor
+            The share of the light on every sample, (..., rows, columns).
+        """
         field = propagate_to_sensor(self._sensor_map, spectrum)
         return self._intensity_from_field(field, phase, amplitude, spectrum.detach)
 

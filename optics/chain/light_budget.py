@@ -32,12 +32,23 @@ _MIN_STOP_SAMPLES = 1024
 
 @dataclass(frozen=True)
 class LightBudget:
-    """Shares of a point's light, in the units of a PSF: of what panel and stop would pass on the
-    axis if they stood in one plane.
+    """Where a point's light goes: through the stop, to the window, or blocked.
 
-    panel: what leaves the panel's pixels. through_stop: what gets through the stop. blocked: what
-    meets its blades or goes past them. window: what the pixels asked for receive. vignetting:
-    through_stop, over what would pass for a point on the axis.
+    The shares are in the units of a PSF: shares of what panel and stop would pass on the axis if
+    they stood in one plane.
+
+    Parameters
+    ----------
+    panel : float
+        The light that leaves the panel's pixels.
+    through_stop : float
+        The light that passes the stop.
+    blocked : float
+        The light that meets the stop's blades or goes past them.
+    window : float
+        The light on the pixels of the PSF.
+    vignetting : float
+        `through_stop` over what would pass for a point on the axis.
     """
 
     panel: float
@@ -53,11 +64,26 @@ def compute_light_budget(
     fields: Sequence[tuple[float, torch.Tensor]],
     window: float,
 ) -> LightBudget:
-    """Where the light of a panel goes, whose fields (rows, columns) add in intensity.
+    """Compute where the light of a panel goes, for fields that add in intensity.
 
-    fields: with the share of each. window: what its pixels receive. Energy at the lens is the
-    sum of |field|² over its samples, by Parseval's theorem, of all frequencies that get from any
-    of the panel to any of the stop by geometric optics.
+    Energy at the lens is the sum of |field|² over its samples, by Parseval's theorem, of all
+    frequencies that get from any part of the panel to any part of the stop by geometric optics.
+
+    Parameters
+    ----------
+    request : PSFRequest
+        The point and the pixels.
+    camera : Camera
+        The camera.
+    fields : sequence of (float, torch.Tensor)
+        Shares of the light, and complex fields (rows, columns) of the panel.
+    window : float
+        The light on the pixels of the PSF.
+
+    Returns
+    -------
+    LightBudget
+        The shares of the light.
     """
     n, plain = request.numeric, numeric_camera(camera)
     panel, passed = _panel_and_stop_light(n, plain, fields)

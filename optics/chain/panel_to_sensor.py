@@ -134,7 +134,20 @@ class PanelToSensorMap:
 
 
 def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
-    """A panel's spectrum, (..., y, x); differentiable in its field."""
+    """Compute the spectrum of a panel's field, differentiable in the field.
+
+    Parameters
+    ----------
+    relay : PanelToLensPropagator
+        The propagator to the lens; it determines which frequencies are computed.
+    field : torch.Tensor
+        The panel's complex field, (..., rows, columns).
+
+    Returns
+    -------
+    torch.Tensor
+        The spectrum, (..., y frequencies, x frequencies), complex.
+    """
     return apply_linear_map(relay.spectrum, relay.spectrum_adjoint, field)
 
 

@@ -48,11 +48,26 @@ def chirp_length(n: int, m: int) -> int:
 
 
 class ChirpTransform(SeparableTransform):
-    """Chirp-Z transform along each axis (Rabiner, Schafer and Rader 1969)."""
+    """Computes the transform by the chirp-Z algorithm along each axis, for any pitch and window.
+
+    It costs a few FFTs and is exact to rounding.
+
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes; the pupil is a Plane.
+    dtype : torch.dtype
+        complex64 or complex128.
+
+    References
+    ----------
+    L. R. Rabiner, R. W. Schafer and C. M. Rader, 1969.
+    """
 
     name = "chirp-Z"
 
     def build_axis_rule(self, axis: int) -> AxisRule:
+        """Make the rule along axis 0 (y) or 1 (x)."""
         g = self.geometry
         return _ChirpRule(g.pupil.shape[axis], g.image.shape[axis], g.step(axis), self.dtype)
 
@@ -62,10 +77,12 @@ class ChirpTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
+        """The size of the largest arrays in bytes."""
         sizes = (a * b for a, b in zip(self._lengths(), self.lines(), strict=True))
         return self.dtype.itemsize * 3 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         each = zip(self._lengths(), self.lines(), strict=True)
         sizes = [(length, count) for length, count in each]
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)

@@ -56,11 +56,23 @@ class _CommensurateRule(AxisRule):
 
 
 class CommensurateTransform(SeparableTransform):
-    """One FFT along each axis, exact, where one over the step is a whole number.
+    """Computes the transform by one FFT along each axis, where one over the step is a whole number.
 
-    A fine image needs long FFTs, of which only the wanted outputs are kept: a pruned FFT.
-    An image coarser than the pupil's finest fringe needs FFTs that are shorter than the
-    pupil: sampling there is folding here.
+    It is exact to rounding. A fine image needs long FFTs, of which only the requested outputs are
+    kept: a pruned FFT. An image coarser than the pupil's finest fringe needs FFTs that are shorter
+    than the pupil: sampling there is folding here.
+
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes. One over `FourierGeometry.step` is a whole number along both axes.
+    dtype : torch.dtype
+        complex64 or complex128.
+
+    Raises
+    ------
+    ValueError
+        If one over the step isn't a whole number.
     """
 
     name = "folded or pruned FFT"
@@ -75,18 +87,22 @@ class CommensurateTransform(SeparableTransform):
 
     @staticmethod
     def is_commensurate(geometry: FourierGeometry) -> bool:
+        """Tell whether one over the step of a geometry is a whole number along both axes."""
         return all(commensurate_length(geometry, axis) for axis in (0, 1))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
+        """Make the rule along axis 0 (y) or 1 (x)."""
         n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
         return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
 
     @property
     def bytes(self) -> int:
+        """The size of the largest arrays in bytes."""
         sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
         return self.dtype.itemsize * 2 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape

@@ -28,11 +28,30 @@ def fft(
     scaled: bool = True,
     overwrite: bool = False,
 ) -> torch.Tensor:
-    """One-dimensional FFT, zero-padded to `length`, by the fastest library for the case.
+    """Compute a one-dimensional FFT, zero-padded to a length, by the fastest library for the case.
 
-    scaled: whether the inverse is divided by `length`; if not, it is the adjoint. overwrite:
-    whether the answer may take x's memory. scipy is faster than torch on the CPU, and has no
-    gradients.
+    scipy is faster than torch on the CPU, but has no gradients: torch is used on other devices and
+    where gradients are needed.
+
+    Parameters
+    ----------
+    x : torch.Tensor
+        Real or complex samples.
+    length : int
+        The length of the FFT; x is padded with zeros or cut to it.
+    dim : int
+        The axis.
+    inverse : bool, optional
+        Whether to compute the inverse transform.
+    scaled : bool, optional
+        Whether the inverse is divided by `length` (the default). If not, it is the adjoint.
+    overwrite : bool, optional
+        Whether the result may take x's memory.
+
+    Returns
+    -------
+    torch.Tensor
+        The transform, complex, of `length` along `dim`.
     """
     norm: Literal["backward", "forward"] = "backward" if scaled or not inverse else "forward"
     if _needs_torch(x):
@@ -46,21 +65,56 @@ def fft(
 
 
 def rfft(x: torch.Tensor) -> torch.Tensor:
-    """FFT of real rows, along the last axis, by the fastest library."""
+    """Compute the FFT of real rows, along the last axis, by the fastest library for the case.
+
+    Parameters
+    ----------
+    x : torch.Tensor
+        Real, (..., n).
+
+    Returns
+    -------
+    torch.Tensor
+        Complex, (..., n // 2 + 1): the frequencies that aren't negative.
+    """
     if _needs_torch(x):
         return torch.fft.rfft(x)
     return torch.from_numpy(scipy.fft.rfft(_array(x), workers=_workers(x)))
 
 
 def rfft2(x: torch.Tensor) -> torch.Tensor:
-    """Two-dimensional FFT of a real picture, origin in the corner, by the fastest library."""
+    """Compute the two-dimensional FFT of a real picture by the fastest library for the case.
+
+    Parameters
+    ----------
+    x : torch.Tensor
+        Real, (..., rows, columns), with the origin in the corner.
+
+    Returns
+    -------
+    torch.Tensor
+        Complex, (..., rows, columns // 2 + 1).
+    """
     if _needs_torch(x):
         return torch.fft.rfft2(x)
     return torch.from_numpy(scipy.fft.rfft2(_array(x), workers=_workers(x)))
 
 
 def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """The real picture of `shape` whose rfft2 is x."""
+    """Compute the real picture whose `rfft2` is given.
+
+    Parameters
+    ----------
+    x : torch.Tensor
+        Complex, (..., rows, columns // 2 + 1).
+    shape : sequence of int
+        The picture's (rows, columns).
+
+    Returns
+    -------
+    torch.Tensor
+        Real, (..., rows, columns).
+    """
     if _needs_torch(x):
         return torch.fft.irfft2(x, s=tuple(shape))
     return torch.from_numpy(scipy.fft.irfft2(_array(x), s=tuple(shape), workers=_workers(x)))
@@ -68,10 +122,21 @@ def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 @functools.cache
 def fast_fft_length(least: int) -> int:
-    """Of at least so many samples, the number whose real FFT and passes take the least time.
+    """Find the quickest length for real FFTs of at least so many samples.
 
-    A little longer is often quicker: powers of 2 are the quickest. The costs of factors were
-    fitted to pocketfft, in units of that of 2.
+    A slightly longer transform is often quicker; powers of 2 are the quickest. The result minimises
+    the predicted time of a real FFT and of the passes over its samples that go with it. The costs
+    of prime factors were fitted to pocketfft, in units of that of 2.
+
+    Parameters
+    ----------
+    least : int
+        The number of samples that have to fit.
+
+    Returns
+    -------
+    int
+        A length from `least` to about an eighth more.
     """
     lengths = range(least, least + max(1, least // 8) + 1)
     return min(lengths, key=lambda length: length * (_PASSES + _factors_cost(length)))
@@ -86,8 +151,20 @@ def _factors_cost(length: int) -> float:
 
 
 def rfft_column_weights(columns: int) -> torch.Tensor:
-    """For how many frequencies of a picture of so many columns each column of its rfft2 stands:
-    those between the first and the last for their mirror images as well."""
+    """Count how many frequencies of a picture each column of its `rfft2` stands for.
+
+    The columns between the first and the last stand for their mirror images as well.
+
+    Parameters
+    ----------
+    columns : int
+        The number of the picture's columns.
+
+    Returns
+    -------
+    torch.Tensor
+        1 or 2 for each column of the spectrum, (columns // 2 + 1,) float32.
+    """
     counts = torch.full((columns // 2 + 1,), 2.0)
     counts[0] = 1
     if columns % 2 == 0:

@@ -11,17 +11,44 @@ from optics.plane import Plane, RectilinearGrid
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """exp(2 pi i turns) in `dtype`, from float64 turns reduced to within half a turn."""
+    """Compute exp(2 pi i turns), with the phase reduced to within half a turn in float64.
+
+    Parameters
+    ----------
+    turns : torch.Tensor
+        Phase in turns, float64.
+    dtype : torch.dtype
+        complex64 or complex128.
+
+    Returns
+    -------
+    torch.Tensor
+        The phasor, in `dtype`, of the shape of `turns`.
+    """
     angle = 2 * math.pi * (turns - torch.round(turns.detach()))
     return torch.polar(torch.ones_like(angle), angle).to(dtype)
 
 
 @dataclass(frozen=True)
 class FourierGeometry:
-    """Two planes and the product wavelength times distance, in square metres.
+    """Two planes of a Fourier integral, and the product of wavelength and distance.
 
-    A pupil of unevenly spaced rows and columns has no step: matrix and gridded transforms
-    alone serve it.
+    A pupil of unevenly spaced rows and columns has no step: only matrix and gridded transforms
+    accept it.
+
+    Parameters
+    ----------
+    pupil : Plane or RectilinearGrid
+        Where the field is known.
+    image : Plane
+        Where its transform is computed.
+    scale : float
+        Wavelength times distance in square metres, positive.
+
+    Raises
+    ------
+    ValueError
+        For a scale that isn't positive and finite.
     """
 
     pupil: Plane | RectilinearGrid
@@ -35,24 +62,56 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Turns of phase per pupil sample and image sample."""
+        """Compute the turns of phase per pupil sample and image sample, along axis 0 (y) or 1 (x).
+
+        Raises
+        ------
+        ValueError
+            For a pupil of unevenly spaced rows and columns.
+        """
         if isinstance(self.pupil, RectilinearGrid):
             raise ValueError("a pupil of uneven rows has no step; use the gridded transform")
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Metres of the pupil's samples from its centre along an axis, float64."""
+        """Positions of the pupil's samples from its centre along an axis, in metres, float64."""
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """The phase over the pupil that an off-centre image asks for; None if it's centred."""
+        """Compute the phase factor over the pupil that an off-centre image needs.
+
+        Parameters
+        ----------
+        axis : int
+            0 (y) or 1 (x).
+        dtype : torch.dtype
+            complex64 or complex128.
+
+        Returns
+        -------
+        torch.Tensor or None
+            One phasor for each sample along the axis; None if the image is centred.
+        """
         centre = self.image.centre[axis]
         if centre == 0:
             return None
         return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """The phase over the image that an off-centre pupil leaves; None if it's centred."""
+        """Compute the phase factor over the image that an off-centre pupil leaves.
+
+        Parameters
+        ----------
+        axis : int
+            0 (y) or 1 (x).
+        dtype : torch.dtype
+            complex64 or complex128.
+
+        Returns
+        -------
+        torch.Tensor or None
+            One phasor for each sample along the axis; None if the pupil is centred.
+        """
         centre = self.pupil.centre[axis]
         if centre == 0:
             return None

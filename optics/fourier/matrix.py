@@ -10,7 +10,21 @@ from optics.fourier.transform import PlaneTransform
 
 
 class MatrixTransform(PlaneTransform):
-    """Two matrix products: best for few image samples (Soummer et al., 10.1364/OE.15.015935)."""
+    """Computes the transform by two matrix products; the best method for few image samples.
+
+    It is exact to rounding.
+
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes; the pupil's rows and columns may be unevenly spaced.
+    dtype : torch.dtype
+        complex64 or complex128.
+
+    References
+    ----------
+    R. Soummer et al., doi 10.1364/OE.15.015935.
+    """
 
     name = "matrix DFT"
 
@@ -49,11 +63,13 @@ class MatrixTransform(PlaneTransform):
 
     @property
     def bytes(self) -> int:
+        """The size of the largest arrays in bytes."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         between = my * nx if self._rows_first else ny * mx
         return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
         return speed.call + products * self.precision_slowdown(speed)

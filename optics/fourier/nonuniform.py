@@ -25,16 +25,36 @@ _BYTES_A_POINT = 72
 
 
 class NonuniformTransform(Transform):
-    """The Fourier sum over points wherever they lie, to a stated error.
+    """Computes the Fourier sum over points at arbitrary positions, to a stated error.
 
-    finufft's type 1 (Barnett, Magland and af Klinteberg 2019, 10.1137/18M120885X), in
-    double precision: in single, positions alone would cost 1e-4 in a large window. It
-    runs on the CPU; fields on other devices travel there and back.
+    It is finufft's type 1, in double precision: in single precision, the positions alone would cost
+    an error of 1e-4 in a large window. It runs on the CPU; fields on other devices are copied there
+    and back. Fields are (..., points).
 
-    y, x: metres, one-dimensional and of the same length. image: where the field is
-    wanted. scale: wavelength times distance, m². error: relative L2, of the light that
-    the whole plane receives, 1e-8 or more for few points: of those, far fewer than samples, each
-    is spread over more of a grid that is less fine. Fields are (..., points).
+    Parameters
+    ----------
+    y : torch.Tensor
+        Metres, one-dimensional.
+    x : torch.Tensor
+        Metres, of the same length.
+    image : Plane
+        Where the field is computed.
+    scale : float
+        Wavelength times distance in square metres.
+    error : float
+        Relative L2 error, of the light that the whole plane receives; at least 1e-8 for few points.
+    few_points : bool, optional
+        Whether there are far fewer points than image samples. Each is then spread over more points
+        of a grid that is less fine.
+
+    Raises
+    ------
+    ValueError
+        For an error below 1e-8 with `few_points`.
+
+    References
+    ----------
+    A. H. Barnett, J. Magland and L. af Klinteberg, 2019, doi 10.1137/18M120885X.
     """
 
     name = "non-uniform FFT"
@@ -65,6 +85,7 @@ class NonuniformTransform(Transform):
         self._plans: dict[int, Any] = {}
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the positions (y, x) of the points in metres."""
         return self._y, self._x
 
     def _plan(self, kind: int) -> Any:
@@ -108,14 +129,16 @@ class NonuniformTransform(Transform):
 
     @staticmethod
     def width(error: float) -> int:
-        """Grid points that a point is spread over along an axis."""
+        """Compute how many grid points along an axis a point is spread over, for an error."""
         return max(2, math.ceil(-math.log10(error)) + 1)
 
     @property
     def bytes(self) -> int:
+        """The size of the largest arrays in bytes."""
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
 
 

@@ -18,20 +18,32 @@ RETAINED_BYTES = 32 << 20
 
 
 class Transform(CandidateMethod):
-    """A linear map from a field in the pupil to the field in the image plane,
+    """Base class of all Fourier transforms: a linear map from the pupil to the image plane.
 
-        F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale),
+    It computes ::
 
-    known by its name, its relative error beyond rounding, the bytes it takes, and its
-    predicted processor time. Call with a field (..., *pupil samples); the answer is
-    (..., rows, columns). Differentiable in the field.
+        F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale).
 
-    stretch, shift: 0-d tensors that stand for numbers 1 and (0, 0); the derivatives with
-    respect to them are those of
+    Call it with a field (..., *pupil samples); the result is (..., rows, columns). It is
+    differentiable in the field. A transform is known by its name, its relative error beyond
+    rounding, the bytes it takes, and its predicted processor time.
 
-        F(u, v) = sum of f(y, x) exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale),
+    Attributes
+    ----------
+    name : str
+        The method's name.
+    error : float
+        Relative L2 error beyond rounding.
+    dtype : torch.dtype
+        complex64 or complex128.
+    image : Plane
+        Where the transform is computed.
+    scale : float
+        Wavelength times distance in square metres.
 
-    from which those of wavelength, distance, focal length and position follow.
+    References
+    ----------
+    J. W. Goodman, Introduction to Fourier Optics; thesis Eq. 2.13 and 3.1.
     """
 
     error: float = 0.0
@@ -53,7 +65,7 @@ class Transform(CandidateMethod):
 
     @abstractmethod
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Metres (y, x) of the pupil's samples; they broadcast against a field."""
+        """Return the pupil samples' positions (y, x) in metres, which broadcast against a field."""
 
     def __call__(
         self,
@@ -61,6 +73,29 @@ class Transform(CandidateMethod):
         stretch: torch.Tensor | None = None,
         shift: tuple[torch.Tensor, torch.Tensor] | None = None,
     ) -> torch.Tensor:
+        """Transform a field from the pupil to the image plane.
+
+        Parameters
+        ----------
+        field : torch.Tensor
+            (..., *pupil samples).
+        stretch : torch.Tensor, optional
+            0-d, of value 1. The derivatives with respect to it and to `shift` are those of F(u, v)
+            = sum of f(y, x) exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale), from
+            which those of wavelength, distance, focal length and position follow.
+        shift : tuple of torch.Tensor, optional
+            Two 0-d tensors (y, x), of value 0.
+
+        Returns
+        -------
+        torch.Tensor
+            Complex, (..., rows, columns) of the image.
+
+        Raises
+        ------
+        ValueError
+            For a field whose samples aren't those of the pupil.
+        """
         self._require_samples(field)
         field = field.to(self.dtype)
         if stretch is None and shift is None and not _needs_gradient(field):
@@ -71,7 +106,7 @@ class Transform(CandidateMethod):
         return apply_function(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """The conjugate transpose: from (..., rows, columns) back to the pupil's samples."""
+        """Apply the conjugate transpose, from (..., rows, columns) back to the pupil's samples."""
         _require_shape(self.image, field)
         return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
 

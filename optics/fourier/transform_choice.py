@@ -17,10 +17,21 @@ from optics.plane import Plane
 def valid_transforms(
     geometry: FourierGeometry, dtype: torch.dtype, error: float = 0.0
 ) -> list[PlaneTransform]:
-    """Every transform that is valid for a geometry.
+    """List all transforms that are valid for a geometry.
 
-    error: what a transform may add beyond rounding, relative L2 of the field; none by
-    default.
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes.
+    dtype : torch.dtype
+        complex64 or complex128.
+    error : float, optional
+        Relative L2 error of the field that a transform may add beyond rounding; none by default.
+
+    Returns
+    -------
+    list of Transform
+        The transforms. None of them has made anything large yet.
     """
     found: list[PlaneTransform] = [MatrixTransform(geometry, dtype)]
     if isinstance(geometry.pupil, Plane):
@@ -39,9 +50,32 @@ def plan_transform(
     method: str | None = None,
     error: float = 0.0,
 ) -> PlaneTransform:
-    """The cheapest valid transform for a geometry, or the one that `method` names.
+    """Choose the cheapest valid transform for a geometry, or the named one.
 
-    Raises ToleranceError without memory, ValueError if the named one isn't valid here.
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes.
+    dtype : torch.dtype, optional
+        complex64 (the default) or complex128.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
+    method : str, optional
+        The name of a transform; the cheapest by default.
+    error : float, optional
+        Relative L2 error of the field that a transform may add beyond rounding; none by default.
+
+    Returns
+    -------
+    Transform
+        The transform.
+
+    Raises
+    ------
+    ToleranceError
+        If none fits in memory.
+    ValueError
+        If the named one isn't valid for the geometry.
     """
     what = f"a transform from {geometry.pupil.shape} to {geometry.image.shape} samples"
     valid = {one.name: one for one in valid_transforms(geometry, dtype, error)}

@@ -17,14 +17,18 @@ _CONVERGENCE_TOL = 1e-4
 
 
 class Operator(ABC):
-    """A linear map A between real arrays.
+    """Base class of all forward operators: a linear map A between real arrays.
 
-    domain, codomain: shapes that the last axes of x and of A x have; axes before them are
-    a batch. bytes: that one call takes besides x and its answer. gram: A^T A where something
-    makes it diagonal, else None. Differentiable. `first_then = then @ first` chains, `+` adds, and
-    `.T` is the transpose as an operator of its own.
+    Differentiable. ``first_then = then @ first`` chains operators, ``+`` adds them, and ``.T`` is
+    the transpose as an operator of its own. A call and `adjoint` raise ValueError for an array
+    whose last axes have another shape.
 
-    Raises ValueError for an array whose last axes have another shape.
+    Attributes
+    ----------
+    domain : tuple of int
+        Shape of the last axes of x. Axes before them are a batch.
+    codomain : tuple of int
+        Shape of the last axes of A x.
     """
 
     domain: Shape
@@ -38,26 +42,32 @@ class Operator(ABC):
 
     @property
     @abstractmethod
-    def bytes(self) -> int: ...
+    def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
 
     @property
     def gram(self) -> GramOperator | None:
+        """The operator A^T A where some basis makes it diagonal, else None."""
         return None
 
     @accepts_numpy
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        """Apply the operator: A x."""
         _require_shape("x", x, self.domain)
         return self._forward(x)
 
     @accepts_numpy
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
-        """A^T y: <A x, y> = <x, A^T y>."""
+        """Apply the transpose: A^T y, so that <A x, y> = <x, A^T y>."""
         _require_shape("y", y, self.codomain)
         return self._adjoint(y)
 
     def norm(self) -> float:
-        """The largest |A x| of |x| = 1. Exact where A^T A is known, else by power iteration, then
-        from below."""
+        """Compute the operator norm, the largest |A x| of |x| = 1.
+
+        It is exact where A^T A is known as a GramOperator. Otherwise it is by power iteration,
+        which approaches the norm from below.
+        """
         gram = self.gram
         return math.sqrt(gram.largest_eigenvalue) if gram else self._norm_by_power()
 
@@ -76,6 +86,7 @@ class Operator(ABC):
 
     @property
     def T(self) -> Operator:
+        """The transpose as an operator of its own."""
         return _Transpose(self)
 
     def __matmul__(self, first: Operator) -> Operator:

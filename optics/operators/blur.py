@@ -19,11 +19,29 @@ BORDERS: tuple[Border, ...] = ("unknown", "dark", "periodic")
 
 
 class Blur(Operator):
-    """The convolution of a picture with a PSF, which goes on at the opposite border.
+    """The convolution of a picture with a PSF, with periodic borders.
 
-    psf: (..., rows, columns), origin at n // 2, with one for each band before; one that is larger
-    than the picture is wound around it. shape: of the picture, (rows, columns). In single
-    precision, or in the PSF's double.
+    It computes in single precision, or in double where the PSF is in double.
+
+    Parameters
+    ----------
+    psf : torch.Tensor or numpy.ndarray
+        (..., rows, columns), with the origin at n // 2 and a PSF for each band in the axes before.
+        A PSF larger than the picture is wrapped around it.
+    shape : sequence of int
+        The picture's (rows, columns).
+
+    Attributes
+    ----------
+    shape : tuple of int
+        The picture's (rows, columns).
+    transfer : torch.Tensor
+        The PSF's rfft2 on that shape, complex.
+
+    Raises
+    ------
+    ValueError
+        For a PSF that isn't finite.
     """
 
     @accepts_numpy
@@ -42,10 +60,12 @@ class Blur(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
     def gram(self) -> GramOperator:
+        """The operator A^T A, diagonal in frequencies."""
         power = self.transfer.real.square() + self.transfer.imag.square()
         return GramOperator("frequencies", power, self.shape)
 
@@ -70,8 +90,22 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 
 
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
-    """(rows, columns) of a period on which the frame gets no light from its opposite side: a fast
-    size for an FFT that holds the frame and half a PSF on every side."""
+    """Compute the period on which a frame gets no light from its opposite side.
+
+    It is a size for which FFTs are fast, and which holds the frame and half a PSF on every side.
+
+    Parameters
+    ----------
+    frame : sequence of int
+        The frame's shape; the last two numbers are rows and columns.
+    psf : sequence of int
+        The PSF's shape; the last two numbers are rows and columns.
+
+    Returns
+    -------
+    tuple of int
+        (rows, columns) of the period.
+    """
     rows, columns = (
         fast_fft_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
     )
@@ -86,11 +120,27 @@ def require_border(border: str) -> None:
 
 @accepts_numpy
 def blur_operator(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
-    """From the scene to a frame of (rows, columns).
+    """Build the operator from the scene to a frame that a PSF blurs.
 
-    border: "unknown", the scene goes on beyond the frame, and is looked for there too, on
-    blur_shape(); "dark", nothing shines beyond the frame; "periodic", as for Blur.
-    Raises ValueError for another border, or a PSF that isn't finite.
+    Parameters
+    ----------
+    psf : torch.Tensor or numpy.ndarray
+        (..., rows, columns), with the origin at n // 2.
+    frame : sequence of int
+        The frame's (rows, columns).
+    border : {"unknown", "dark", "periodic"}
+        "unknown": the scene continues beyond the frame and is estimated there too, on
+        `blur_shape`. "dark": there is no light beyond the frame. "periodic": as for Blur.
+
+    Returns
+    -------
+    Operator
+        From the scene, (..., rows, columns), to the frame.
+
+    Raises
+    ------
+    ValueError
+        For another border, or for a PSF that isn't finite.
     """
     require_border(border)
     if border == "periodic":

@@ -10,7 +10,18 @@ from optics.operators.base import Operator
 
 
 class OperatorProduct(Operator):
-    """One operator after the other: the light meets the first one first."""
+    """Several operators applied one after the other.
+
+    Parameters
+    ----------
+    *steps : Operator
+        In the order in which light meets them, at least one.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or if one's codomain isn't the next one's domain.
+    """
 
     def __init__(self, *steps: Operator) -> None:
         if not steps:
@@ -36,11 +47,23 @@ class OperatorProduct(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that the largest step takes."""
         return max(step.bytes for step in self.steps)
 
 
 class OperatorSum(Operator):
-    """Several operators' answers added."""
+    """The sum of several operators.
+
+    Parameters
+    ----------
+    *parts : Operator
+        Operators of the same domain and codomain, at least one.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or if their shapes differ.
+    """
 
     def __init__(self, *parts: Operator) -> None:
         if not parts:
@@ -59,4 +82,5 @@ class OperatorSum(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that the largest part takes."""
         return max(part.bytes for part in self.parts)

@@ -13,10 +13,23 @@ from optics.validation import accepts_numpy, require_finite
 
 
 class CentredCrop(Operator):
-    """The middle of a larger picture: what a frame sees of the scene. Its transpose surrounds a
-    picture by darkness.
+    """Crops the middle of a larger picture: what a frame shows of the scene.
 
-    whole, shape: (rows, columns) before and after; bands: axes before them.
+    Its transpose surrounds a picture by darkness.
+
+    Parameters
+    ----------
+    whole : sequence of int
+        (rows, columns) of the larger picture.
+    shape : sequence of int
+        (rows, columns) of the middle, no larger than `whole`.
+    bands : sequence of int, optional
+        Lengths of the axes before rows and columns; none by default.
+
+    Raises
+    ------
+    ValueError
+        If `shape` is larger than `whole`.
     """
 
     def __init__(
@@ -36,18 +49,29 @@ class CentredCrop(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return 0
 
     @property
     def gram(self) -> GramOperator:
+        """The operator A^T A, diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
 
 class Mask(Operator):
-    """Each pixel times a weight: 0 where it is dead or clipped, else 1; or a share of the light.
+    """Multiplies each pixel by a weight.
 
-    weights: (rows, columns), or with bands before; finite.
+    Parameters
+    ----------
+    weights : torch.Tensor or numpy.ndarray
+        (rows, columns), or with bands before, finite: 0 where a pixel is dead or clipped, else 1;
+        or a share of the light.
+
+    Raises
+    ------
+    ValueError
+        For weights that aren't finite.
     """
 
     @accepts_numpy
@@ -64,8 +88,10 @@ class Mask(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return 0
 
     @property
     def gram(self) -> GramOperator:
+        """The operator A^T A, diagonal in pixels."""
         return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))

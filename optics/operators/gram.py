@@ -14,11 +14,18 @@ Domain = Literal["pixels", "frequencies", "bands"]
 
 @dataclass(frozen=True, eq=False)
 class GramOperator:
-    """A^T A.
+    """The operator A^T A of a forward operator A, where some basis makes it diagonal.
 
-    domain: "pixels", which multiplies each by its weight; "frequencies", the same for a
-    picture's rfft2; "bands", the outer product of each pixel's weights, (bands, rows, columns),
-    with themselves. shape: of a picture, (rows, columns).
+    Parameters
+    ----------
+    domain : {"pixels", "frequencies", "bands"}
+        "pixels": each pixel is multiplied by its weight. "frequencies": the same for a picture's
+        rfft2. "bands": at each pixel, the outer product of its weights with themselves.
+    weights : torch.Tensor
+        The weights, (..., rows, columns) of pixels or of frequencies; (bands, rows, columns) for
+        "bands".
+    shape : tuple of int
+        The picture's (rows, columns).
     """
 
     domain: Domain
@@ -27,7 +34,7 @@ class GramOperator:
 
     @property
     def largest_eigenvalue(self) -> float:
-        """Eigenvalue."""
+        """The largest eigenvalue of A^T A."""
         weights = self._squares if self.domain == "bands" else self.weights
         return float(weights.max())
 
@@ -36,7 +43,7 @@ class GramOperator:
         return self.weights.square().sum(-3)
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """A^T A x."""
+        """Apply the operator: A^T A x."""
         if self.domain == "frequencies":
             return irfft2(rfft2(x) * self.weights, self.shape)
         if self.domain == "pixels":
@@ -44,7 +51,25 @@ class GramOperator:
         return self.weights * (self.weights * x).sum(-3, keepdim=True)
 
     def solve_shifted(self, y: torch.Tensor, shift: float) -> torch.Tensor:
-        """The x of (A^T A + shift) x = y; ValueError unless `shift` is positive."""
+        """Solve (A^T A + shift) x = y for x.
+
+        Parameters
+        ----------
+        y : torch.Tensor
+            The right-hand side, of the shape of x.
+        shift : float
+            A positive number.
+
+        Returns
+        -------
+        torch.Tensor
+            x.
+
+        Raises
+        ------
+        ValueError
+            Unless `shift` is positive.
+        """
         if not shift > 0:
             raise ValueError(f"shift is {shift:g}; it must be positive for an inverse to exist")
         if self.domain == "frequencies":

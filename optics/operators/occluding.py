@@ -12,16 +12,41 @@ from optics.validation import accepts_numpy, as_floating_point
 
 
 class OccludingBlur(Operator):
-    """The light of surfaces one behind the other, y = sum_k t_k (h_k * (a_k x_k)).
+    """The blurred light of surfaces at several depths, each of which hides what lies behind it.
 
-    psfs: (surfaces, rows, columns), origin at n // 2, from the nearest on. visibility: how much of
-    each place is which surface, (surfaces, rows, columns), adding up to 1. Each surface goes on
-    behind those that hide it, a_k = sum of visibility_j up to k; and lets past t = 1 - h * a, so
-    that t_k is the product of those in front. x is (surfaces, rows, columns).
+    y = sum_k t_k (h_k * (a_k x_k)), where x is (surfaces, rows, columns) and h_k the PSF of surface
+    k. Each surface continues behind those that hide it, with the coverage a_k = sum of visibility_j
+    up to k. Each transmits 1 - h * a, so that t_k is the product of those in front.
 
-    What is hidden is so from all rays of a pixel alike: exact where what lies behind is in focus
-    (Hasinoff and Kutulakos 2007, doi 10.1109/ICCV.2007.4409001), and too much light gets past an
-    edge where both are out of focus in the same way.
+    What is hidden is hidden from all rays of a pixel alike. That is exact where what lies behind is
+    in focus (Hasinoff and Kutulakos 2007). Too much light gets past an edge where both surfaces are
+    out of focus in the same way.
+
+    Parameters
+    ----------
+    psfs : torch.Tensor or numpy.ndarray
+        (surfaces, rows, columns), with the origin at n // 2, from the nearest surface on.
+    visibility : torch.Tensor or numpy.ndarray
+        (surfaces, rows, columns): the share of each place at which each surface is seen. The shares
+        add up to 1.
+
+    Attributes
+    ----------
+    transfers : torch.Tensor
+        The PSFs' rfft2.
+    coverage : torch.Tensor
+        a_k, (surfaces, rows, columns).
+    transmission : torch.Tensor
+        t_k, (surfaces, rows, columns).
+
+    Raises
+    ------
+    ValueError
+        Unless there are as many PSFs as surfaces, all finite.
+
+    References
+    ----------
+    S. W. Hasinoff and K. N. Kutulakos, 2007, doi 10.1109/ICCV.2007.4409001.
     """
 
     @accepts_numpy
@@ -48,4 +73,5 @@ class OccludingBlur(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()

@@ -12,10 +12,22 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class SpectralMosaic(Operator):
-    """One number a pixel from all bands: y = sum_n S_n x_n (thesis Eq. 4.1).
+    """One value at each pixel from all spectral bands, y = sum_n S_n x_n.
 
-    weights: S, (bands, rows, columns), what each pixel's filter lets through of each band; see
-    filter_weights().
+    Parameters
+    ----------
+    weights : torch.Tensor or numpy.ndarray
+        S, (bands, rows, columns): the share of each band that each pixel's filter transmits. See
+        `filter_weights`.
+
+    Raises
+    ------
+    ValueError
+        For weights that aren't finite or don't have three axes.
+
+    References
+    ----------
+    Thesis Eq. 4.1.
     """
 
     @accepts_numpy
@@ -35,10 +47,12 @@ class SpectralMosaic(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return self.weights.nelement() * self.weights.element_size()
 
     @property
     def gram(self) -> GramOperator:
+        """The operator A^T A, an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
 
 
@@ -46,10 +60,28 @@ class SpectralMosaic(Operator):
 def filter_weights(
     pattern: Sequence[str], response: torch.Tensor, channels: str, shape: Sequence[int]
 ) -> torch.Tensor:
-    """(bands, rows, columns) of a pattern of filters that repeats from the first pixel on.
+    """Compute the weights of a pattern of colour filters that repeats from the first pixel on.
 
-    pattern: rows of one letter a pixel, as ("RG", "GB"). response: (channels, bands), of each
-    letter of `channels`. Raises ValueError for a letter without a response.
+    Parameters
+    ----------
+    pattern : sequence of str
+        Rows of one letter for each pixel, such as ("RG", "GB").
+    response : torch.Tensor or numpy.ndarray
+        (channels, bands): what each letter's filter transmits of each band.
+    channels : str
+        The letters, in the order of `response`.
+    shape : sequence of int
+        The picture's (rows, columns).
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray
+        The weights for SpectralMosaic, (bands, rows, columns).
+
+    Raises
+    ------
+    ValueError
+        For a letter without a response.
     """
     missing = sorted({letter for row in pattern for letter in row} - set(channels))
     if missing:

@@ -13,11 +13,21 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class VaryingBlur(Operator):
-    """The sum of pictures that are each weighed, then spread by a PSF: y = sum_k h_k * (w_k x).
+    """The sum of pictures that are each weighted, then blurred by a PSF: y = sum_k h_k * (w_k x).
 
-    psfs: (PSFs, rows, columns), origin at n // 2. weights: (PSFs, rows, columns) of the picture,
-    how much of each place's light goes which way; where they add up to 1, a place's PSF is the
-    mixture of them. For fields see field_weights(), for depths layer_weights().
+    Parameters
+    ----------
+    psfs : torch.Tensor or numpy.ndarray
+        (PSFs, rows, columns), with the origin at n // 2.
+    weights : torch.Tensor or numpy.ndarray
+        (PSFs, rows, columns) of the picture: the share of each place's light that each PSF spreads.
+        Where they add up to 1, a place's PSF is the mixture of them. See `field_weights` for fields
+        and `layer_weights` for depths.
+
+    Raises
+    ------
+    ValueError
+        Unless there are as many PSFs as weights, all finite.
     """
 
     @accepts_numpy
@@ -38,6 +48,7 @@ class VaryingBlur(Operator):
 
     @property
     def bytes(self) -> int:
+        """The bytes that one call takes besides its input and its output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
@@ -56,10 +67,27 @@ def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, e
 def field_weights(
     shape: Sequence[int], rows: Sequence[float], columns: Sequence[float]
 ) -> torch.Tensor:
-    """Bilinear weights of PSFs known on a grid of places, (PSFs, *shape): row by row of the grid.
+    """Compute bilinear weights of PSFs that are known on a grid of places.
 
-    rows, columns: pixels, each increasing; beyond the outermost places their PSFs go on.
-    Raises ValueError for places that don't increase.
+    Parameters
+    ----------
+    shape : sequence of int
+        The picture's (rows, columns).
+    rows : sequence of float
+        The grid's row positions in pixels, increasing.
+    columns : sequence of float
+        The grid's column positions in pixels, increasing. Beyond the outermost places their PSFs
+        continue.
+
+    Returns
+    -------
+    torch.Tensor
+        (PSFs, *shape), row by row of the grid; the weights of each pixel add up to 1.
+
+    Raises
+    ------
+    ValueError
+        For places that don't increase.
     """
     down, along = (
         _hat_functions(int(shape[0]), "rows", rows),
@@ -89,8 +117,25 @@ def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
 
 @accepts_numpy
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
-    """Of a map that says which layer is seen where, (rows, columns) whole numbers from 0:
-    (count, rows, columns), 1 where it is that layer. Raises ValueError for other numbers."""
+    """Compute the weights of a map that says which layer is seen at each pixel.
+
+    Parameters
+    ----------
+    layers : torch.Tensor or numpy.ndarray
+        (rows, columns) of whole numbers from 0.
+    count : int
+        The number of layers.
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray
+        (count, rows, columns), 1 where it is that layer, else 0.
+
+    Raises
+    ------
+    ValueError
+        For numbers that aren't whole or lie outside 0 to `count` - 1.
+    """
     if layers.is_floating_point() and bool((layers != layers.round()).any()):
         raise ValueError("layers has fractions; give the whole number of each pixel's layer")
     least, most = int(layers.min()), int(layers.max())

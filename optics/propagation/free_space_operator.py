@@ -58,30 +58,62 @@ _EXPENSIVE_PLAN_CALLS = 100
 
 
 class FreeSpace:
-    """Light from one plane to another, planned once and called many times.
+    """Propagates light from plane to plane through free space; planned once, called many times.
 
-    The models and the meaning of all arguments are those of optics.propagation.span.FreeSpaceSpan:
-    source and target planes, distance and wavelength in metres, cells, carrier, band, tilt,
-    paraxial. tol: relative L2 error of the complex field on the target, from sampling and
-    arithmetic. method: one of METHODS; the cheapest that keeps tol if None. budget: memory
-    allowed, and the machine's speed.
+    Call it with a field (..., *source.shape), tensor or array. The result is the field on the
+    target, (..., *target.shape), complex64 or complex128 as `tol` needs it, without the factor
+    exp(i k distance). `adjoint` is its conjugate transpose. Both are differentiable in the field,
+    and in distance, wavelength and the target's centre where these are 0-d tensors. Mixed
+    precision (autocast) is switched off inside.
 
-    Call with a field (..., *source.shape), tensor or array; the answer is (..., *target.shape),
-    complex64 or complex128 as tol needs it, without the factor exp(i k distance). adjoint() is
-    its conjugate transpose. Differentiable in the field, in distance, wavelength and the
-    target's centre where these are 0-d tensors. Mixed precision (autocast) is kept out.
+    `account` describes the plan, and the last call where that revealed more. For a smooth field in
+    the paraxial model it then says what the model leaves out. For a dim target it describes the
+    tighter plan, and its `cpu_predicted` is the time of all plans that the call needs.
 
-    account is that of the plan, and of the last call where that told more: of a smooth field in
-    the paraxial model, what the model leaves out; of a dim target, the tighter plan, and in
-    cpu_predicted the time of all plans that the call needs.
+    How much light arrives isn't known beforehand. Where the first plan's result is dimmer than its
+    error allows, the same field is propagated again, by the cheapest method that keeps the
+    tolerance, or by the named one. That may take many times what was predicted first. More than an
+    hour is refused, unless the method is named.
 
-    How much light arrives isn't known before. Where the first plan's answer is dimmer than its
-    error allows, the same field is sent again, by the cheapest method that keeps the tolerance,
-    or by the named one: that may take many times what was predicted first. More than an hour is
-    refused, unless the method is named.
+    Parameters
+    ----------
+    source : Plane
+        The plane on which the field is known.
+    target : Plane
+        The plane on which the field is computed.
+    distance : float or 0-d torch.Tensor
+        Metres from source to target; a negative distance propagates backward.
+    wavelength : float or 0-d torch.Tensor
+        Metres.
+    tol : float, optional
+        Largest relative L2 error of the complex field on the target, from sampling and arithmetic;
+        1e-3 by default.
+    method : str, optional
+        One of METHODS. By default the cheapest that keeps `tol`.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
+    **settings : SpanSettings
+        What else describes the propagation: `cells`, `carrier`, `band`, `tilt` and `paraxial`, with
+        the meaning they have for FreeSpaceSpan.
 
-    Raises ValueError for a smooth field that its samples don't resolve, or that hasn't died
-    away at their edges; ToleranceError if tol can't be kept, with the floor and the remedy.
+    Attributes
+    ----------
+    span : FreeSpaceSpan
+        The propagation as data.
+    account : Account
+        What a call costs and how accurate it is.
+
+    Raises
+    ------
+    ValueError
+        For invalid arguments. In a call, for a smooth field that its samples don't resolve, or that
+        hasn't died away at their edges.
+    ToleranceError
+        If `tol` can't be kept; the message names the smallest tolerance that can, and the remedy.
+
+    References
+    ----------
+    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, §3.5.
     """
 
     def __init__(
@@ -116,8 +148,11 @@ class FreeSpace:
         return self._propagator.name
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predicted processor time of one call by the first plan, on a machine of such a speed;
-        account.cpu_predicted has what a dim target takes besides."""
+        """Predict the processor time of one call by the first plan, in seconds.
+
+        `speed` is that of the machine. `account.cpu_predicted` includes what a dim target takes
+        besides.
+        """
         return self._propagator.cpu_seconds(speed)
 
     def _first_plan(self) -> Propagator:
@@ -157,6 +192,7 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
+        """Propagate a field (..., *source.shape) to the target, (..., *target.shape)."""
         field = self._validate_field(field, self.span.source, "field")
         self._require_unchanged()
         field, light, peak = normalise_strength(field, require_finite_power("field", field))
@@ -193,7 +229,7 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """The conjugate transpose of the call: from the target's samples to the source's."""
+        """Apply the conjugate transpose of the call, from the target's samples to the source's."""
         field = self._validate_field(field, self.span.target, "field")
         self._require_unchanged()
         field, _, peak = normalise_strength(field, require_finite_power("field", field))
@@ -312,7 +348,46 @@ def propagate(
     budget: Budget | None = None,
     **settings: Unpack[SpanSettings],
 ) -> Result[torch.Tensor]:
-    """The field on the target, with its account; plans a FreeSpace and calls it once."""
+    """Propagate a field from one plane to another, and return it with its account.
+
+    It plans a FreeSpace and calls it once.
+
+    Parameters
+    ----------
+    field : torch.Tensor or numpy.ndarray
+        The field on the source, (..., *source.shape).
+    source : Plane
+        The plane on which the field is known.
+    target : Plane
+        The plane on which the field is computed.
+    distance : float or 0-d torch.Tensor
+        Metres from source to target; a negative distance propagates backward.
+    wavelength : float or 0-d torch.Tensor
+        Metres.
+    tol : float, optional
+        Largest relative L2 error of the complex field on the target, from sampling and arithmetic;
+        1e-3 by default.
+    method : str, optional
+        One of METHODS. By default the cheapest that keeps `tol`.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
+    **settings : SpanSettings
+        `cells`, `carrier`, `band`, `tilt` and `paraxial`, as for FreeSpaceSpan.
+
+    Returns
+    -------
+    Result of torch.Tensor
+        The complex field on the target, (..., *target.shape), without the factor
+        exp(i k distance), and its account, with the processor time spent.
+
+    Raises
+    ------
+    ValueError
+        For invalid arguments, and for a smooth field that its samples don't resolve or that hasn't
+        died away at their edges.
+    ToleranceError
+        If `tol` can't be kept.
+    """
     started = time.process_time()
     operator = FreeSpace(
         source, target, distance, wavelength, tol=tol, method=method, budget=budget, **settings

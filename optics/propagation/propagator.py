@@ -12,18 +12,36 @@ from optics.propagation.span import FreeSpaceSpan
 
 
 class Propagator(CandidateMethod):
-    """A linear map from samples on a span's source to the field on its target.
+    """Base class of all methods of free-space propagation: a linear map from source to target.
 
-    An offer knows its bytes, its processor time and its error from sampling without having
-    made anything large; it raises ToleranceError where it isn't valid, and `prepare()` makes
-    what is kept. Then `forward()` and `adjoint()` may be called any number of times, with
-    batches (..., rows, columns); forward is differentiable in the field and in the span's
-    lengths.
+    It maps samples on a span's source to the field on its target. Before `prepare`, a propagator
+    knows its bytes, its processor time and its error from sampling, without having made anything
+    large; its constructor raises ToleranceError where the method isn't valid. `prepare` makes what
+    is kept. Then `forward` and `adjoint` may be called any number of times, with batches
+    (..., rows, columns). `forward` is differentiable in the field and in the span's lengths.
 
-    name, sampling, precision: in words. dtype: complex64 or complex128. error: L2 norm of the
-    error from sampling on the target over the L2 norm of the field on the source, each weighed
-    by its samples' area, at most: light that misses the target has its error as well.
-    arithmetic: the same, from rounding.
+    Parameters
+    ----------
+    span : FreeSpaceSpan
+        The propagation as data.
+
+    Attributes
+    ----------
+    name, sampling, precision : str
+        The method, its sampling and its dtype in words.
+    dtype : torch.dtype
+        complex64 or complex128.
+    error : ErrorEstimate
+        Largest L2 norm of the error from sampling on the target over the L2 norm of the field on
+        the source, each weighted by the area of its samples. Light that misses the target counts in
+        the denominator.
+    arithmetic : float
+        The same ratio, for the error from rounding.
+
+    Raises
+    ------
+    ToleranceError
+        Where the method isn't valid for the span.
     """
 
     sampling: str
@@ -58,12 +76,13 @@ class Propagator(CandidateMethod):
 
     @property
     def precision(self) -> str:
+        """The name of the dtype."""
         return "float64" if self.dtype == torch.complex128 else "float32"
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """The field on the target, (..., *target.shape), of one on the source."""
+        """Compute the field on the target, (..., *target.shape), of a field on the source."""
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """The conjugate transpose of forward(): from the target's samples to the source's."""
+        """Apply the conjugate transpose of `forward`, from the target's samples to the source's."""

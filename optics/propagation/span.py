@@ -27,34 +27,60 @@ class SpanSettings(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class FreeSpaceSpan:
-    """A stretch of free space, the field that enters it, and where it is wanted.
+    """Describes a propagation through free space: the two planes, the field that enters, the model.
 
-    source, target: planes across the axis; any two shapes, pitches and centres. distance:
-    metres from source to target; negative goes back. wavelength: metres.
+    The factor exp(i k distance), which is the same everywhere, is left out of the field on the
+    target, in both models. Distance, wavelength and the target's centre may be 0-d tensors.
 
-    cells: what a sample stands for. None: a smooth field, band-limited, that the samples
-    resolve and that has died away at the source's edges. (y, x): a rectangle of such sides
-    with a constant field, as an SLM's pixel.
-    carrier, band: cycles per metre along (y, x); a smooth field's fringes lie from
-    carrier - band to carrier + band, half of what the samples resolve if band is None.
-    (Samples with a carrier beyond their Nyquist rate are bandpass samples, and serve.)
-
-    tilt: radians (a, b) by which the target is turned about its own centre: first by a about
-    the x axis, from y towards z, then by b about the y axis, from z towards x. A sample that
-    lies (y, x) from the target's centre in the target's own plane then stands at the place
+    A sample that lies (y, x) from the centre of a tilted target, in the target's own plane, stands
+    along (y, x, z) at the place ::
 
         centre_y + y cos a,
         centre_x + x cos b + y sin a sin b,
-        distance - x sin b + y sin a cos b
+        distance - x sin b + y sin a cos b,
 
-    along (y, x, z), and the field there is that of the wave with exp(i k distance) left out.
+    where (a, b) is the tilt. The field there is that of the wave with exp(i k distance) left out.
 
-    paraxial: the declared model: Fresnel's (thesis Eq. 2.12) or, if False, Rayleigh and
-    Sommerfeld's first integral of a scalar wave (Goodman 3.5). tol: relative L2 error of the
-    complex field on the target, from sampling and arithmetic. The factor exp(i k distance),
-    which is the same everywhere, is left out in both models.
+    Parameters
+    ----------
+    source : Plane
+        The plane on which the field is known, across the axis. Shape, pitch and centre are free.
+    target : Plane
+        The plane on which the field is computed, with any other shape, pitch and centre.
+    distance : float or 0-d torch.Tensor
+        Metres from source to target; a negative distance propagates backward. Not zero.
+    wavelength : float or 0-d torch.Tensor
+        Metres.
+    cells : tuple of float, optional
+        What a sample stands for. None, the default, is a smooth field: band-limited, resolved by
+        the samples, and died away at the source's edges. (y, x) is a rectangle of these sides in
+        metres with a constant field, such as a pixel of an SLM; no wider than the pitch.
+    carrier : tuple of float, optional
+        Cycles per metre along (y, x). A smooth field's frequencies lie from carrier - band to
+        carrier + band. Samples with a carrier beyond their Nyquist frequency are bandpass samples;
+        they are allowed.
+    band : tuple of float, optional
+        Cycles per metre along (y, x); by default half of what the samples resolve.
+    tilt : tuple of float, optional
+        Radians (a, b) by which the target is turned about its own centre: first by a about the x
+        axis, from y towards z, then by b about the y axis, from z towards x. Less than pi / 2.
+    paraxial : bool, optional
+        Whether the model is Fresnel's (thesis Eq. 2.12) or, by default, the first
+        Rayleigh-Sommerfeld integral of a scalar wave (Goodman §3.5).
+    tol : float, optional
+        Largest relative L2 error of the complex field on the target, from sampling and arithmetic.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
 
-    distance, wavelength and the target's centre may be 0-d tensors.
+    Raises
+    ------
+    ValueError
+        For lengths or a tilt that aren't possible, and for cells or a band that don't fit the
+        samples.
+
+    References
+    ----------
+    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, §3.5.
     """
 
     source: Plane
@@ -107,8 +133,10 @@ class FreeSpaceSpan:
 
     @property
     def half_bandwidths(self) -> tuple[float, float]:
-        """The field's fringes to either side of its carrier, cycles per metre; infinite for
-        cells, whose edges are sharp."""
+        """The field's bandwidth to either side of its carrier, cycles per metre along (y, x).
+
+        It is infinite for cells, whose edges are sharp.
+        """
         if self.cells is not None:
             return (math.inf, math.inf)
         if self.band is not None:
@@ -118,22 +146,22 @@ class FreeSpaceSpan:
 
     @property
     def sample_area(self) -> float:
-        """Square metres that a sample stands for."""
+        """The area in square metres that a sample stands for."""
         y, x = self.source.pitch if self.cells is None else self.cells
         return y * x
 
     @cached_property
     def numeric(self) -> FreeSpaceSpan:
-        """The same in plain numbers."""
+        """The same span in plain numbers."""
         return cast(FreeSpaceSpan, to_plain_numbers(self))
 
     @property
     def scale(self) -> Scalar:
-        """Wavelength times distance, square metres, with the distance's sign."""
+        """Wavelength times distance in square metres, with the distance's sign."""
         return self.wavelength * self.distance
 
     def source_extent(self, axis: int) -> tuple[float, float]:
-        """Where the source's light begins and ends along axis 0 (y) or 1 (x), metres."""
+        """Compute where the source's light begins and ends along axis 0 (y) or 1 (x), in metres."""
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
         half = (pitch if self.cells is None else self.cells[axis]) / 2
@@ -142,7 +170,7 @@ class FreeSpaceSpan:
 
     @cached_property
     def target_corners(self) -> tuple[tuple[float, float, float], ...]:
-        """Of the target: (y, x, z) of its outermost samples, metres; z is from the source."""
+        """Positions (y, x, z) of the target's corner samples in metres; z is from the source."""
         n = self.numeric
         (ny, nx), (py, px) = n.target.shape, n.target.pitch
         ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
@@ -150,9 +178,12 @@ class FreeSpaceSpan:
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
     def require_target_in_front(self) -> float:
-        """The least distance of a target's sample from the source's plane, metres.
+        """Compute the least distance of a target's sample from the source's plane, in metres.
 
-        Raises ValueError where a tilt brings some through it.
+        Raises
+        ------
+        ValueError
+            Where a tilt brings some samples through the source's plane.
         """
         n = self.numeric
         nearest = min(z * math.copysign(1.0, n.distance) for _, _, z in n.target_corners)
@@ -165,8 +196,18 @@ class FreeSpaceSpan:
         return nearest
 
     def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
-        """Where the points (y, x) of the target's own plane, metres from its centre, lie:
-        (y, x, z), the turned place."""
+        """Compute the position of points in the target's own plane after its tilt.
+
+        Parameters
+        ----------
+        y, x : float or torch.Tensor
+            Metres from the target's centre, in the target's plane.
+
+        Returns
+        -------
+        tuple
+            The position (y, x, z) in metres; z is from the source.
+        """
         a, b = self.tilt
         across = x * math.cos(b) + y * (math.sin(a) * math.sin(b))
         depth = y * (math.sin(a) * math.cos(b)) - x * math.sin(b)
@@ -174,20 +215,23 @@ class FreeSpaceSpan:
         return centre[0] + y * math.cos(a), centre[1] + across, self.distance + depth
 
     def lateral_range(self, axis: int) -> tuple[float, float]:
-        """The least and the largest lateral way, metres, from any of the source's light to any
-        of the target's samples along axis 0 (y) or 1 (x), wherever a tilt brings them."""
+        """Compute the least and the largest lateral displacement from source to target, in metres.
+
+        They are along axis 0 (y) or 1 (x), between any of the source's light and any of the
+        target's samples, wherever a tilt brings them.
+        """
         first, last = self.source_extent(axis)
         places = [corner[axis] for corner in self.target_corners]
         return min(places) - last, max(places) - first
 
     @property
     def differentiable(self) -> bool:
-        """Whether a derivative in a length is wanted."""
+        """Whether a derivative with respect to a length is needed."""
         return any(map(needs_gradient, self._scalars))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Whether a length is more than a number: a tensor's value may change under a plan."""
+        """Whether a length is a tensor, whose value may change after planning."""
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 
     @property

@@ -18,16 +18,39 @@ from optics.validation import as_number, to_plain_numbers
 def modulated_psf(
     operator: PSFOperator, modulator: Modulator, timed_fields: Iterable[tuple[float, torch.Tensor]]
 ) -> torch.Tensor:
-    """The PSF on the operator's pixels: the mean of all fields, and what the pattern can't turn.
+    """Compute the PSF behind a modulator, with all that the modulator does to the light.
 
-    operator: of a camera with the modulator's panel and wavelength, planned with
-    unmodulated=0: the modulator knows that share. timed_fields: shares of time and fields, as
-    `Modulator.still_fields` gives them, or `video_cycle_fields` without its frames; at least one.
-    Light that jitter scatters is spread like that of a single pixel (see `jitter_scatter_share`),
-    light that ignores the pattern is added in intensity (thesis §5.6).
+    It is the mean of the PSFs of all fields, weighted by their shares of time, plus the light that
+    the pattern can't modulate. That light is added in intensity (thesis §5.6). Light that phase
+    jitter scatters is spread like that of a single pixel (see `Modulator.jitter_scatter_share`).
+    Differentiable in the fields.
 
-    Differentiable in the fields. Raises ValueError for an operator that adds unmodulated
-    light itself or that belongs to another panel, and if there are no fields.
+    Parameters
+    ----------
+    operator : PSFOperator
+        The operator of a camera with the modulator's panel, at the modulator's wavelength. Plan it
+        with ``unmodulated=0``: the modulator knows that share.
+    modulator : Modulator
+        The panel at a wavelength.
+    timed_fields : iterable of (float, torch.Tensor)
+        Shares of time and complex fields (rows, columns) of the panel, at least one pair. They are
+        what `Modulator.still_fields` gives, or `Modulator.video_cycle_fields` without its frame
+        numbers.
+
+    Returns
+    -------
+    torch.Tensor
+        The share of the light that each of the operator's pixels receives, (rows, columns).
+
+    Raises
+    ------
+    ValueError
+        If there are no fields, if the operator adds unmodulated light itself, if it is of a lens
+        alone, or if it belongs to another panel or wavelength.
+
+    References
+    ----------
+    Thesis §5.6.
     """
     camera = _require_matching_camera(operator, modulator)
     scattered, time = modulator.jitter_scatter_share, 0.0

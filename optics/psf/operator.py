@@ -47,40 +47,78 @@ _MIN_SINGLE_AMPLITUDE = 1e-12
 
 
 class PSFOperator:
-    """The incoherent PSF of a lens or a camera, planned once and called many times.
+    """Computes the incoherent PSF of a lens or a camera; planned once, called many times.
 
-    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1). In a
-    Camera, each panel pixel is a square of one modulation, and the unmodulated share is
-    added in intensity, as light of the polarisation that the panel doesn't turn (§5.6).
-    Where the panel stands apart from the lens, light goes on through space, stop and lens, in
-    Fresnel's approximation (Eq. 5.1 to 5.7). A Lens stands alone.
+    The model is the Fraunhofer integral of the generalised pupil (thesis Eq. 3.1). In a Camera,
+    each panel pixel is a square of constant modulation. The unmodulated share is added in
+    intensity, as light of the polarisation that the panel doesn't turn (thesis §5.6). Where the
+    panel stands apart from the lens, the light goes on through free space, stop and lens, in
+    Fresnel's approximation (thesis Eq. 5.1 to 5.7). A Lens stands alone.
 
-    optics: Camera or Lens. distance: metres from the object to the panel or the lens,
-    math.inf allowed. wavelength: metres. pixels: whose light is wanted, on the axis or off
-    it (Sensor.window() makes them). field: metres (y, x) on the sensor from the axis to the
-    point's geometric image, around which the pixels lie. sphere: whether the point's wave over
-    the panel is the exact sphere of Eq. 5.1, amplitude included, instead of its parabola.
-    integrate: whether the answer is the light on whole
-    pixels, or the density of light at their centres times their area. unmodulated: share
-    of unmodulated light; the panel's own if None. tol: relative L2 error from sampling and
-    arithmetic. method: one of METHODS for a lens, a transform's name for a camera, one of
-    CHAIN_METHODS for a camera whose panel stands apart from its lens; the
-    cheapest that keeps tol if None. phase_slope: radians per stop radius by which phases given
-    to a lens may turn; its nodes are chosen before. budget: memory allowed, and the machine's
-    speed.
+    Call the operator with a phase and an amplitude to get the PSF; see `__call__`. The result is
+    differentiable in phase, in amplitude, and in every length that is a 0-d tensor: distance,
+    wavelength, the lens' focal length, f-number, focus distance and aberrations, the separation,
+    the field and the pixels' centre. (A stop at the panel keeps its edges.) Mixed precision
+    (autocast) is switched off inside.
 
-    Call with phase (radians) and amplitude, both optional, (..., rows, columns) of the
-    panel, or (..., points) of `points` for a lens; tensors or arrays. The answer is
-    (..., *pixels.shape), the share of the light leaving the pupil that each pixel receives. It
-    is a share of what panel and stop would pass on the axis if they stood in one plane, so that
-    vignetting shows as less light.
+    Parameters
+    ----------
+    optics : Camera or Lens
+        What forms the image.
+    distance : float or 0-d torch.Tensor
+        Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
+        allowed.
+    wavelength : float or 0-d torch.Tensor
+        Metres.
+    pixels : Plane
+        The sensor pixels whose light is computed, on the axis or off it; `Sensor.window` makes
+        them.
+    field : tuple of float or 0-d torch.Tensor, optional
+        Metres (y, x) on the sensor from the axis to the point's geometric image, around which the
+        pixels lie. On the axis by default.
+    sphere : bool, optional
+        Whether the point's wave over the panel is the exact spherical wave of thesis Eq. 5.1,
+        amplitude included, instead of its parabola. False by default.
+    integrate : bool, optional
+        Whether the result is the light on whole pixels (the default), or the density of light at
+        the pixels' centres times their area.
+    unmodulated : float, optional
+        Share of unmodulated light, 0 to 1; the panel's own by default.
+    tol : float, optional
+        Largest relative L2 error from sampling and arithmetic; 1e-3 by default.
+    method : str, optional
+        One of METHODS for a lens, the name of a Fourier transform for a camera, or one of
+        CHAIN_METHODS for a camera whose panel stands apart from its lens. By default the cheapest
+        that keeps `tol`.
+    phase_slope : float, optional
+        Radians per stop radius by which a phase given to a lens may change. The quadrature nodes
+        are chosen for it beforehand. 20 by default.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
 
-    Differentiable in phase, amplitude, and in every length that is a 0-d tensor: distance,
-    wavelength, the lens' focal length, f-number, focus distance and aberrations, the
-    separation, the field and the pixels' centre (a stop at the panel keeps its edges).
-    Mixed precision (autocast) is kept out.
+    Attributes
+    ----------
+    camera : Camera or None
+        The camera; None for a lens alone.
+    unmodulated : float
+        The share of unmodulated light that is added.
+    pixels : Plane
+        The pixels whose light is computed.
+    engine : PSFEngine
+        The method in use.
+    account : Account
+        What a call costs and how accurate it is.
 
-    Raises ToleranceError if tol can't be kept, with the floor and the remedy.
+    Raises
+    ------
+    ToleranceError
+        If `tol` can't be kept; the message names the smallest tolerance that can, and the remedy.
+    ValueError
+        For invalid arguments.
+
+    References
+    ----------
+    Thesis Eq. 3.1, Eq. 5.1 to 5.7, §5.6.
     """
 
     def __init__(
@@ -160,25 +198,31 @@ class PSFOperator:
 
     @property
     def wavelength(self) -> Scalar:
-        """Metres."""
+        """The wavelength in metres."""
         return self._request.wavelength
 
     @property
     def scale(self) -> Scalar:
-        """Square metres of pupil or panel by a cycle on the sensor: wavelength times image
-        distance, or times the lever of a panel that stands apart from the lens."""
+        """Square metres of pupil or panel for one cycle on the sensor.
+
+        It is the wavelength times the image distance, or times the ray-matrix element B
+        (`Camera.ray_matrix_b`) where the panel stands apart from the lens.
+        """
         if self.camera is None:
             return self._request.scale
         return self._request.wavelength * self.camera.ray_matrix_b
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predicted processor time of one call, on a machine of such a speed."""
+        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
         integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         return self.engine.cpu_seconds(speed) + integral
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Metres (y, x) in the pupil where phases and amplitudes are wanted; they broadcast."""
+        """Positions (y, x) in the pupil, in metres, at which phases and amplitudes are taken.
+
+        The two tensors broadcast against each other.
+        """
         return self.engine.points()
 
     @accepts_numpy
@@ -186,6 +230,23 @@ class PSFOperator:
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
+        """Compute the PSF of a phase and an amplitude.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray, optional
+            Radians, (..., rows, columns) of the panel, or (..., points) of `points` for a lens.
+            Zero by default.
+        amplitude : torch.Tensor or numpy.ndarray, optional
+            Of the same shape. One by default.
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray
+            The share of the light leaving the pupil that each pixel receives, (..., *pixels.shape).
+            It is a share of what panel and stop would pass on the axis if they stood in one plane,
+            so that vignetting shows as less light.
+        """
         return self.evaluate(phase, amplitude)
 
     def evaluate(
@@ -195,8 +256,24 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         unmodulated_spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """What a call gives, of tensors alone. spectrum, unmodulated_spectrum: of the panel with
-        phase and without, where somebody knows them already (see PSFStack)."""
+        """Compute what a call computes, from tensors alone and with spectra that are already known.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or None
+            As in a call.
+        amplitude : torch.Tensor or None
+            As in a call.
+        spectrum : torch.Tensor, optional
+            The spectrum of the panel with the phase, where it is known already (see PSFStack).
+        unmodulated_spectrum : torch.Tensor, optional
+            The spectrum of the panel without the phase, where it is known already.
+
+        Returns
+        -------
+        torch.Tensor
+            The PSF, (..., *pixels.shape).
+        """
         if self._request.differentiable:
             self._request.require_unchanged()
         light = self._light_on_pixels(phase, amplitude, spectrum)
@@ -212,11 +289,22 @@ class PSFOperator:
         cache_result: bool = False,
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """The PSF of light that no phase is put on.
+        """Compute the PSF of light that gets no phase from the panel.
 
-        cache_result: whether this very amplitude will be asked for again, unchanged. Without any,
-        the answer is always kept: it is the same for every pattern. spectrum: of the panel then,
-        where it is known.
+        Parameters
+        ----------
+        amplitude : torch.Tensor, optional
+            As in a call. Without one, the result is always cached: it is the same for every
+            pattern.
+        cache_result : bool, optional
+            Whether the very same amplitude tensor, unchanged, will be given again.
+        spectrum : torch.Tensor, optional
+            The spectrum of the panel without a phase, where it is known already.
+
+        Returns
+        -------
+        torch.Tensor
+            The PSF, (..., *pixels.shape).
         """
         if self._request.differentiable or (amplitude is not None and not cache_result):
             return self._light_on_pixels(None, amplitude, spectrum)
@@ -232,7 +320,7 @@ class PSFOperator:
         return light
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
-        """Whether a call with a phase takes unmodulated_psf(), and doesn't have it yet."""
+        """Tell whether a call with a phase has yet to compute `unmodulated_psf`."""
         return self.unmodulated > 0 and not any(
             known is amplitude for known, _ in self._cached_unmodulated_psfs
         )
@@ -293,10 +381,26 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Where the light of a pattern gets to: stop, window and what is blocked.
+        """Compute where the light of a pattern goes: through the stop, to the window, or blocked.
 
-        phase, amplitude: (rows, columns) of the panel, as in a call. Unmodulated light counts.
-        Raises ValueError for a lens alone.
+        Unmodulated light counts.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray, optional
+            Radians, (rows, columns) of the panel, as in a call.
+        amplitude : torch.Tensor or numpy.ndarray, optional
+            Of the same shape.
+
+        Returns
+        -------
+        LightBudget
+            Shares of the light, in the units of the PSF.
+
+        Raises
+        ------
+        ValueError
+            For a lens alone.
         """
         if self.camera is None:
             raise ValueError("a lens alone has no panel whose light could be told apart")
@@ -385,7 +489,41 @@ def psf(
     sphere: bool = False,
     tol: float = 1e-3,
 ) -> Result[torch.Tensor]:
-    """The PSF on sensor pixels, with its account; plans a PSFOperator and calls it once."""
+    """Compute the PSF on sensor pixels, with its account.
+
+    It plans a PSFOperator and calls it once. See PSFOperator for the model.
+
+    Parameters
+    ----------
+    optics : Camera or Lens
+        What forms the image.
+    phase : torch.Tensor or None
+        Radians, (..., rows, columns) of the panel, or (..., points) for a lens; None for none.
+    distance : float or 0-d torch.Tensor
+        Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
+        allowed.
+    wavelength : float or 0-d torch.Tensor
+        Metres.
+    pixels : Plane
+        The sensor pixels whose light is computed.
+    field : tuple of float or 0-d torch.Tensor, optional
+        Metres (y, x) on the sensor from the axis to the point's geometric image.
+    sphere : bool, optional
+        Whether the wave over the panel is the exact spherical wave instead of its parabola.
+    tol : float, optional
+        Largest relative L2 error from sampling and arithmetic; 1e-3 by default.
+
+    Returns
+    -------
+    Result of torch.Tensor
+        The PSF, (..., *pixels.shape), as shares of the light leaving the pupil, and its account,
+        with the processor time spent.
+
+    Raises
+    ------
+    ToleranceError
+        If `tol` can't be kept.
+    """
     started = time.process_time()
     operator = PSFOperator(
         optics, distance, wavelength, pixels, field=field, sphere=sphere, tol=tol
@@ -395,5 +533,18 @@ def psf(
 
 
 def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:
-    """Samples per sensor pixel, along an axis, that just resolve the PSF's finest fringe."""
+    """Compute the samples per sensor pixel that just resolve the finest fringe, along an axis.
+
+    Parameters
+    ----------
+    camera : Camera
+        Its stop and image distance set the cutoff frequency, its sensor the pixel pitch.
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    float
+        Twice the cutoff frequency times the pixel pitch.
+    """
     return 2 * camera.sensor.pitch * cutoff_frequency(camera, wavelength)

@@ -15,14 +15,40 @@ from optics.validation import accepts_numpy
 
 
 class PolychromaticPSF:
-    """Incoherent light of several wavelengths adds in intensity.
+    """Computes the incoherent PSF of light of several wavelengths, a weighted sum of intensities.
 
-    wavelengths: metres. weights: of each, not negative; they are normalised to a sum of
-    one. Everything else is as in PSFOperator, whose tolerance each wavelength keeps, and
-    so does their sum.
+    Call it with phases (wavelengths, ..., rows, columns), because a panel's phase differs with the
+    wavelength, or with nothing. Each wavelength keeps the tolerance of its PSFOperator, and so does
+    their sum.
 
-    Call with phases (wavelengths, ..., rows, columns), because a panel's phase differs with
-    the wavelength, or with nothing.
+    Parameters
+    ----------
+    optics : Camera or Lens
+        What forms the image.
+    distance : float or 0-d torch.Tensor
+        Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
+        allowed.
+    wavelengths : sequence of float
+        Metres, at least one.
+    weights : sequence of float
+        One for each wavelength, not negative. They are normalised to a sum of one.
+    pixels : Plane
+        The sensor pixels whose light is computed.
+    **settings : Any
+        Keyword arguments of every PSFOperator.
+
+    Attributes
+    ----------
+    weights : tuple of float
+        The normalised weights.
+    operators : tuple of PSFOperator
+        One for each wavelength.
+
+    Raises
+    ------
+    ValueError
+        Unless there is one weight for each wavelength, all finite and not negative and one of
+        them positive. It also raises what PSFOperator raises.
     """
 
     def __init__(
@@ -44,6 +70,10 @@ class PolychromaticPSF:
 
     @accepts_numpy
     def __call__(self, phases: torch.Tensor | None = None) -> torch.Tensor:
+        """Compute the PSF of a phase for each wavelength, or of no phase.
+
+        The phases are (wavelengths, ..., rows, columns), the PSF is (..., *pixels.shape).
+        """
         if phases is not None and phases.shape[0] != len(self.operators):
             raise ValueError(
                 f"phases are {tuple(phases.shape)}; give one for each of the "

@@ -22,21 +22,40 @@ _CACHED_FIELDS_SHARE = 0.25
 
 
 class PSFStack:
-    """A camera's PSFs at every distance, wavelength and field asked for.
+    """Computes a camera's PSFs at every one of several distances, wavelengths and fields.
 
-    camera, pixels, tol and all other settings: as for PSFOperator, whose tolerance each of the
-    PSFs keeps. distances: metres. wavelengths: metres. fields: places (y, x) of the image on the
-    sensor, metres from the axis.
+    The PSFs are planned and computed together. The spectrum of a pattern is computed once for all
+    distances and fields of a band that are computed on grids: it is the same for all of them,
+    except for where it is cut off. One PSF is computed after the other, so that the memory is that
+    of one. With derivatives, fields at the sensor are kept as far as `budget` allows, and computed
+    once more beyond that.
 
-    Call with phase (rows, columns) of the panel for all wavelengths, or (bands, rows, columns),
-    and amplitude alike. The answer is (distances, bands, fields, *pixels.shape).
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    distances : sequence of float or 0-d torch.Tensor
+        Metres from the objects to the panel, at least one.
+    wavelengths : sequence of float or 0-d torch.Tensor
+        Metres, one for each band, at least one.
+    pixels : Plane
+        The sensor pixels whose light is computed, as for PSFOperator.
+    fields : sequence of tuple, optional
+        Places (y, x) of the image on the sensor, metres from the axis. On the axis by default.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
+    **settings : Any
+        Further keyword arguments of every PSFOperator, such as `tol`, which each PSF keeps.
 
-    The spectrum of a pattern is computed once for all distances and fields of a band that are
-    computed on grids; it is the same for all of them, but for where it is cut off. One PSF is
-    computed after the other, so that the memory is that of one; with derivatives, fields at the
-    sensor are kept as far as `budget` allows, and computed once more beyond that.
+    Attributes
+    ----------
+    operators : list of list of list of PSFOperator
+        The operator of every PSF, as ``operators[distance][band][field]``.
 
-    operators: of every PSF, [distance][band][field]. Raises what PSFOperator raises.
+    Raises
+    ------
+    ValueError
+        If distances, wavelengths or fields are empty. It also raises what PSFOperator raises.
     """
 
     def __init__(
@@ -70,7 +89,7 @@ class PSFStack:
 
     @property
     def accounts(self) -> list[Account]:
-        """Of all PSFs, in the order of the answer."""
+        """The accounts of all PSFs, in the order of the result: by distance, band and field."""
         return [one.account for row in self.operators for band in row for one in band]
 
     @accepts_numpy
@@ -78,6 +97,20 @@ class PSFStack:
     def __call__(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
+        """Compute all PSFs of a pattern.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray, optional
+            Radians, (rows, columns) of the panel for all wavelengths, or (bands, rows, columns).
+        amplitude : torch.Tensor or numpy.ndarray, optional
+            Of one of the same shapes.
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray
+            The PSFs, (distances, bands, fields, *pixels.shape), in the units of PSFOperator.
+        """
         phases, amplitudes = self._per_band("phase", phase), self._per_band("amplitude", amplitude)
         found = [
             self._compute_band(band, *given)

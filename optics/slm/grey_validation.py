@@ -8,7 +8,22 @@ from optics.slm.panel import Panel
 
 
 def require_grey(panel: Panel, grey: np.ndarray) -> None:
-    """Raise ValueError or TypeError if an array is no picture for this panel."""
+    """Require that an array is a picture that a panel can display.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    grey : numpy.ndarray
+        Grey levels, uint8, (rows, columns) of the panel.
+
+    Raises
+    ------
+    TypeError
+        For another type than uint8.
+    ValueError
+        For another shape than the panel's, or a level that the panel lacks.
+    """
     if grey.dtype != np.uint8:
         raise TypeError(f"the pattern's type is {grey.dtype}; the panel shows uint8 grey levels")
     if grey.shape != panel.shape:

@@ -19,11 +19,30 @@ _ROWS = 64
 
 @accepts_numpy
 def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
-    """Phase in radians, float64, that the liquid crystal gives to light at grey levels.
+    """Compute the phase that the liquid crystal gives to light at grey levels.
 
-    grey: (..., rows, columns); of any shape if the panel is the same all over. Without a
-    measured response the phase grows linearly. Differentiable in the response. Raises
-    ValueError for levels that the panel lacks, and for other shapes than the panel's.
+    Without a measured response the phase grows linearly with the level. Differentiable in the
+    response.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    grey : torch.Tensor or numpy.ndarray
+        Whole levels, (..., rows, columns); of any shape if the panel is the same all over.
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray
+        Phase in radians, float64, of the shape of `grey`.
+
+    Raises
+    ------
+    ValueError
+        For levels that the panel lacks, for another shape than the panel's, and for a wavelength
+        outside the panel's table.
     """
     _require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
@@ -41,16 +60,35 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
-    """Grey levels, uint8, by which light leaves the panel with a phase in radians.
+    """Compute the grey levels by which light leaves the panel with a phase.
 
-    phase: (..., rows, columns); of any shape if the panel is the same all over. The panel's
-    flatness, where it is known, is taken off first; a panel without one, as by
-    `replace(panel, flatness=None)`, shows the phase uncorrected. orders: waves of the range to
-    use, beginning at the first level: the phase is wrapped modulo 2 pi `orders`, so that more
-    of them make fewer jumps. Each pixel gets the nearest level on its own curve: the levels
-    are continuous in the phase, but for the jumps.
+    The panel's flatness, where it is known, is subtracted first; a panel without one, as by
+    ``replace(panel, flatness=None)``, shows the phase uncorrected. Each pixel gets the nearest
+    level on its own curve. The levels are continuous in the phase, except for the jumps at which
+    the phase is wrapped.
 
-    Raises ValueError if the panel can't reach so many waves, and for a phase that isn't finite.
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    phase : torch.Tensor or numpy.ndarray
+        Radians, (..., rows, columns); of any shape if the panel is the same all over.
+    wavelength : float
+        Metres.
+    orders : int, optional
+        How many waves of the range are used, beginning at the first level. The phase is wrapped
+        modulo 2 pi `orders`, so that more of them make fewer jumps. 1 by default.
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray
+        Grey levels, uint8, of the shape of `phase`.
+
+    Raises
+    ------
+    ValueError
+        If the panel can't reach so many waves, for a phase that isn't finite, and for a wavelength
+        outside the panel's table.
     """
     require_finite("phase", phase)
     curves = _phase_curves(panel, wavelength).detach()

@@ -16,10 +16,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PanelMap:
-    """Values of cells that cover a panel, as coarse or as fine as they are known.
+    """Describes what differs from place to place on a panel, such as its flatness.
 
-    values: (rows, columns), an array or tensor; kept as float64. Raises ValueError unless
-    they have two axes, none of them empty, and are finite.
+    Another is the light on it. The values are those of equal cells that cover the panel, as coarse
+    or as fine as they are known.
+
+    Parameters
+    ----------
+    values : torch.Tensor or numpy.ndarray
+        (rows, columns) of cells; kept as a float64 tensor.
+
+    Raises
+    ------
+    ValueError
+        Unless the values have two axes, none of them empty, and are finite.
     """
 
     values: torch.Tensor
@@ -34,9 +44,9 @@ class PanelMap:
         object.__setattr__(self, "values", values)
 
     def at_pixels(self, panel: Panel) -> torch.Tensor:
-        """The values at the panel's pixels, (rows, columns) float64.
+        """Compute the values at the panel's pixels, (rows, columns) float64.
 
-        Bilinear between the cells' centres, constant beyond the outermost.
+        They are bilinear between the cells' centres and constant beyond the outermost.
         """
         rows, columns = panel.shape
         return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)

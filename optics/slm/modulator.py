@@ -28,16 +28,26 @@ FLICKER_TOL = 1e-3
 
 
 class Modulator:
-    """What a panel does to light of a wavelength in metres.
+    """Models what a panel does to light of one wavelength, effect by effect.
 
-    A field of amplitude 1 falls on every pixel; what leaves is one complex number a pixel,
-    the mean over its active area, that a PSFOperator takes as its amplitude, plus shares of
-    light that add in intensity. That number is exact for light near the axis; light that turns
-    by t radians across a pixel sees what the coupling does inside the pixel differently, by t
-    times what it does, at most. An effect whose datum in the Panel is 0 or None is off: its
-    code isn't called. `modulated_psf` puts all of them together.
+    A field of amplitude 1 falls on every pixel. What leaves is one complex number for each pixel,
+    the mean over its active area, which a PSFOperator takes as its amplitude, plus shares of light
+    that add in intensity. That number is exact for light near the axis. For light whose phase
+    changes by t radians across a pixel, what the coupling does inside the pixel differs from it, by
+    at most t times the coupling's effect. An effect whose value in the Panel is 0 or None is off:
+    its code isn't called. `modulated_psf` combines all of them.
 
-    Raises ValueError for a wavelength outside the panel's table.
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    wavelength : float
+        Metres.
+
+    Raises
+    ------
+    ValueError
+        For a wavelength outside the panel's table.
     """
 
     def __init__(self, panel: Panel, wavelength: float) -> None:
@@ -46,14 +56,15 @@ class Modulator:
 
     @property
     def unmodulated_share(self) -> float:
-        """Share of the light that ignores the pattern; it adds in intensity."""
+        """The share of the light that ignores the pattern; it adds in intensity."""
         return front_reflection_share(self.panel) + transmitted_unmodulated_share(self.panel)
 
     @property
     def unmodulated_fields(self) -> list[tuple[float, torch.Tensor | None]]:
-        """Shares and fields of the light that ignores the pattern; None is 1 everywhere.
+        """Shares and fields of the light that ignores the pattern; a field of None is 1 everywhere.
 
-        What went through the panel has its flatness, what the cover glass reflected hasn't.
+        Light that went through the panel has the phase of its flatness; light that the cover glass
+        reflected doesn't.
         """
         shares = [
             (front_reflection_share(self.panel), self._illumination_amplitude),
@@ -65,29 +76,56 @@ class Modulator:
 
     @property
     def jitter_scatter_share(self) -> float:
-        """Share of the modulated light that jitter spreads evenly over the panel's orders."""
+        """The share of the modulated light that jitter spreads evenly over the panel's orders."""
         return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
 
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
-        """Settled phase in radians, float64, of grey levels: dispersion and response included,
-        neighbours not. As `grey_to_phase`."""
+        """Compute the settled phase of grey levels in radians, float64, as `grey_to_phase` does.
+
+        Dispersion and response are included, the coupling of neighbours isn't.
+        """
         return grey_to_phase(self.panel, grey, self.wavelength)
 
     def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
-        """Grey levels, uint8, by which light leaves with a phase. As `phase_to_grey`."""
+        """Compute the grey levels by which light leaves with a phase, as `phase_to_grey` does.
+
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray
+            Radians, (..., rows, columns).
+        orders : int, optional
+            How many waves of the range are used.
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray
+            Grey levels, uint8.
+        """
         return phase_to_grey(self.panel, phase, self.wavelength, orders)
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """The field of each pixel, complex, (..., rows, columns).
+        """Compute the complex field of each pixel from the displayed phase.
 
-        phase: radians as shown, wrapped as the panel wraps: float32 gives complex64 and
-        float64 complex128. The mean of exp(i phase) over the pixel's active area, its phase
-        blurred by the coupling; the gap's light; the flatness; and the amplitude of the
-        illumination, whose mean square over the panel is 1. At most 1 without the gap's light
-        and an illumination. Differentiable in the phase.
+        It is the mean of exp(i phase) over the pixel's active area, with the phase blurred by the
+        coupling; plus the gap's light; times the phase of the flatness and the amplitude of the
+        illumination, whose mean square over the panel is 1. Its magnitude is at most 1 without the
+        gap's light and an illumination. Differentiable in the phase.
 
-        Raises ValueError for another shape than the panel's, and for phases that aren't finite.
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray
+            Radians as displayed, wrapped as the panel wraps, (..., rows, columns).
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray
+            The field, (..., rows, columns): complex64 for a float32 phase, complex128 for float64.
+
+        Raises
+        ------
+        ValueError
+            For another shape than the panel's, and for phases that aren't finite.
         """
         self._require_phase(phase)
         panel = self.panel
@@ -104,19 +142,42 @@ class Modulator:
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> list[tuple[float, torch.Tensor]]:
-        """Shares of time and fields of a picture that stands; one pair if nothing flickers.
+        """Compute shares of time and fields of a still picture; one pair if nothing flickers.
 
-        grey: (rows, columns). dtype: of the phase; float32 gives complex64.
+        Parameters
+        ----------
+        grey : torch.Tensor
+            Grey levels, (rows, columns).
+        dtype : torch.dtype, optional
+            Of the phase; float32, the default, gives complex64.
+
+        Returns
+        -------
+        list of (float, torch.Tensor)
+            Shares of time, whose sum is 1, and fields (rows, columns).
         """
         return list(self.flicker_fields(torch.as_tensor(self.phase(grey)), dtype=dtype))
 
     def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Shares of time and fields while a phase stands but for its flicker.
+        """Yield shares of time and fields while a phase is constant except for its flicker.
 
-        phase: (rows, columns), radians. dtype: to modulate in, the phase's own if None. tol: of
-        the mean over the flicker. Differentiable in the phase.
+        Differentiable in the phase.
+
+        Parameters
+        ----------
+        phase : torch.Tensor
+            Radians, (rows, columns).
+        dtype : torch.dtype, optional
+            The type in which the phase is modulated; the phase's own by default.
+        tol : float, optional
+            Largest error of the mean over the flicker.
+
+        Yields
+        ------
+        tuple of (float, torch.Tensor)
+            A share of time and its field (rows, columns).
         """
         flicker, nodes = self.panel.flicker, [(1.0, 1.0)]
         if flicker:
@@ -134,9 +195,25 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Shares of a time and fields while the crystal goes from one phase towards another.
+        """Yield shares of time and fields while the crystal goes from one phase towards another.
 
-        start, end: (rows, columns), radians; what follows as `flicker_fields`. The shares sum to 1.
+        Parameters
+        ----------
+        start : torch.Tensor
+            The phase at the beginning in radians, (rows, columns).
+        end : torch.Tensor
+            The phase towards which it goes.
+        seconds : float
+            How long it goes.
+        dtype : torch.dtype, optional
+            The type in which the phase is modulated; the phase's own by default.
+        tol : float, optional
+            Largest error of the mean over that time.
+
+        Yields
+        ------
+        tuple of (float, torch.Tensor)
+            A share of the time and its field (rows, columns). The shares sum to 1.
         """
         tau, flicker_tol = self.panel.response_time, min(tol, FLICKER_TOL)
         if not tau:
@@ -154,13 +231,25 @@ class Modulator:
     def video_cycle_fields(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
-        """Frames, shares of time and fields of one cycle of a video that is repeated for ever.
+        """Yield frames, shares of time and fields of one cycle of a video that repeats forever.
 
-        video_phase: a tensor, (frames, rows, columns), what each frame would settle at, radians.
-        frame_time: seconds that a frame is shown. The crystal follows to first order, and
-        flickers; both are averaged over as few nodes as keep tol. The shares sum to 1, and
-        those of a frame to 1 / frames. Nothing is made before it is asked for; differentiable
-        in the phases.
+        The crystal follows to first order, and flickers. Both are averaged over as few nodes as
+        keep `tol`. Nothing is computed before it is requested. Differentiable in the phases.
+
+        Parameters
+        ----------
+        video_phase : torch.Tensor
+            The phase at which each frame would settle in radians, (frames, rows, columns).
+        frame_time : float
+            Seconds that a frame is shown.
+        tol : float, optional
+            Largest error of the mean over a frame.
+
+        Yields
+        ------
+        tuple of (int, float, torch.Tensor)
+            The frame's number, a share of the cycle and its field. The shares sum to 1, and those
+            of a frame to 1 / frames.
         """
         tau, count = self.panel.response_time, len(video_phase)
         start = first_start_phase(video_phase, frame_time, tau) if tau else video_phase[-1]

@@ -13,26 +13,59 @@ from optics.validation import require_positive, require_share
 
 @dataclass(frozen=True)
 class Panel:
-    """A phase-only liquid-crystal modulator.
+    """Describes a phase-only liquid-crystal modulator.
 
-    shape: (rows, columns) of pixels. pitch: metres. fill_factor: share of a pixel's
-    area that modulates. levels: grey levels. max_phase: pairs of (wavelength in
-    metres, phase in radians at the highest grey level). unmodulated: share of the
-    light that leaves the panel unmodulated. reflectivity: share of light that leaves
-    it at all. settling: seconds from a new frame to a phase that stands.
-    The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A.
+    The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A. The effects from
+    `response` on are off by default, and cost nothing then.
 
-    What follows is off by default, and costs nothing then:
-    frame_rate: Hz, at which videos are shown. response: from grey levels to shares of the
-    highest phase; linear if None. response_time: seconds, the time constant of a liquid
-    crystal that follows exponentially; 0 is at once. coupling: metres, the standard
-    deviation of the Gaussian by which fringing fields blur the phase; up to one pitch.
-    flicker: amplitude of the phase's ripple, as a share of the phase. jitter: radians, root
-    mean square, by which each pixel's phase is wrong on its own. front_reflection: share of
-    the light that the cover glass reflects, a part of reflectivity. gap_reflection: amplitude
-    reflectance of the frame between the pixels, relative to the pixels'. flatness: metres of
-    optical path that the light gets besides the pattern. illumination: irradiance over the
-    panel, in any unit.
+    Parameters
+    ----------
+    shape : tuple of int, optional
+        (rows, columns) of pixels.
+    pitch : float, optional
+        Metres between pixels.
+    fill_factor : float, optional
+        Share of a pixel's area that modulates, above 0 and up to 1.
+    levels : int, optional
+        The number of grey levels, 2 to 256.
+    max_phase : tuple of (float, float), optional
+        Pairs of a wavelength in metres and the phase in radians at the highest grey level.
+    unmodulated : float, optional
+        Share of the light that leaves the panel unmodulated.
+    reflectivity : float, optional
+        Share of the light that leaves the panel at all.
+    settling : float, optional
+        Seconds from a new frame to a phase that is settled.
+    frame_rate : float, optional
+        Hz, at which videos are shown.
+    response : PhaseResponse, optional
+        From grey levels to shares of the highest phase; linear by default.
+    response_time : float, optional
+        Seconds, the time constant of a liquid crystal that follows exponentially; 0 is at once.
+    coupling : float, optional
+        Metres, the standard deviation of the Gaussian by which fringing fields blur the phase; up
+        to one pitch.
+    flicker : float, optional
+        Amplitude of the phase's ripple, as a share of the phase.
+    jitter : float, optional
+        Radians, root mean square, by which each pixel's phase is wrong independently of the others.
+    front_reflection : float, optional
+        Share of the light that the cover glass reflects, a part of `reflectivity`.
+    gap_reflection : float, optional
+        Amplitude reflectance of the frame between the pixels, relative to the pixels'.
+    flatness : PanelMap, optional
+        Metres of optical path that the light gets in addition to the pattern.
+    illumination : PanelMap, optional
+        Irradiance over the panel, in any unit.
+
+    Raises
+    ------
+    ValueError
+        For values out of range, or that contradict each other.
+
+    References
+    ----------
+    Thesis Tables 2.1 and 2.2.
     """
 
     shape: tuple[int, int] = (1080, 1920)
@@ -118,11 +151,12 @@ class Panel:
 
     @property
     def plane(self) -> Plane:
+        """The plane of the panel's pixels, centred on the axis."""
         return Plane(self.shape, (self.pitch, self.pitch))
 
     @property
     def active_side(self) -> float:
-        """Side of the square of a pixel that modulates, in metres."""
+        """The side of the square of a pixel that modulates, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
 
 

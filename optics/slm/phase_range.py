@@ -10,15 +10,32 @@ from optics.slm.panel import Panel
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Phase in radians at the highest grey level, at a wavelength in metres.
+    """Compute the phase at the highest grey level, at a wavelength.
 
-    The optical path difference of a nematic cell follows its birefringence, which the
-    extended Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the
-    visible (Li and Wu, J. Appl. Phys. 95, 896, 2004, doi 10.1063/1.1635971). As many
-    terms are used as the panel has tabulated wavelengths, at most three.
+    The optical path difference of a nematic cell follows its birefringence, which the extended
+    Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
+    are used as the panel has tabulated wavelengths, at most three.
 
-    Raises ValueError outside 0.9 to 1.15 times the tabulated wavelengths, or if the
-    tabulated phases leave no path there.
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    wavelength : float
+        Metres, 0.9 times the least to 1.15 times the largest tabulated wavelength.
+
+    Returns
+    -------
+    float
+        Radians.
+
+    Raises
+    ------
+    ValueError
+        For a wavelength outside that range, or if the tabulated phases leave no path there.
+
+    References
+    ----------
+    J. Li and S.-T. Wu, J. Appl. Phys. 95, 896, 2004, doi 10.1063/1.1635971.
     """
     table = panel.max_phase
     known = [w for w, _ in table]

@@ -17,18 +17,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PhaseResponse:
-    """Shares of the panel's highest phase, level by level, at wavelengths and in regions.
+    """Describes how the phase grows with the grey level, at wavelengths and in regions of a panel.
 
-    wavelengths: metres, all different. shares: (wavelengths, region rows, region columns,
-    levels), float64; regions are equally large and cover the panel. A share may exceed 1,
-    where a panel reaches farther than its table says; the first needn't be 0.
+    Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable in which
+    a liquid crystal's dispersion is smoothest (see `max_phase`), and between the regions' centres
+    bilinearly. Beyond the outermost they are constant. So there are no seams.
 
-    Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable
-    in which a liquid crystal's dispersion is smoothest (see `max_phase`), and between the
-    regions' centres bilinearly; beyond the outermost they stay. So there are no seams.
+    Parameters
+    ----------
+    wavelengths : tuple of float
+        Metres, all different.
+    shares : torch.Tensor or numpy.ndarray
+        Shares of the panel's highest phase, (wavelengths, region rows, region columns, levels);
+        kept as a float64 tensor. Regions are equally large and cover the panel. A share may exceed
+        1, where a panel reaches farther than its table says; the first needn't be 0.
 
-    Raises ValueError for shares that aren't finite, fall from one level to the next, or
-    don't rise at all.
+    Raises
+    ------
+    ValueError
+        For shares that aren't finite, fall from one level to the next, or don't rise at all; for
+        wavelengths that aren't positive or occur twice; for another shape.
     """
 
     wavelengths: tuple[float, ...]
@@ -53,14 +61,44 @@ class PhaseResponse:
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """One curve, (levels,), for the whole panel and every wavelength."""
+        """Build the response of one curve for the whole panel and every wavelength.
+
+        Parameters
+        ----------
+        wavelength : float
+            Metres, at which the curve was measured.
+        shares : torch.Tensor or numpy.ndarray
+            Shares of the highest phase, (levels,).
+
+        Returns
+        -------
+        PhaseResponse
+            The response.
+        """
         return PhaseResponse((wavelength,), as_float64(shares)[None, None, None])
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """From phases in radians, (wavelengths, levels) or (wavelengths, rows, columns, levels).
+        """Build the response from measured phases.
 
-        panel: whose highest phase the shares are of.
+        Parameters
+        ----------
+        panel : Panel
+            The panel, of whose highest phase the shares are.
+        wavelengths : sequence of float
+            Metres.
+        phases : torch.Tensor or numpy.ndarray
+            Radians, (wavelengths, levels) or (wavelengths, region rows, region columns, levels).
+
+        Returns
+        -------
+        PhaseResponse
+            The response.
+
+        Raises
+        ------
+        ValueError
+            For phases of another shape.
         """
         # Imported here: a panel has a response.
         from optics.slm.phase_range import max_phase
@@ -78,15 +116,16 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
+        """The number of grey levels."""
         return self.shares.shape[-1]
 
     @property
     def regions(self) -> tuple[int, int]:
-        """Rows and columns of regions."""
+        """The numbers of rows and columns of regions."""
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Shares at a wavelength in metres, (region rows, region columns, levels)."""
+        """Compute the shares at a wavelength in metres, (region rows, region columns, levels)."""
         order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
         known = [self.wavelengths[k] for k in order]
         if wavelength <= known[0]:
