@@ -21,6 +21,7 @@ from labapp.window.actions import make_actions
 from labapp.window.device_list import DeviceList
 from labapp.window.effects_panel import EffectsPanel
 from labapp.window.engine_connection import EngineConnection
+from labapp.window.help_window import HelpWindow
 from labapp.window.live_view import LiveView
 from labapp.window.message_line import MessageLine
 from labapp.window.pattern_panel import PatternPanel
@@ -32,7 +33,7 @@ from labapp.window.run_panel import RunPanel
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
 from labapp.window.side_by_side import SideBySide
-from labapp.window.widgets import fill_layout
+from labapp.window.widgets import fill_layout, make_tool_button
 
 _SIZE = QSize(1600, 900)
 _LEFT, _RIGHT = 310, 370
@@ -79,11 +80,16 @@ class MainWindow(QMainWindow):
         self.message = MessageLine(self)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addWidget(self.message, 1)
+        # Beside the message: the bar at the top is as wide as a small screen allows.
+        self.help_button = make_tool_button(self, self.actions_["help"])
+        self.statusBar().addPermanentWidget(self.help_button)
         self.resize(_SIZE)
         self._tab_docks()
         self._arrange_docks()
         self._first_layout = self.saveState(_LAYOUT_VERSION)
         self.actions_["reset"].triggered.connect(self._reset_layout)
+        self.help: HelpWindow | None = None
+        self.actions_["help"].triggered.connect(self._show_help)
         self.session = Session(self, connection)
         self._restore()
 
@@ -120,6 +126,14 @@ class MainWindow(QMainWindow):
     def show_queue(self) -> None:
         """Bring the queue to the front of what it shares its place with."""
         self._queue_dock.raise_()
+
+    def _show_help(self) -> None:
+        """Made when it is first asked for; then it keeps its page and its place."""
+        if self.help is None:
+            self.help = HelpWindow(self)
+        self.help.show()
+        self.help.raise_()
+        self.help.activateWindow()
 
     def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
         dock = QDockWidget(title, self)

@@ -100,6 +100,7 @@ def apply_theme(application: QApplication) -> None:
         (role.Highlight, ACCENT),
         (role.HighlightedText, FIELD),
         (role.PlaceholderText, FAINT),
+        (role.Link, ACCENT),
         (role.ToolTipBase, PANEL),
         (role.ToolTipText, TEXT),
     ):

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
-from figures.results import README, RESULTS, Section, Stamp, quote, update
+from figures.results import PAGE, RESULTS, Section, Stamp, quote, update
 from labapp.common.console import out, print_json, print_message, print_table
 from labapp.common.threads import use_one_thread
 
@@ -62,7 +62,7 @@ def _measured(names: list[str], *, keep: bool) -> Iterator[Section]:
             section = Section(name, stamp, tuple(measurement(name)(Path(folder))))
         if keep:
             update(section)
-            quote(README)
+            quote(PAGE)
         yield section
 
 

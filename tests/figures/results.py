@@ -19,8 +19,8 @@ from labapp.accuracy.row_output import describe_machine
 from labapp.files.writing import write_atomically
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-README = Path(__file__).parents[2] / "README.md"
-"""It quotes some rows of the results."""
+PAGE = Path(__file__).parents[2] / "labapp/docs/figures.md"
+"""Of the guide; it quotes some rows of the results."""
 
 _HEAD = """# What was seen of every figure
 

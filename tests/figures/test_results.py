@@ -9,7 +9,7 @@ import pytest
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import (
-    README,
+    PAGE,
     RESULTS,
     Section,
     Stamp,
@@ -73,7 +73,7 @@ def test_a_measurement_that_is_gone_leaves_the_page(page):
 
 
 def test_a_page_that_quotes_rows_is_brought_up_to_what_was_seen(page, tmp_path):
-    other = tmp_path / "README.md"
+    other = tmp_path / "page.md"
     head = "# Ours\n| figure | goal | seen |\n| --- | --- | --- |\n"
     rows = ["| what psf measures | ≤ 1 s | 9 s |", "| a driver | of a table | unlike these |"]
     other.write_text(head + "\n".join(rows))
@@ -82,11 +82,11 @@ def test_a_page_that_quotes_rows_is_brought_up_to_what_was_seen(page, tmp_path):
     assert other.read_text().startswith(head)
 
 
-def test_the_figures_of_the_readme_are_those_that_were_seen():
-    section = README.read_text().split("## Figures")[1]
-    names = [row.split("|")[1].strip() for row in section.splitlines() if row.startswith("| ")][2:]
+def test_the_figures_of_the_guide_are_those_that_were_seen():
+    lines = PAGE.read_text().splitlines()
+    names = [row.split("|")[1].strip() for row in lines if row.startswith("| ")][2:]
     assert len(names) >= 7
-    seen, quoted = seen_rows(), quoted_rows(README)
+    seen, quoted = seen_rows(), quoted_rows(PAGE)
     for name in names:
         assert quoted[name] == seen[name]
 

@@ -38,6 +38,8 @@ LISTS = {
     "plan list": "coded-snapshot",
     "study list": "near_m",
     "accuracy list": "retrieval: ",
+    "help": "first-session",
+    "help walks": "labapp/window/session.py",
     "--help": "reconstruct",
     "pattern --help": "KEY=VALUE",
     "study --help": "psf-stability",
@@ -45,6 +47,7 @@ LISTS = {
 }
 
 REFUSED = {
+    "help walk": "Did you mean 'walks'?",
     "pattern waves": "'waves' is not known",
     "pattern lens focal=3 --out new.png": "key 'focal' is unknown",
     "pattern lens focal_length_m=3": "there is no --out",

@@ -1,4 +1,4 @@
-"""What the README says is so."""
+"""What the README and the guide say is so."""
 
 from __future__ import annotations
 
@@ -10,26 +10,44 @@ from pathlib import Path
 
 import forked
 import pytest
+from _pytest.mark import ParameterSet
 
 import labapp.cli
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from labapp.bench.opening import device_maker, installed_drivers
+from labapp.common.guide import list_topics
 from labapp.files.bench_file import DevicesTable
+from labapp.files.pattern_table import STILL_PATTERNS
 from labapp.files.plan_file import PlanFile
+from labapp.patterns.designing.kinds import TARGETS
+from labapp.studies import STUDIES
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *sorted((ROOT / "labapp/docs").glob("*.md"))]
+TEXTS = {path.name: path.read_text() for path in PAGES}
+GUIDE = {path.stem: path.read_text() for path in PAGES[1:]}
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+def blocks(*languages: str) -> list[ParameterSet]:
+    """Code of all pages, as parameters that are named after the page."""
+    fence = re.compile(rf"^ *```(?:{'|'.join(languages)})\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
+    return [
+        pytest.param(code, id=f"{name}-{number}")
+        for name, text in TEXTS.items()
+        for number, code in enumerate(fence.findall(text), 1)
+    ]
+
+
+def tables(key: str) -> list[ParameterSet]:
+    """TOML of all pages that has a key."""
+    return [block for block in blocks("toml") if key in tomllib.loads(block.values[0])]
 
 
 @pytest.mark.parametrize("code", blocks("python"))
 def test_what_the_python_examples_import_is_there(code):
-    imports = [line for line in code.splitlines() if line.startswith(("import ", "from "))]
-    compile(code, "README.md", "exec")
+    imports = re.findall(r"^(?:import|from) (?:[^(\n]*\([^)]*\)|[^(\n]*)$", code, re.MULTILINE)
+    compile(code, "page.md", "exec")
     exec("\n".join(imports), {})
 
 
@@ -42,30 +60,47 @@ def test_the_python_examples_run_as_they_stand(code, tmp_path):
     assert done.stdout.strip()
 
 
-def test_the_plan_example_is_a_plan():
-    text, _ = blocks("toml")
+@pytest.mark.parametrize("text", tables("acquire"))
+def test_a_plan_example_is_a_plan(text):
     assert PlanFile.model_validate(tomllib.loads(text)).title
 
 
-def test_the_devices_of_the_bench_example_can_be_made(tmp_path):
+@pytest.mark.parametrize("text", tables("devices"))
+def test_the_devices_of_a_bench_example_can_be_made(text):
     """Made only: nothing is touched before a device is opened."""
-    _, text = blocks("toml")
-    tables = DevicesTable.model_validate(tomllib.loads(text)["devices"]).tables
-    for role, table in tables.items():
-        device_maker(role, table, Surroundings(RealClock()), "README.md")()
+    named = DevicesTable.model_validate(tomllib.loads(text)["devices"]).tables
+    for role, table in named.items():
+        device_maker(role, table, Surroundings(RealClock()), "page.md")()
+
+
+def test_the_guide_has_a_plan_and_a_bench():
+    assert tables("acquire")
+    assert tables("devices")
 
 
 def test_every_driver_of_the_table_is_installed_and_in_it():
-    section = README.split("## Real devices")[1].split("## The virtual bench")[0]
-    named = re.findall(r"`([a-z0-9-]+)`", " ".join(re.findall(r"^\| (`.*?`) \|", section, re.M)))
+    rows = re.findall(r"^\| (`.*?`) \|", GUIDE["real-devices"], re.MULTILINE)
+    named = re.findall(r"`([a-z0-9-]+)`", " ".join(rows))
     real = {name for name in installed_drivers() if not name.startswith(("simulated-", "manual-"))}
     assert set(named) == real
 
 
 def commands() -> list[str]:
-    lines = [line for block in blocks("console") for line in block.splitlines()]
-    lines += re.findall(r"`(?:\.venv/bin/)?(labapp [a-z-][^`]*)`", README)
-    return sorted({line.strip() for line in lines if line.startswith("labapp ")})
+    lines = [line for block in blocks("console", "sh") for line in block.values[0].splitlines()]
+    for text in TEXTS.values():
+        lines += re.findall(r"`(?:\.venv/bin/)?(labapp [a-z-][^`]*)`", text)
+    return sorted({" ".join(line.split()) for line in lines if line.strip().startswith("labapp ")})
+
+
+def names_after(word: str) -> set[str]:
+    """What may follow a command that takes a name from a list."""
+    known = {
+        "help": {topic.name for topic in list_topics()},
+        "study": {"list", *STUDIES},
+        "pattern": {"list", *STILL_PATTERNS},
+        "retrieve": {"list", *TARGETS},
+    }
+    return known.get(word, set())
 
 
 @pytest.mark.parametrize("command", commands())
@@ -77,6 +112,8 @@ def test_every_command_exists_with_its_options(command):
         assert words[0] in known
         return
     assert words[0] in group.commands
+    if names_after(words[0]) and len(words) > 1 and not words[1].startswith("-"):
+        assert words[1] in names_after(words[0])
     command = group.commands[words[0]]
     if len(words) > 1 and words[1] in getattr(command, "commands", {}):
         command = command.commands[words[1]]
@@ -84,14 +121,18 @@ def test_every_command_exists_with_its_options(command):
     assert {word for word in words if word.startswith("--")} <= options
 
 
-@pytest.mark.parametrize("target", re.findall(r"make ([a-z]+)`|^make ([a-z]+)$", README, re.M))
+def make_targets() -> list[str]:
+    found = re.findall(r"make ([a-z-]+)[^`\n]*`|^ *make ([a-z-]+)", "\n".join(TEXTS.values()), re.M)
+    return sorted({one or other for one, other in found})
+
+
+@pytest.mark.parametrize("target", make_targets())
 def test_every_make_target_exists(target):
-    name = next(filter(None, target))
-    assert re.search(rf"^{name}:", (ROOT / "Makefile").read_text(), re.M)
+    assert re.search(rf"^{target}(?: [a-z-]+)*:", (ROOT / "Makefile").read_text(), re.M)
 
 
 def test_the_map_of_the_house_is_right():
-    plan = re.search(r"```\noptics  .*?```", README, re.DOTALL).group()
+    plan = re.search(r"```\noptics  .*?```", GUIDE["architecture"], re.DOTALL).group()
     room = ""
     drawn = set()
     for line in plan.splitlines()[1:-1]:
@@ -110,9 +151,18 @@ def test_the_map_of_the_house_is_right():
         assert not missing, "the map leaves rooms out"
 
 
-def test_pictures_and_files_that_are_named_are_there():
-    linked = re.findall(r"\]\(([^)]+)\)", README)
-    named = re.findall(r"`((?:labapp|drivers|optics|simulator|tests)/[\w./]+)`", README)
-    assert linked
-    for name in linked + named:
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_links_and_files_that_are_named_are_there(path):
+    """Links from the page's own folder; paths in backquotes from the checkout's."""
+    text = path.read_text()
+    linked = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text)]
+    for name in linked:
+        assert name.startswith("https://") or (path.parent / name).exists(), name
+    for name in re.findall(r"`((?:labapp|drivers|optics|simulator|tests)/[\w./-]+)`", text):
         assert (ROOT / name).exists(), name
+
+
+def test_the_readme_shows_a_picture_and_is_short():
+    text = TEXTS["README.md"]
+    assert re.search(r"^!\[.+\]\(.+\.jpg\)$", text, re.MULTILINE)
+    assert len(text.encode()) <= 10_000

@@ -1,0 +1,109 @@
+"""The guide in a window of its own: topics at the left, the page at the right."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import QSize, Qt, QUrl
+from PySide6.QtGui import (
+    QColor,
+    QDesktopServices,
+    QImage,
+    QTextBlock,
+    QTextCursor,
+    QTextDocument,
+    QTextFormat,
+)
+from PySide6.QtWidgets import (
+    QDialog,
+    QHBoxLayout,
+    QListWidget,
+    QListWidgetItem,
+    QTextBrowser,
+    QWidget,
+)
+
+from labapp.common.guide import PAGES, list_topics
+from labapp.window import theme
+from labapp.window.widgets import fill_layout
+
+_SIZE = QSize(1060, 760)
+_LIST_WIDTH = 240
+_MARGIN = 18
+"""Pixels, around a page and before code."""
+
+
+class PageView(QTextBrowser):
+    """A page of Markdown, with pictures as wide as the view and code on a ground of its own."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setOpenLinks(False)
+        self.setSearchPaths([str(PAGES)])
+        self.document().setDocumentMargin(_MARGIN)
+
+    def loadResource(self, kind: int, name: QUrl | str) -> Any:
+        found = super().loadResource(kind, name)
+        if kind != QTextDocument.ResourceType.ImageResource.value or found is None:
+            return found
+        image = QImage.fromData(found)
+        # The scroll bar may not be there yet.
+        room = self.width() - 2 * self.frameWidth() - 3 * _MARGIN
+        if image.width() <= room:
+            return image
+        return image.scaledToWidth(room, Qt.TransformationMode.SmoothTransformation)
+
+    def show_page(self, markdown: str) -> None:
+        self.setMarkdown(markdown)
+        block = self.document().begin()
+        while block.isValid():
+            if block.blockFormat().hasProperty(QTextFormat.Property.BlockCodeFence):
+                _set_off(block)
+            block = block.next()
+
+
+def _set_off(code: QTextBlock) -> None:
+    form = code.blockFormat()
+    form.setBackground(QColor(theme.FIELD))
+    form.setLeftMargin(form.leftMargin() + _MARGIN)
+    QTextCursor(code).setBlockFormat(form)
+
+
+class HelpWindow(QDialog):
+    """Beside the main window, which stays usable."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("labapp: guide")
+        self.topics = QListWidget(self)
+        self.topics.setFixedWidth(_LIST_WIDTH)
+        self.page = PageView(self)
+        row = QHBoxLayout(self)
+        fill_layout(row, self.topics, (self.page, 1), margins=(8, 8, 8, 8), spacing=8)
+        self._pages = list_topics()
+        for one in self._pages:
+            item = QListWidgetItem(one.title, self.topics)
+            item.setToolTip(one.summary)
+        self.topics.currentRowChanged.connect(self._show_row)
+        self.page.anchorClicked.connect(self._follow)
+        self.resize(_SIZE)
+        # Pictures are fitted to the view, whose width a layout knows only now.
+        row.activate()
+        self.topics.setCurrentRow(0)
+        self.topics.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def show_topic(self, name: str) -> None:
+        """Turn to a topic, if there is a page on it."""
+        for row, one in enumerate(self._pages):
+            if one.name == name:
+                self.topics.setCurrentRow(row)
+
+    def _show_row(self, row: int) -> None:
+        self.page.show_page(self._pages[row].text)
+
+    def _follow(self, link: QUrl) -> None:
+        """Pages open here, addresses in the person's browser."""
+        if link.scheme() in ("http", "https"):
+            QDesktopServices.openUrl(link)
+        elif link.fileName().endswith(".md"):
+            self.show_topic(link.fileName().removesuffix(".md"))
