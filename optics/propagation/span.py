@@ -66,7 +66,7 @@ class FreeSpaceSpan:
         axis, from y towards z, then by b about the y axis, from z towards x. Less than pi / 2.
     paraxial : bool, optional
         Whether the model is Fresnel's (thesis Eq. 2.12) or, by default, the first
-        Rayleigh-Sommerfeld integral of a scalar wave (Goodman §3.5).
+        Rayleigh-Sommerfeld integral of a scalar wave (Goodman section 3.5).
     tol : float, optional
         Largest relative L2 error of the complex field on the target, from sampling and arithmetic.
     budget : Budget, optional
@@ -80,7 +80,7 @@ class FreeSpaceSpan:
 
     References
     ----------
-    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, §3.5.
+    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, section 3.5.
     """
 
     source: Plane
