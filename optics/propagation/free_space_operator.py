@@ -113,7 +113,7 @@ class FreeSpace:
 
     References
     ----------
-    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, §3.5.
+    Thesis Eq. 2.12; J. W. Goodman, Introduction to Fourier Optics, section 3.5.
     """
 
     def __init__(
